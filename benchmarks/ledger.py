@@ -16,10 +16,10 @@ from unittest import mock
 
 import numpy as np
 
+from twin_server.history.states import blank
 from twin_server.persist import Cut, FeatureRow, RunRow, SqliteStore, TwinRow, audit_file
-from twin_server.persist.ledgering import Ends
 from twin_server.persist.sqlite import open_reader
-from twin_server.states import blank
+from twin_server.persist.tables.ledger import Ends
 
 MOST_OF_WRITING = 1.10
 MOST_OF_READING = 3.0

@@ -18,7 +18,7 @@ import numpy as np
 from slowtime.evolution import continuation, forecast
 from slowtime.evolution.known_events import NOMINAL_SD, KnownEvent, Repair
 from twin_server.estimate import Noticed, Series
-from twin_server.pipeline.lookout import restores
+from twin_server.pipeline.monitoring.model_changes import restores
 
 EPOCHS, REPAIRED = 125, 60
 """Readings of a history, and before which of them the repair is."""

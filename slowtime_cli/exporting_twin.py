@@ -22,7 +22,7 @@ from twin_server.serve.exports import (
     written,
     written_as,
 )
-from twin_server.serve.moments import MomentError, parse_moment
+from twin_server.serve.instants import MomentError, parse_moment
 
 from .offline import offline_twin
 from .terminal import removed_unless_finished

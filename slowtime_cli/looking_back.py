@@ -9,10 +9,10 @@ import click
 from slowtime_services.diagnose.histories import History, read_history
 from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
 from slowtime_services.files import RecordError
-from twin_server.diagnose.slow import left_in
+from twin_server.diagnose.history_diagnosis import left_in
 from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store
-from twin_server.pipeline.looking_back import history_of
-from twin_server.registration import Registration
+from twin_server.pipeline.diagnoses.history_file import history_of
+from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 
 from .terminal import show

@@ -34,7 +34,7 @@ from twin_server.pipeline import (
     Tracing,
     TwinKnowledge,
 )
-from twin_server.registration import WrongRegistrationsError, registrations
+from twin_server.registration.twin import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, Lane, create_app
 from twin_server.serve.access import (
     Guard,
@@ -42,8 +42,8 @@ from twin_server.serve.access import (
     WrongTokenFileError,
     guarded,
 )
-from twin_server.serve.connections import Connections, Limits
-from twin_server.serve.tracing import Traced
+from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.request_traces import Traced
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.quantities import Plain
 
 Clock = Literal["fast", "slow"]

@@ -12,8 +12,8 @@ from pydantic_settings import SettingsConfigDict
 
 from slowtime_services.configuration import ProcessSettings
 
-from .receivers import AlarmSettings
-from .registration import Registration
+from .events.receivers import AlarmSettings
+from .registration.twin import Registration
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -7,8 +7,8 @@ from edge_agent.settings import EdgeSettings, Origin
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Fatigue, Virtual
 
-from .damage import Counted, Point
-from .virtual import Running, VirtualStage
+from .fatigue import Counted, Point
+from .virtual_sensors import Running, VirtualStage
 
 Told = Fatigue | Virtual
 

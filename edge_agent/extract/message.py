@@ -7,7 +7,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
 
 from .channels import covariate_means, units_of
-from .reading import Reading
+from .reader import Reading
 from .windows import Rows
 
 

@@ -12,11 +12,11 @@ from slowtime_schemas.messages import Features
 
 from . import recursive
 from .channels import columns_of
-from .first import FirstMode
 from .message import Span, message_of
-from .own import OwnIdentifier
-from .reading import Memory, Reader, Reading, Window
-from .several import SeveralModes
+from .multiple_modes import SeveralModes
+from .plugin import OwnIdentifier
+from .reader import Memory, Reader, Reading, Window
+from .single_mode import FirstMode
 from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
 
 logger = logging.getLogger(__name__)

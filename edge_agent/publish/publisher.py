@@ -45,8 +45,8 @@ from slowtime_services.clock import Clock
 from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
-from .agreement import Agreement
-from .cumulative import Cumulative
+from .digests import Agreement
+from .fatigue_store import Cumulative
 from .ring import Ring
 from .spool import Spool, SpoolError
 

@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from .damage import DamagedBytes
-from .framing import MARK, Damage, Sound, pack, scan
+from .damaged_bytes import DamagedBytes
+from .spool_records import MARK, Damage, Sound, pack, scan
 
 logger = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from tests.docs.commands import parse
 from twin_server.orders import SimulationOrder
-from twin_server.registration import Registration
-from twin_server.serve import models
+from twin_server.registration.twin import Registration
+from twin_server.serve.models import twins as models
 
 PAGE = (Path(__file__).parents[2] / "docs/foresight.md").read_text()
 BLOCKS = re.findall(r"```json ?(\w*)\n(.*?)```", PAGE, re.S)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from edge_agent.__main__ import run
 from edge_agent.assess import Assess
-from edge_agent.publish.cumulative import Cumulative
+from edge_agent.publish.fatigue_store import Cumulative
 from edge_agent.settings import EdgeSettings, Origin
 from slowtime.fatigue.counter import Count, Counter
 from slowtime.fatigue.curves import Curve

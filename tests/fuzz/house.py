@@ -9,11 +9,11 @@ from typing import Any
 
 from slowtime_cli.offline import offline_twin
 from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.live import Client
-from twin_server.serve.problems import ProblemError
 from twin_server.settings import TwinSettings
 
 from .wire import accepted

@@ -8,7 +8,9 @@ import pytest
 
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run as run_server
-from twin_server.serve import models, plan_models, simulations
+from twin_server.serve.models import plans as plan_models
+from twin_server.serve.models import twins as models
+from twin_server.serve.routes import simulations
 from twin_server.settings import TwinSettings
 
 NOMINAL = ("--nominal-hz", 5, "--nominal-damping", 0.01)

@@ -1,7 +1,7 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
 from .account import DAMAGED, Account
-from .healing import Healer
+from .backfill import Healer
 from .reception import Reception
 from .refusals import Refusals
 from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Repeated, Rivals, Run, Want

@@ -20,7 +20,7 @@ from slowtime_schemas.streams import (
     parse_key,
 )
 from slowtime_services.bus import Sample
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.settings import AdmissionSettings
 
 from .refusals import Refusals

@@ -20,9 +20,9 @@ from typing import Any
 from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.plugins import said
 
-from .fast import diagnose_samples
-from .own import attempt
-from .slow import diagnose_history
+from .history_diagnosis import diagnose_history
+from .plugin_effects import attempt
+from .samples_diagnosis import diagnose_samples
 from .task import TASK, Task
 
 GRACE_S = 1.0

@@ -27,7 +27,7 @@ from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import FEWEST, Trial
 from slowtime.discrepancy.validation.free_run import errors
 from slowtime.dynamics.plant import Plant
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from slowtime_services.diagnose import Source, campaign_of
 from slowtime_services.effects import kinds_for
 from slowtime_services.files import Record

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from twin_server.orders import DiagnosisOrder, Frozen
 
 TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (

@@ -1,9 +1,10 @@
 """Second stage of the twin: features in order in; states with intervals and notices out."""
 
+from .change_detection import Noticed, Series
 from .checkpoint import Checkpoint, Twin
-from .covariates.words import normal_of
+from .covariates.messages import normal_of
 from .estimator import Estimated, estimate
-from .foresight import (
+from .forecast.changes import (
     Foresight,
     Outlooks,
     Past,
@@ -17,13 +18,12 @@ from .foresight import (
     past_of_elements,
     prospect_of,
 )
-from .lookout import Noticed, Series
 from .notices import Notice
-from .plan_answer import planned, refusal_of
-from .planning import NotPlannableError, PlanOrder
+from .plans.answer import planned, refusal_of
+from .plans.plan import NotPlannableError, PlanOrder
+from .response.current_structure import Today, UnknownTodayError, today_of
+from .response.simulation import OrderError, Simulated, check, simulate
 from .risk import RiskOrder, assessed
-from .today import Today, UnknownTodayError, today_of
-from .whatif import OrderError, Simulated, check, simulate
 
 __all__ = [
     "Checkpoint",

@@ -5,10 +5,10 @@ import json
 import math
 from typing import Any, NamedTuple
 
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 
 from .covariates import Condition, Training, condition_of, training_of
-from .memory import Memory
+from .elements.memory import Memory
 
 Epoch = tuple[float, float, float, float]
 """Frequency [Hz] and its sd, damping ratio [1] and its sd, of one epoch learnt from."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime_schemas.messages import Features
-from twin_server.states import ESTIMATES
+from twin_server.history.states import ESTIMATES
 
 _LASTING = "lasting."
 _NAN = math.nan

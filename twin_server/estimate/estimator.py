@@ -18,18 +18,18 @@ from slowtime.evolution import (
     stiffness_from_frequency,
 )
 from slowtime_schemas.messages import Features
-from twin_server import states as st
-from twin_server.details import Detail
-from twin_server.registration import Registration
-from twin_server.states import States
+from twin_server.history import states as st
+from twin_server.history.details import Detail
+from twin_server.history.states import States
+from twin_server.registration.twin import Registration
 
+from .alarms import watch
 from .checkpoint import Checkpoint, Twin
 from .columns import Columns, columns
-from .nominals import Nominals, nominals_of
+from .element_states import tell
+from .nominal.reference import Nominals, nominals_of
 from .notices import Notice
 from .renewals import follow_renewals
-from .telling import tell
-from .watching import watch
 
 LEVEL = 0.95
 """Probability of every interval."""

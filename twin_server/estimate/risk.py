@@ -14,12 +14,12 @@ from slowtime.evolution.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
 from slowtime_services.plugins import PluginError, find, said
-from twin_server.limit_states import MASS, SPRING, OwnState, built, one_mass
-from twin_server.registration import Registration
-from twin_server.thresholds import shown, signed
+from twin_server.registration.limit_states import MASS, SPRING, OwnState, built, one_mass
+from twin_server.registration.thresholds import shown, signed
+from twin_server.registration.twin import Registration
 
 from .checkpoint import Checkpoint
-from .foresight import Past
+from .forecast.changes import Past
 
 PATHS, POINTS = 1000, 60
 """Futures, and instants up to the horizon: 1,000 tell a probability of 0.01 to 30 %."""

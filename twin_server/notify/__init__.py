@@ -1,8 +1,8 @@
 """Stage beside serve: deliveries that are due in, messages to receivers out."""
 
+from .message import Message, NotDeliveredError, message_of
 from .notifier import Desk, Notifier
 from .senders import Sender, WrongReceiverError, senders_of
-from .sending import Message, NotDeliveredError, message_of
 
 __all__ = [
     "Desk",

@@ -3,10 +3,10 @@
 import smtplib
 from email.message import EmailMessage
 
-from twin_server.receivers import EmailReceiver
+from twin_server.events.receivers import EmailReceiver
 
 from .deadlines import DEADLINES
-from .sending import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, credentials, plainly
 from .webhook import tls
 
 _LONGEST_SUBJECT = 150

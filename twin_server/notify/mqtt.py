@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from twin_server.receivers import MqttReceiver
+from twin_server.events.receivers import MqttReceiver
 
-from .sending import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, credentials, plainly
 from .webhook import tls
 
 _STEP_S = 0.05

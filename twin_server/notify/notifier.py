@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from slowtime_services.clock import Clock
-from twin_server.deliveries import Delivery, happened_ns, subject
-from twin_server.receivers import AlarmSettings
+from twin_server.events.deliveries import Delivery, happened_ns, subject
+from twin_server.events.receivers import AlarmSettings
 
-from .lanes import Outcome, SendingLane
-from .pauses import pause_s
+from .backoff import pause_s
+from .receiver_queue import Outcome, SendingLane
 from .senders import Sender
 
 logger = logging.getLogger(__name__)

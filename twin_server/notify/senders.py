@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from twin_server.receivers import AlarmSettings
+from twin_server.events.receivers import AlarmSettings
 
 from .mail import Email
+from .message import Message, NotDeliveredError
 from .mqtt import Mqtt
-from .own import Own
-from .sending import Message, NotDeliveredError
+from .plugin import Own
 from .webhook import Webhook
 
 

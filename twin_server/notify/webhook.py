@@ -13,11 +13,11 @@ import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from twin_server.receivers import WebhookReceiver
+from twin_server.events.receivers import WebhookReceiver
 
 from .deadlines import DEADLINES
-from .sending import Message, NotDeliveredError, plainly
-from .signing import SHORTEST, signature
+from .message import Message, NotDeliveredError, plainly
+from .webhook_signature import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
 

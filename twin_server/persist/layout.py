@@ -10,13 +10,11 @@ import sqlite3
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from twin_server.states import LAYOUT
+from twin_server.history.states import LAYOUT
 
 from .errors import DamagedStoreError
-from .hashing import Roller, Rolling
-from .ledgering import build_ledger
-from .levels import build
-from .sealing import (
+from .sql import insert_all
+from .tables.checksums import (
     ACKNOWLEDGEMENTS,
     ASSET_EVENTS,
     COMPOSITES,
@@ -33,7 +31,9 @@ from .sealing import (
     TABLES,
     Table,
 )
-from .sql import insert_all
+from .tables.digests import Roller, Rolling
+from .tables.ledger import build_ledger
+from .tables.levels import build
 
 logger = logging.getLogger(__name__)
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .hashing import Roller
 from .layout import (
     LACKING,
     VERSION,
@@ -21,9 +20,10 @@ from .layout import (
     postgres_lacking,
     postgres_schema,
 )
-from .ledgering import build_ledger
-from .sealing import FEATURES, LEDGER, LEVELS, TABLES
 from .sql import SqlStore
+from .tables.checksums import FEATURES, LEDGER, LEVELS, TABLES
+from .tables.digests import Roller
+from .tables.ledger import build_ledger
 
 GUARD = 0x736C6F77
 """Advisory lock of whoever writes."""

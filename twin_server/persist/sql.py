@@ -9,30 +9,56 @@ from typing import Any, NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
 from slowtime_services.ledger import chain as kinds
-from twin_server.asset_events import AssetEventRow
-from twin_server.buckets import Buckets, thin
-from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
-from twin_server.states import from_bytes
-
-from . import compositing, delivering, diagnosing, eventing, fatigue_rows, ledgering
-from .compositing import CompositeRow
-from .detailing import changes, column, delete_details, has_details, insert_details
-from .diagnosing import DiagnosisRow
-from .hashing import Rolling, Row, insert_digests, rolled
-from .levels import Grown, build, coarse, delete_levels, extend
-from .sealing import EVENTS, FEATURES, HELD, NUMBERS, RUNS, TWINS, Table, damaged, opened, seal
-from .searching import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
-from .store import (
-    Cut,
+from twin_server.events.asset_events import AssetEventRow
+from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.history.buckets import Buckets, thin
+from twin_server.history.states import from_bytes
+from twin_server.persist.tables.rows import (
     DetailRow,
     EventRow,
     FeatureRow,
-    History,
     RunRow,
     StateRow,
-    Thinned,
     TwinRow,
 )
+
+from .store import Cut, History, Thinned
+from .tables import (
+    asset_events as eventing,
+)
+from .tables import (
+    composites as compositing,
+)
+from .tables import (
+    deliveries as delivering,
+)
+from .tables import (
+    diagnoses as diagnosing,
+)
+from .tables import (
+    fatigue as fatigue_rows,
+)
+from .tables import (
+    ledger as ledgering,
+)
+from .tables.checksums import (
+    EVENTS,
+    FEATURES,
+    HELD,
+    NUMBERS,
+    RUNS,
+    TWINS,
+    Table,
+    damaged,
+    opened,
+    seal,
+)
+from .tables.composites import CompositeRow
+from .tables.details import changes, column, delete_details, has_details, insert_details
+from .tables.diagnoses import DiagnosisRow
+from .tables.digests import Rolling, Row, insert_digests, rolled
+from .tables.levels import Grown, build, coarse, delete_levels, extend
+from .tables.search import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
 
 
 class Connection(Protocol):

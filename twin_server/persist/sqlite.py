@@ -14,9 +14,9 @@ from typing import Literal
 
 from slowtime_services.ledger import Head
 
-from .auditing import Audit, audit
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
+from .ledger_audit import Audit, audit
 from .sql import SqlStore
 
 LOCK_S = 10.0

@@ -9,80 +9,24 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
-from twin_server.asset_events import AssetEventRow
-from twin_server.buckets import Buckets
-from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
-from twin_server.details import Bodies, Detail
-from twin_server.states import States
+from twin_server.events.asset_events import AssetEventRow
+from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.history.buckets import Buckets
+from twin_server.history.details import Bodies
+from twin_server.history.states import States
+from twin_server.persist.tables.rows import (
+    DetailRow,
+    EventRow,
+    FeatureRow,
+    RunRow,
+    StateRow,
+    TwinRow,
+)
 
-from .compositing import CompositeRow
-from .diagnosing import DiagnosisRow
-from .fatigue_rows import FatigueRow
-from .ledgering import HeadRow
-
-
-class TwinRow(NamedTuple):
-    """A twin as it is kept."""
-
-    site: str
-    asset: str
-    registration: str
-    checkpoint: str
-
-    @property
-    def id(self) -> str:
-        """What everybody else calls it."""
-        return f"{self.site}.{self.asset}"
-
-
-class RunRow(NamedTuple):
-    """A boot and its account as they are kept."""
-
-    number: int
-    site: str
-    asset: str
-    boot: str
-    slow_time_unit: str
-    next: int
-    last: int
-    last_t_ns: int
-    told: int
-    closed: bool
-    lost: str
-    """JSON of the ranges that were passed over."""
-
-
-class FeatureRow(NamedTuple):
-    """Features in order, with the state they led to."""
-
-    number: int
-    sequence: int
-    t_ns: int
-    slow_time: float
-    message: bytes
-    state: bytes
-
-
-class DetailRow(NamedTuple):
-    """What some features led to beside their state, of a twin of elements."""
-
-    number: int
-    sequence: int
-    changes: bytes
-    body: bytes
-
-
-class EventRow(NamedTuple):
-    """An event as it is kept; `number` counts all events of a store, 0 before it is kept."""
-
-    number: int
-    site: str
-    asset: str
-    t_ns: int
-    slow_time: float | None
-    derived: bool
-    """Whether it follows from the features, so that estimating anew makes it anew."""
-    body: str
+from .tables.composites import CompositeRow
+from .tables.diagnoses import DiagnosisRow
+from .tables.fatigue import FatigueRow
+from .tables.ledger import HeadRow
 
 
 @dataclasses.dataclass(slots=True)
@@ -115,15 +59,6 @@ class History(NamedTuple):
     """Name and unit of slow time of each boot number."""
     bodies: Bodies = ()
     """Detail of each state; empty where none has any."""
-
-
-class StateRow(NamedTuple):
-    """State of some features, made anew."""
-
-    number: int
-    sequence: int
-    state: bytes
-    detail: Detail | None = None
 
 
 class Thinned(NamedTuple):

@@ -1,16 +1,16 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
-from .alarming import Alarms, Bell
+from .alarms import Alarms, Bell
 from .asset_events import AssetEvents, orders_in
-from .compositing import Compositions
-from .core import Pipeline
+from .composites import Compositions
+from .diagnoses.orders import Orders
+from .feature_traces import Tracing
+from .ingestion.pipeline import Pipeline
+from .ingestion.updates import Listener, News
 from .knowledge import Herald, TwinKnowledge
-from .lookout import Lookout
-from .news import Listener, News
-from .ordering import Orders
+from .monitoring.model_changes import Lookout
 from .recordings import Recordings
-from .tracing import Tracing
-from .workers import Here, Processes, Workers
+from .workers.processes import Here, Processes, Workers
 
 __all__ = [
     "Alarms",

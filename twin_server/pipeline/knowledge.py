@@ -11,20 +11,20 @@ from slowtime_services.bus import Bus
 from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
-from twin_server.registration import Registration
+from twin_server.registration.thresholds import Limit
+from twin_server.registration.twin import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
-from twin_server.thresholds import Limit
 
-from .alarming import raised_of
-from .assessing import Assessing
-from .core import Pipeline
-from .fatigue import fatigue_of
-from .news import News
-from .planning import STALE, Planning
-from .prospects import Prospects
-from .routing import UnknownReceiverError
-from .simulating import Simulating
-from .workers import Here, Workers
+from .alarms import raised_of
+from .analysis.fatigue import fatigue_of
+from .analysis.forecast_cache import Prospects
+from .analysis.plans import STALE, Planning
+from .analysis.risk import Assessing
+from .analysis.simulations import Simulating
+from .ingestion.pipeline import Pipeline
+from .ingestion.routing import UnknownReceiverError
+from .ingestion.updates import News
+from .workers.processes import Here, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000

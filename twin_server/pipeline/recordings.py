@@ -25,7 +25,7 @@ from slowtime_services.replay import (
     replay,
 )
 from twin_server.serve import ProblemError
-from twin_server.serve.recordings import NAME, Reaches
+from twin_server.serve.routes.recordings import NAME, Reaches
 from twin_server.settings import RecordingSettings
 
 logger = logging.getLogger(__name__)

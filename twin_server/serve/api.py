@@ -13,45 +13,46 @@ from pydantic_core import from_json, to_json
 from starlette.responses import FileResponse
 
 from slowtime_schemas import asyncapi
-from twin_server.details import without_shapes
-from twin_server.principals import EVERYBODY, NOBODY, principal_of
-from twin_server.registration import Registration
-from twin_server.rendering import event_object, points, state_objects
+from twin_server.history.details import without_shapes
+from twin_server.history.rendering import event_object, points, state_objects
+from twin_server.identity.principals import EVERYBODY, NOBODY, principal_of
+from twin_server.registration.twin import Registration
 from twin_server.settings import ServeSettings
 
-from . import (
+from . import composites, exports
+from .composites import Compositing
+from .http import problems
+from .http.body_limit import BodyLimit
+from .http.body_queue import Turnstile, passed
+from .http.bounded_threads import Few
+from .http.coalescing import Shared
+from .http.compute_queue import Lane
+from .http.problems import ProblemError
+from .instants import Moment, MomentText, moment_of
+from .knowledge import Chapter, Knowledge
+from .live import Hub, LiveResponse
+from .metrics import exposition
+from .models import twins as models
+from .openapi_document import document
+from .routes import (
     alarms,
-    assessed,
     asset_events,
-    composites,
     diagnoses,
-    exports,
     forecasts,
-    models,
     plans,
-    problems,
     recordings,
     risks,
     simulations,
 )
-from .alarms import Alarming
-from .asset_events import EventKeeping
-from .composites import Compositing
-from .diagnoses import Ordering
-from .document import document
-from .few import Few
-from .knowledge import Chapter, Knowledge
-from .lanes import Lane
-from .limits import BodyLimit
-from .live import Hub, LiveResponse
-from .metrics import exposition
-from .moments import Moment, MomentText, moment_of
-from .problems import ProblemError
-from .recordings import Keeping
-from .registered import TwinId, registered_in
-from .session import session
-from .shared import Shared
-from .turnstile import Turnstile, passed
+from .routes import (
+    fatigue as assessed,
+)
+from .routes.alarms import Alarming
+from .routes.asset_events import EventKeeping
+from .routes.diagnoses import Ordering
+from .routes.recordings import Keeping
+from .routes.session import session
+from .routes.twin_path import TwinId, registered_in
 
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"

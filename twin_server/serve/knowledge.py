@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.degradation import RemainingLife
-from twin_server.buckets import Buckets
-from twin_server.details import Bodies
+from twin_server.history.buckets import Buckets
+from twin_server.history.details import Bodies
+from twin_server.history.states import States
 from twin_server.orders import SimulationOrder
-from twin_server.registration import Registration
-from twin_server.states import States
-from twin_server.thresholds import Limit
+from twin_server.registration.thresholds import Limit
+from twin_server.registration.twin import Registration
 
-from .moments import Moment
+from .instants import Moment
 
 
 class Chapter(NamedTuple):

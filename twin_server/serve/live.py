@@ -17,9 +17,9 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from twin_server.details import Bodies, part
-from twin_server.rendering import event_object, state_objects
-from twin_server.states import States
+from twin_server.history.details import Bodies, part
+from twin_server.history.rendering import event_object, state_objects
+from twin_server.history.states import States
 
 from .knowledge import Knowledge
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from pydantic_core import from_json
 
-from twin_server.states import ESTIMATES
+from twin_server.history.states import ESTIMATES
 
-from .alarms import Alarming
+from .http.compute_queue import WAYS, Lane
 from .knowledge import Knowledge
-from .lanes import WAYS, Lane
+from .routes.alarms import Alarming
 
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",

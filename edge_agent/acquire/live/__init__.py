@@ -1,8 +1,8 @@
 """Bytes of a live sensor in; blocks with indices, times and an account of losses out."""
 
+from .counts import COUNTERS
 from .registry import SCHEMES, Opened, Scheme, Surroundings, check, importing
 from .sensor import LiveSource
-from .tally import COUNTERS
 
 __all__ = [
     "COUNTERS",

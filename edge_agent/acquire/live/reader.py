@@ -9,9 +9,9 @@ from typing import Protocol, runtime_checkable
 from slowtime_services.bus import Inbox
 
 from .batch import Batch, GarbledError, Packet
-from .decoding import AnyLayout, Decoder
-from .framing import Framer
-from .tally import Tally
+from .counts import Tally
+from .formats.decoding import AnyLayout, Decoder
+from .formats.framing import Framer
 
 logger = logging.getLogger(__name__)
 

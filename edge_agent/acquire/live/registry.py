@@ -11,7 +11,7 @@ from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
 from slowtime_services.plugins import plugins
 
-from .decoding import AnyLayout, Decoder
+from .formats.decoding import AnyLayout, Decoder
 
 if TYPE_CHECKING:
     from .reader import Transport
@@ -182,7 +182,7 @@ def scheme_of(url: str) -> Scheme:
             f"such as {SCHEMES['mqtt'].example}."
         )
     brought = f"of {own[name].distribution} {own[name].version}"
-    return Scheme(name=name, says=brought, example=f"{name}:", opens="own")
+    return Scheme(name=name, says=brought, example=f"{name}:", opens="plugin")
 
 
 def check(settings: LiveInput) -> Scheme:
@@ -195,7 +195,7 @@ def check(settings: LiveInput) -> Scheme:
     """
     scheme = scheme_of(settings.source)
     unknown = sorted(set(settings.parameters) - set(scheme.parameters))
-    if unknown and scheme.opens != "own":
+    if unknown and scheme.opens != "plugin":
         allowed = ", ".join(scheme.parameters) or "none but layout and limits"
         raise ValueError(f"{scheme.name}: has no parameter {unknown}. Allowed: {allowed}.")
     importing(scheme)

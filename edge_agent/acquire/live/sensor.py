@@ -14,18 +14,18 @@ from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock
 from slowtime_services.files.conversion import scaling_of
 
-from .assembly import Assembler, Run
 from .batch import Batch
-from .bursts import Backlog, Bursts
-from .counters import ByCounter
-from .decoding import AnyLayout, Decoder, decoder_of
-from .framing import framer_of
-from .positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
-from .rates import RateWatch
+from .counts import Tally
+from .formats.decoding import AnyLayout, Decoder, decoder_of
+from .formats.framing import framer_of
+from .indexing.assembly import Assembler, Run
+from .indexing.bursts import Backlog, Bursts
+from .indexing.counters import ByCounter
+from .indexing.positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
+from .rate_changes import RateWatch
 from .reader import Describing, Reader
 from .registry import Opened
-from .tally import Tally
-from .timing import Timing
+from .timestamps import Timing
 
 logger = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ import re
 import sys
 from pathlib import Path
 
+from .counts import COUNTERS
 from .registry import SCHEMES
-from .tally import COUNTERS
 
 
 def schemes() -> str:

@@ -9,7 +9,7 @@ from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.progress import Progress, Stop
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 
 from .campaign import gather
 from .compiling import compiling_s

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from slowtime import history_diagnosis as slow
 from slowtime.history_diagnosis import SlowEffect, SlowReport
-from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
+from slowtime_schemas.files.slow_diagnosis import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin_server.history.states import LAYOUT, blank
 from twin_server.persist import (
     Cut,
     DamagedStoreError,
@@ -21,7 +22,6 @@ from twin_server.persist import (
     WrongStoreError,
 )
 from twin_server.persist.layout import APPLICATION
-from twin_server.states import LAYOUT, blank
 
 VERSION_3 = (Path(__file__).parent / "version_3.sql").read_text()
 LACKED = {1: ("details", "diagnoses"), 2: ("diagnoses",), 3: ()}

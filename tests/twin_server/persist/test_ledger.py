@@ -11,16 +11,16 @@ import pytest
 from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer, make_key
 from slowtime_services.ledger import Entry, Head, unpacked
-from twin_server.deliveries import Acknowledgement
+from twin_server.events.deliveries import Acknowledgement
 from twin_server.persist import Cut, SqliteStore, StateRow, TwinRow, audit_file, look_through
-from twin_server.persist.hashing import Rolling, Row, insert_digests, rolled
 from twin_server.persist.layout import build_levels
-from twin_server.persist.ledgering import Ends, of_features, of_registration
-from twin_server.persist.sealing import FEATURES, HEADS, RUNS, TWINS
-from twin_server.persist.searching import whole
-from twin_server.pipeline.ledger_signing import LedgerSigner
+from twin_server.persist.tables.checksums import FEATURES, HEADS, RUNS, TWINS
+from twin_server.persist.tables.digests import Rolling, Row, insert_digests, rolled
+from twin_server.persist.tables.ledger import Ends, of_features, of_registration
+from twin_server.persist.tables.search import whole
+from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 
-from .test_levels import cut_of, states_of
+from .tables.test_levels import cut_of, states_of
 
 TWINS_OF = ("beam", "mast")
 BOOTS = {1: "beam", 2: "mast", 3: "beam"}

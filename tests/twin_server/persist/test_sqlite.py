@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from twin_server.history.states import blank
 from twin_server.persist import (
     Cut,
     EventRow,
@@ -20,7 +21,6 @@ from twin_server.persist import (
     WrongStoreError,
     open_store,
 )
-from twin_server.states import blank
 
 
 def run_row(number, *, last, asset="beam", closed=False):

@@ -8,11 +8,11 @@ import pytest
 
 from slowtime_schemas.streams import ASSET_EVENT
 from slowtime_services.bus import MemoryBus, Sample
-from twin_server.asset_events import QUESTION, TOLD, AssetEventOrder
+from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import AssetEvents, Lookout, Pipeline, TwinKnowledge
-from twin_server.pipeline.prospects import Prospects
-from twin_server.registration import Registration
+from twin_server.pipeline.analysis.forecast_cache import Prospects
+from twin_server.registration.twin import Registration
 from twin_server.serve import Moment, ProblemError
 from twin_server.settings import TwinSettings
 

@@ -8,7 +8,7 @@ import pytest
 
 from slowtime_services.clock import SystemClock
 from twin_server.collect.refusals import REASONS
-from twin_server.serve import models
+from twin_server.serve.models import twins as models
 
 TWIN = "/api/v1/twins/lab.beam"
 

@@ -7,7 +7,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 
 from slowtime_services.client import AnswerError, Client, UnreachableError, answers
-from twin_server.serve import models
+from twin_server.serve.models import twins as models
 
 TWIN = "lab.beam"
 PAIRS = (

@@ -10,10 +10,10 @@ from typing import Any
 import httpx
 import pytest
 
+from twin_server.history.states import blank
 from twin_server.serve import Chapter, live
 from twin_server.serve.live import RESET, Client, Hub, Item, LiveResponse
 from twin_server.settings import ServeSettings
-from twin_server.states import blank
 
 LIVE = "/api/v1/twins/lab.beam/live"
 

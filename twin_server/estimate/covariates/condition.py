@@ -19,10 +19,10 @@ from jaxtyping import Float
 
 from slowtime.evolution.covariates import Entry, Normal, Watch, learn_normal
 from slowtime_schemas.messages import Features
-from twin_server import states as st
-from twin_server.registration import Covariates
+from twin_server.history import states as st
+from twin_server.registration.twin import Covariates
 
-from .kept import KeptNormal, KeptWatch
+from .stored import KeptNormal, KeptWatch
 from .training import Training
 
 SPANS = 10.0

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from twin_server.registration import Covariates
+from twin_server.registration.twin import Covariates
 
-from .packing import pack, unpack
+from .array_text import pack, unpack
 
 MOST = 1_000
 """Readings that are kept; of a longer span every second, every fourth and so on."""

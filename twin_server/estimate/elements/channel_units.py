@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from slowtime.dynamics.units import UNITS as MODEL_UNITS
 from slowtime_schemas.messages import Features, Mode
 from slowtime_services.files.units import unit_of
-from twin_server.model import POWERS, Model, Worth
+from twin_server.registration.structure import POWERS, Model, Worth
 
 UNSTATED = frozenset(("", "1", "-"))
 """Units by which an edge says that nobody told it one."""

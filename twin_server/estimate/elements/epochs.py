@@ -35,15 +35,15 @@ from slowtime.evolution.structures import (
 )
 from slowtime.evolution.structures.measured import gap
 from slowtime_schemas.messages import Features
-from twin_server import states as st
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
-from twin_server.estimate.memory import Baseline, Memory
-from twin_server.model import Model
-from twin_server.registration import Covariates
+from twin_server.estimate.elements.memory import Baseline, Memory
+from twin_server.history import states as st
+from twin_server.registration.structure import Model
+from twin_server.registration.twin import Covariates
 
-from .learning import conclude, gather, is_enough
-from .matching import aligned, match, remember
-from .seeing import Seen, seen
+from .baseline_learning import conclude, gather, is_enough
+from .mode_matching import aligned, match, remember
+from .observed_modes import Seen, seen
 from .suspects import Suspect, suspects_of
 
 STARTS = 2

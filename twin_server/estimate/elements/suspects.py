@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 
 from slowtime.evolution.structures import Hypothesis, Named
-from twin_server.model import MASS
+from twin_server.registration.structure import MASS
 
 RIVAL = 0.2
 """Of the probability of the best hypothesis, from which another is one to be reckoned with."""

@@ -14,9 +14,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from twin_server.principals import Principal, Scope
+from twin_server.identity.principals import Principal, Scope
+from twin_server.identity.tokens import RefusedTokenError, WrongTokenFileError
 from twin_server.settings import OpenIdSettings
-from twin_server.tokens import RefusedTokenError, WrongTokenFileError
 
 if TYPE_CHECKING:
     import jwt

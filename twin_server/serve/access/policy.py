@@ -10,7 +10,7 @@ import re
 
 from starlette.routing import compile_path
 
-from twin_server.principals import Scope
+from twin_server.identity.principals import Scope
 
 
 class Reach(enum.Enum):

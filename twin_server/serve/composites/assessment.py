@@ -9,13 +9,13 @@ import numpy as np
 from pydantic_core import from_json
 
 from slowtime.reliability.trees import analyse, any_dependence, band, members
-from twin_server.composites import Composite
-from twin_server.compositions import below, groups_of, tree_of, twins_of
-from twin_server.rendering import state_objects
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import below, groups_of, tree_of, twins_of
+from twin_server.history.rendering import state_objects
 from twin_server.serve.knowledge import Knowledge
 
 from .failure import Failure, failure_probability, unknown
-from .pooled import pooled
+from .pooled_rates import pooled
 
 Composites = Mapping[str, Composite]
 

@@ -7,17 +7,17 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic_core import to_json
 
 from slowtime_schemas.quantities import Plain
-from twin_server.composites import Composite
-from twin_server.compositions import above, memberships, twins_of
-from twin_server.principals import principal_of
-from twin_server.registration import ID, Registration
-from twin_server.serve import problems
-from twin_server.serve.few import Few
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import above, memberships, twins_of
+from twin_server.identity.principals import principal_of
+from twin_server.registration.twin import ID, Registration
+from twin_server.serve.http import problems
+from twin_server.serve.http.body_queue import passed
+from twin_server.serve.http.bounded_threads import Few
+from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.lanes import Lane
-from twin_server.serve.problems import ProblemError
-from twin_server.serve.registered import TwinId
-from twin_server.serve.turnstile import passed
+from twin_server.serve.routes.twin_path import TwinId
 
 from . import models
 from .assessment import assess, health

@@ -16,9 +16,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from twin_server.composites import Composite
-from twin_server.compositions import twins_of
-from twin_server.registration import Registration
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import twins_of
+from twin_server.registration.twin import Registration
 
 from .telemetry import QUANTITIES, telemetry_of
 

@@ -7,7 +7,7 @@ import anyio
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from twin_server.serve.problems import ProblemError
+from twin_server.serve.http.problems import ProblemError
 
 AT_ONCE = 2
 """Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""

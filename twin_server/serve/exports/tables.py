@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Bool
 from pydantic_core import from_json
 
-from twin_server.registration import Registration
+from twin_server.history.states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
+from twin_server.registration.twin import Registration
+from twin_server.serve.instants import Moment
 from twin_server.serve.knowledge import Chapter, Knowledge
-from twin_server.serve.moments import Moment
-from twin_server.states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
 
 Format = Literal["csv", "parquet"]
 Table = Mapping[str, list[Any]]

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from edge_agent.acquire.live.batch import Packet
+from edge_agent.acquire.live.formats.iio_scan import Scan, batches_of, element_of, scan_of
 from edge_agent.acquire.live.registry import Opened, Surroundings
-from edge_agent.acquire.live.scan import Scan, batches_of, element_of, scan_of
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock

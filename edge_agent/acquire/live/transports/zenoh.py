@@ -7,7 +7,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from edge_agent.acquire.live.batch import Batch, GarbledError, Packet
-from edge_agent.acquire.live.decoding import AnyLayout
+from edge_agent.acquire.live.formats.decoding import AnyLayout
 from edge_agent.acquire.live.registry import Opened, Surroundings, declared
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, Counter, JsonLayout

@@ -11,10 +11,10 @@ import pytest
 
 from slowtime_cli.offline import offline_twin
 from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
-from twin_server.serve.problems import ProblemError
+from twin_server.serve.http.problems import ProblemError
 from twin_server.settings import TwinSettings
 
 DAY = datetime.timedelta(days=1)

@@ -1,0 +1,271 @@
+"""The first epochs teach what the structure is like, and the model is moved there."""
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.evolution import learn_nominal
+from slowtime.evolution.structures import MeasuredModes, estimate
+from slowtime.evolution.structures.measured import gap
+from twin_server.estimate.covariates import Condition, NotLearntError, Training
+from twin_server.estimate.covariates import conclude as conclude_training
+from twin_server.estimate.elements.memory import Baseline, Lesson, Memory, Reference
+from twin_server.registration.structure import Model
+from twin_server.registration.twin import Covariates
+
+from .mode_matching import aligned, begin, best_pairs, likeness, match, remember
+from .observed_modes import Seen
+
+MOST_GROUPS = 64
+_UNMODELLED_FREQUENCY = 0.002
+_UNMODELLED_SHAPE = 0.02
+_TURNED = 0.1
+_UNLIKE = 0.3
+_GATE = 10.0
+_MOST_UNCERTAIN = 0.1
+_CLEARLY = 1.5
+
+
+def gather(
+    memory: Memory,
+    modes: Sequence[Seen],
+    boot: str,
+    slow_time: float = 0.0,
+    covariates: Sequence[float] | None = None,
+) -> Memory:
+    """Add the modes of one epoch to what is learnt from; without any it teaches nothing."""
+    if not modes:
+        return memory
+    pairs = match(memory.references, modes, boot)
+    references, lessons = [], []
+    for i, (reference, lesson) in enumerate(
+        zip(memory.references, memory.lessons, strict=True)
+    ):
+        mode = modes[pairs[i]] if i in pairs else None
+        references.append(remember(reference, mode, boot))
+        lessons.append(
+            lesson if mode is None else _added(lesson, mode, reference, slow_time, covariates)
+        )
+    fresh = [mode for j, mode in enumerate(modes) if j not in pairs.values()]
+    for mode in fresh[: MOST_GROUPS - len(references)]:
+        references.append(begin(mode, boot))
+        lessons.append(_added(Lesson(), mode, references[-1], slow_time, covariates))
+    return dataclasses.replace(
+        memory,
+        references=tuple(references),
+        lessons=tuple(lessons),
+        learnt_from=memory.learnt_from + 1,
+        since=min(memory.since, slow_time),
+        until=max(memory.until, slow_time),
+    )
+
+
+def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> bool:
+    """Whether what was gathered is as much as the registration asks for."""
+    if wanted is None:
+        return memory.learnt_from >= learn_epochs
+    span = memory.until - memory.since
+    return memory.learnt_from >= wanted.train_epochs and 0.0 < span >= wanted.train_span
+
+
+def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> Memory:
+    """Make a baseline of what was gathered; without one, learning begins anew.
+
+    Modes that fewer than half of the epochs have shown are left out, those that are none of
+    the model's, and those of which no law of covariates can be learnt.
+    """
+    groups = []
+    for reference, lesson in zip(memory.references, memory.lessons, strict=True):
+        if lesson.count < max(2, memory.learnt_from / 2):
+            continue
+        with contextlib.suppress(NotLearntError):
+            groups.append((reference, _baseline(lesson, wanted)))
+    groups = [group for group in groups if group[1].relative_sd < _MOST_UNCERTAIN]
+    pairs = _partners([baseline for _, baseline in groups], model)
+    if not pairs:
+        return Memory(suspicions=memory.suspicions, unit_doubts=memory.unit_doubts)
+    chosen = [groups[i] for i in pairs]
+    theta, modes = _moved(model, [baseline for _, baseline in chosen])
+    ranked = sorted(zip(modes, chosen, strict=True), key=lambda one: one[0])
+    return dataclasses.replace(
+        memory,
+        references=tuple(reference for _, (reference, _) in ranked),
+        lessons=(),
+        theta=theta,
+        baselines=tuple(
+            dataclasses.replace(
+                baseline, mode=mode, condition=_shared(baseline.condition, len(ranked))
+            )
+            for mode, (_, baseline) in ranked
+        ),
+    )
+
+
+def _shared(condition: Condition | None, among: int) -> Condition | None:
+    """Make false alarms of each mode so many times rarer as there are modes."""
+    if condition is None:
+        return None
+    return dataclasses.replace(condition, limit=among * condition.limit)
+
+
+def measured_of(
+    baselines: Sequence[Baseline],
+    model: Model,
+    *,
+    unmodelled_frequency: float = 0.0,
+    unmodelled_shape: float = 0.0,
+) -> MeasuredModes:
+    """Learnt modes as the estimation of structures takes them, with what no model tells."""
+    frequency = np.array([one.frequency_hz for one in baselines])
+    relative = np.array(
+        [math.hypot(one.relative_sd, unmodelled_frequency) for one in baselines]
+    )
+    shapes = shape_sd = None
+    if any(one.shape is not None for one in baselines):
+        nothing = (math.nan,) * len(model.channels)
+        shapes = np.array([one.shape or nothing for one in baselines])
+        shape_sd = np.hypot([one.shape_sd or nothing for one in baselines], unmodelled_shape)
+    return MeasuredModes(
+        frequency_hz=frequency,
+        frequency_sd_hz=frequency * relative,
+        shapes=shapes,
+        shape_sd=shape_sd,
+        channels=model.rows if shapes is not None else None,
+    )
+
+
+def _added(
+    lesson: Lesson,
+    mode: Seen,
+    reference: Reference,
+    slow_time: float,
+    covariates: Sequence[float] | None,
+) -> Lesson:
+    epoch = (
+        mode.frequency_hz,
+        mode.relative_sd * mode.frequency_hz,
+        mode.damping_ratio,
+        mode.damping_sd,
+    )
+    epochs, training = (*lesson.epochs, epoch), None
+    if covariates is not None:
+        row = np.array([slow_time, *epoch, *covariates])
+        epochs, training = (), (lesson.training or Training()).added(row)
+    if mode.shape is None or mode.shape_sd is None or reference.shape is None:
+        return dataclasses.replace(lesson, epochs=epochs, training=training)
+    turned, factor = aligned(mode.shape, np.array(reference.shape))
+    sd = factor * mode.shape_sd
+    precision = sd**-2.0
+    known = np.isfinite(turned) & np.isfinite(precision)
+    zeros = (0.0,) * len(turned)
+    jumped, jumps = _jump(lesson, turned, sd)
+    weight, heard = np.where(known, precision, 0.0), np.nan_to_num(turned)
+    return Lesson(
+        epochs,
+        tuple((np.array(lesson.weighted or zeros) + weight * heard).tolist()),
+        tuple((np.array(lesson.weight or zeros) + weight).tolist()),
+        tuple(turned.tolist()),
+        tuple(sd.tolist()),
+        lesson.jumped + jumped,
+        lesson.jumps + jumps,
+        training,
+    )
+
+
+def _jump(
+    lesson: Lesson, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
+) -> tuple[float, int]:
+    """How far a shape is from the one before, in squared sds, and over how many components.
+
+    A structure that drifts while it is learnt hardly moves from one epoch to the next.
+    """
+    if not lesson.last:
+        return 0.0, 0
+    step, _ = aligned(shape, np.array(lesson.last))
+    far = (step - np.array(lesson.last)) ** 2 / (sd**2 + np.array(lesson.last_sd) ** 2)
+    both = np.isfinite(far)
+    # The size of one is fitted to the other, which takes one of the components along.
+    return float(far[both].sum()), max(int(both.sum()) - 1, 0)
+
+
+def _baseline(lesson: Lesson, wanted: Covariates | None) -> Baseline:
+    """Average what one mode has taught; its number in the model is not known yet."""
+    condition, epochs = None, np.array(lesson.epochs)
+    if wanted is not None and lesson.training is not None:
+        condition = conclude_training(lesson.training, wanted)
+        epochs = condition.freed(lesson.training)
+    frequency, sd, damping, damping_sd = epochs.T.copy()
+    nominal = learn_nominal(frequency, sd, damping, damping_sd)
+    weight = np.array(lesson.weight)
+    shape = shape_sd = None
+    shape_scatter = 1.0
+    if (weight > 0.0).sum() > 1:
+        heard = weight > 0.0
+        safe = np.where(heard, weight, 1.0)
+        mean = np.where(heard, np.array(lesson.weighted) / safe, np.nan)
+        norm = float(np.sqrt(np.nansum(mean**2)))
+        shape_scatter = _scatter(math.sqrt(lesson.jumped / max(lesson.jumps, 1)))
+        shape = tuple((mean / norm).tolist())
+        shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
+    return Baseline(
+        -1,
+        nominal.frequency if condition is None else condition.frequency_hz,
+        nominal.frequency_relative_sd if condition is None else condition.law_sd,
+        nominal.damping_ratio,
+        nominal.damping_relative_sd,
+        shape,
+        shape_sd,
+        # What a law of covariates leaves is known by itself.
+        _scatter(_steps(frequency, sd)) if condition is None else 1.0,
+        shape_scatter,
+        condition,
+    )
+
+
+def _steps(frequency: Float[np.ndarray, " epoch"], sd: Float[np.ndarray, " epoch"]) -> float:
+    """How far a frequency steps from one epoch to the next, over what its sds say."""
+    far = np.diff(frequency) / np.hypot(sd[1:], sd[:-1])
+    return 1.4826 * float(np.median(np.abs(far)))
+
+
+def _scatter(ratio: float) -> float:
+    """Take scatter over standard deviation seriously only where it is clearly above 1."""
+    return ratio if ratio > _CLEARLY else 1.0
+
+
+def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
+    """Which learnt mode is which of the model's, before the model is moved."""
+    modes = model.whole.modes(np.zeros(len(model.whole.names)))
+    reach = np.sqrt(np.sum((modes.log_frequency_slope * model.tolerance) ** 2, axis=1))
+    gains = np.zeros((len(baselines), len(reach)))
+    columns = model.rows @ modes.shape
+    for i, one in enumerate(baselines):
+        away = np.log(one.frequency_hz / modes.frequency_hz)
+        cost = 0.5 * away**2 / ((reach + 0.01) ** 2 + one.relative_sd**2)
+        if one.shape is not None:
+            for j in range(len(reach)):
+                alike, channels = likeness(np.array(one.shape), columns[:, j])
+                own = max(channels - 1, 0)
+                cost[j] += 0.5 * own * (1.0 - alike) / _TURNED
+                cost[j] += _GATE * (alike < _UNLIKE and own > 0)
+        gains[i] = _GATE - cost
+    return dict(best_pairs(gains))
+
+
+def _moved(
+    model: Model, baselines: Sequence[Baseline]
+) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    """Where in the model the structure is, and which of its modes each learnt one is."""
+    measured = measured_of(
+        baselines,
+        model,
+        unmodelled_frequency=_UNMODELLED_FREQUENCY,
+        unmodelled_shape=_UNMODELLED_SHAPE,
+    )
+    theta = estimate(model.whole, measured, model.tolerance, starts=0).theta
+    modes = gap(model.whole, measured, theta, np.full(len(theta), 0.05)).pairs
+    return tuple(theta.tolist()), tuple(modes.tolist())

@@ -1,0 +1,29 @@
+"""What the processes that compute have loaded, and compiled, before they are asked."""
+
+import contextlib
+import gc
+import os
+
+import numpy as np
+
+from twin_server.estimate import foresee, learn
+from twin_server.estimate.forecast.changes import Past
+
+from .processes import WARMED
+
+_COUNT = 40
+
+
+def warm() -> None:
+    """Forecast something once, so that what it takes is loaded and compiled."""
+    time = np.arange(float(_COUNT))
+    value = 1e-3 * np.random.default_rng(0).standard_normal(_COUNT)
+    past = {"stiffness_change": Past(time, value, np.full(_COUNT, 1e-3), 0.0)}
+    foresee(past, learn(past), None, 2)
+
+
+if WARMED in os.environ:
+    with contextlib.suppress(Exception):  # the first request will say what is wrong
+        warm()
+    gc.collect()
+    gc.freeze()
