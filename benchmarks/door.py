@@ -36,7 +36,7 @@ import numpy as np
 from slowtime_services import router
 from slowtime_services.bus import ZenohBus
 from twin_server import __main__ as twin_process
-from twin_server.persist import Cut, FeatureRow, RunRow, SqliteStore, open_store
+from twin_server.persist import FeatureRow, RunRow, SqliteStore, WriteBatch, open_store
 from twin_server.pipeline import Pipeline
 from twin_server.registration.twin import Nominal, Registration
 from twin_server.settings import TwinSettings
@@ -124,7 +124,7 @@ def _lengthen(store: SqliteStore, twin_id: str, readings: int) -> None:
         told = RunRow(*run)._replace(
             next=last + 1, last=last, last_t_ns=int(states["t_ns"][-1]), told=last
         )
-        store.write(Cut(runs=[told], features=features))
+        store.write(WriteBatch(runs=[told], features=features))
 
 
 class Client:

@@ -17,7 +17,7 @@ from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.ending import ended_by_signals
 from slowtime_services.tracing import Traces, traces_of
 
-from .acquire import Counting, Pacer, Source, check_input, open_source
+from .acquire import CountingSource, Pacer, Source, check_input, open_source
 from .inputs import Board, BoardsInput
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
@@ -161,7 +161,7 @@ def _run_boot(
             software=f"slowtime {importlib.metadata.version('slowtime')}",
             about=_about(settings),
             traces=traces,
-            counts=source.counts if isinstance(source, Counting) else None,
+            counts=source.counts if isinstance(source, CountingSource) else None,
         )
         publisher.open()
         stack.callback(publisher.close)

@@ -87,7 +87,7 @@ class Edge:
         return state, out
 
 
-class Effort:
+class WorkTime:
     """What the work costs, and what it may cost: the time from one window to the next.
 
     Counters of `Health`: ``busy_ms`` in all, ``window_busy_ms`` for the last window,
@@ -132,7 +132,7 @@ class Effort:
         self._publisher.put(f"{what}_ms", max(0, ns) // 10**6)
 
 
-class Listening:
+class SourceRun:
     """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
 
     def __init__(
@@ -148,7 +148,7 @@ class Listening:
         self._assessed = None if assess is None else assess.start()
         self._publisher, self._clock = publisher, clock
         self._state, self._admitted = edge.start(), admission.start()
-        self._effort = Effort(publisher, clock)
+        self._effort = WorkTime(publisher, clock)
         self.rewound: Block | None = None
         """First block of a stream whose time has run back; it has not been worked."""
 
@@ -247,7 +247,7 @@ def listen(
     increases, so that they belong to another.
     """
     admit = Admission(admission, edge.extract.origin.time_base)
-    listening = Listening(edge, admit, publisher, clock, assess)
+    listening = SourceRun(edge, admit, publisher, clock, assess)
     try:
         for block in blocks:
             listening.take(block)

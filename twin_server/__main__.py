@@ -23,19 +23,19 @@ from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
-    Bell,
-    Compositions,
-    Herald,
-    Lookout,
-    Orders,
+    CompositeRegistry,
+    Diagnoses,
+    FeatureTraces,
+    LiveUpdates,
+    ModelChangeMonitor,
+    NotifierTrigger,
     Pipeline,
-    Processes,
     Recordings,
-    Tracing,
     TwinKnowledge,
+    WorkerProcesses,
 )
 from twin_server.registration.twin import WrongRegistrationsError, registrations
-from twin_server.serve import Hub, Lane, create_app
+from twin_server.serve import ComputeQueue, Hub, create_app
 from twin_server.serve.access import (
     Guard,
     NotSecuredError,
@@ -162,25 +162,25 @@ def _serve(
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
     limits = settings.serve
     hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
-    pipeline.listen(Herald(hub))
-    lookout = Lookout(pipeline, store)
+    pipeline.listen(LiveUpdates(hub))
+    lookout = ModelChangeMonitor(pipeline, store)
     pipeline.listen(lookout)
     if traces is not None:
-        pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+        pipeline.listen(FeatureTraces(pipeline, traces, clock or SystemClock()))
     alarms = Alarms(pipeline, store, clock)
     notifier = Notifier(settings.alarms, alarms, senders, clock or SystemClock())
-    pipeline.listen(Bell(notifier.wake))
+    pipeline.listen(NotifierTrigger(notifier.wake))
     allow_files(limits.max_connections + OTHER_FILES)
-    workers = Processes(limits.workers, limits.work_timeout_s)
+    workers = WorkerProcesses(limits.workers, limits.work_timeout_s)
     workers.warm()
-    lane = Lane(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
+    lane = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
-    orders = Orders(
+    orders = Diagnoses(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
     )
-    compositions = Compositions(pipeline, store, clock)
+    compositions = CompositeRegistry(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,

@@ -43,7 +43,7 @@ class AdmissionSettings(Frozen):
     """How far a sequence may be ahead of the one expected."""
 
 
-class HealingSettings(Frozen):
+class BackfillSettings(Frozen):
     """How holes in the account are healed."""
 
     grace_s: NotNegative = 0.25
@@ -270,7 +270,7 @@ class TwinSettings(ProcessSettings):
     shutdown_s: Positive = 3.0
     """How long clients may take to finish when the server ends."""
     admission: AdmissionSettings = AdmissionSettings()
-    healing: HealingSettings = HealingSettings()
+    healing: BackfillSettings = BackfillSettings()
     pipeline: PipelineSettings = PipelineSettings()
     serve: ServeSettings = ServeSettings()
     access: AccessSettings = AccessSettings()

@@ -8,7 +8,7 @@ from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
 
 from .file import FileSource
-from .live import LiveSource, Surroundings, check, importing
+from .live import LiveSource, TransportContext, check, importing
 from .recording import RecordingSource
 from .simulated import SimulatedSource
 from .source import Pacer, Source
@@ -52,7 +52,7 @@ def open_source(
     if isinstance(settings, FileInput):
         return FileSource(settings, pacer, covariates=covariates)
     if isinstance(settings, LiveInput):
-        opened = importing(check(settings))(settings, Surroundings(clock, bus, twin))
+        opened = importing(check(settings))(settings, TransportContext(clock, bus, twin))
         return LiveSource(settings, opened, clock, stop)
     if isinstance(settings, BoardsInput):
         raise ValueError("Several boards are opened one by one.")

@@ -29,7 +29,7 @@ class Source(Protocol):
 
 
 @runtime_checkable
-class Counting(Protocol):
+class CountingSource(Protocol):
     """A source that counts what happens to it."""
 
     def counts(self) -> Mapping[str, int]:

@@ -12,7 +12,7 @@ from slowtime_schemas.messages import CurveOfMessage, FatiguePoint
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Counted:
+class CycleCount:
     """What was counted at a point.
 
     Parameters
@@ -39,7 +39,7 @@ class Point:
 
     def step(
         self,
-        counted: Counted,
+        counted: CycleCount,
         stress: Float[np.ndarray, " time"],
         rate_hz: float,
         unit: str,
@@ -47,7 +47,7 @@ class Point:
         missing: float = 0.0,
         wrong: float = 0.0,
         reasons: tuple[str, ...] = (),
-    ) -> Counted:
+    ) -> CycleCount:
         """Take samples of stress.
 
         Parameters
@@ -56,7 +56,7 @@ class Point:
             Variance that the samples lack, and mean square of what may be wrong with them.
         """
         count = self._counter.step(counted.count, stress)
-        return Counted(
+        return CycleCount(
             count=count,
             unit=unit,
             seconds=counted.seconds + len(stress) / rate_hz,
@@ -65,7 +65,7 @@ class Point:
             reasons=tuple(dict.fromkeys(counted.reasons + reasons)),
         )
 
-    def told(self, counted: Counted, *, virtual: bool) -> FatiguePoint:
+    def told(self, counted: CycleCount, *, virtual: bool) -> FatiguePoint:
         """Make of it what travels."""
         total, histogram = (
             self._counter.miner(counted.count),

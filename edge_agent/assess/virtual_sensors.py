@@ -19,7 +19,7 @@ MOST_VALUES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Estimated:
+class WindowEstimate:
     """Outputs of one window, and where they belong."""
 
     values: Float[np.ndarray, "time output"]
@@ -30,7 +30,7 @@ class Estimated:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Running:
+class RunningSensor:
     """A sensor that runs: over which samples, and what it remembers."""
 
     sensor: VirtualSensor
@@ -50,19 +50,19 @@ class VirtualStage:
         self.units = {one.name: one.output().unit for one in settings.outputs}
 
     def step(
-        self, running: Running | None, block: Block, sequence: int
-    ) -> tuple[Running, tuple[Estimated, ...], tuple[Virtual, ...]]:
+        self, running: RunningSensor | None, block: Block, sequence: int
+    ) -> tuple[RunningSensor, tuple[WindowEstimate, ...], tuple[Virtual, ...]]:
         """Take one block; give the windows that it completes."""
         if running is None or not _continues(running.latest, block):
             running = self._begin(block)
         samples = block.samples[:, running.columns] * running.factors
         state, windows = running.sensor.step(running.state, samples)
         running = dataclasses.replace(running, state=state, latest=block)
-        estimated: list[Estimated] = []
+        estimated: list[WindowEstimate] = []
         messages: list[Virtual] = []
         for window in windows:
             estimated.append(
-                Estimated(
+                WindowEstimate(
                     values=window.values,
                     settled=window.settled,
                     missing_variance=window.missing_variance,
@@ -74,7 +74,7 @@ class VirtualStage:
                 messages.append(self._message(running, window, sequence + len(messages)))
         return running, tuple(estimated), tuple(messages)
 
-    def _begin(self, block: Block) -> Running:
+    def _begin(self, block: Block) -> RunningSensor:
         sensor, channels = make_sensor(
             self._description,
             block.channels,
@@ -85,7 +85,7 @@ class VirtualStage:
         )
         columns = [block.channels.index(channel) for channel in channels]
         units = [block.units[column] for column in columns]
-        return Running(
+        return RunningSensor(
             sensor=sensor,
             columns=columns,
             factors=np.array(si_factors(self._description, channels, units)),
@@ -94,7 +94,7 @@ class VirtualStage:
             start_ns=block.start_ns,
         )
 
-    def _message(self, running: Running, window: Window, sequence: int) -> Virtual:
+    def _message(self, running: RunningSensor, window: Window, sequence: int) -> Virtual:
         rate = running.latest.true_rate_hz
         every = max(
             1,

@@ -20,7 +20,7 @@ from slowtime_schemas.messages import Mode, Shape, Smoothed
 
 from .reader import (
     Memory,
-    Reading,
+    ModeReading,
     Window,
     doubts,
     is_sound,
@@ -38,16 +38,16 @@ MOST = 64
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class SeveralModes:
+class MultiModeReader:
     """Read every mode, and follow each through the windows."""
 
     settings: ExtractSettings
 
-    def step(self, memory: Memory, window: Window) -> tuple[Memory, Reading]:
+    def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
         """Read a window; one without modes still ages what is followed."""
         given = self.settings
         if len(window.channels) > given.max_channels:
-            return memory, Reading(why=("too_many_channels",))
+            return memory, ModeReading(why=("too_many_channels",))
         result = identify_modes(
             window.rows,
             window.rate_hz,
@@ -59,7 +59,7 @@ class SeveralModes:
 
     def told(
         self, memory: Memory, window: Window, result: Sequence[identified.Mode]
-    ) -> tuple[Memory, Reading]:
+    ) -> tuple[Memory, ModeReading]:
         """Give modes their identities and put them as they travel."""
         given = self.settings
         found = _that_travel(result)
@@ -74,9 +74,9 @@ class SeveralModes:
             modes.append(_message(mode, identity, smoothed, window.clock))
         if not modes:
             why = ("not_credible",) if result else ("no_mode",)
-            return memory, Reading(channels=window.channels, why=why)
+            return memory, ModeReading(channels=window.channels, why=why)
         doubted = doubts((mode.frequency_hz for mode in found), window.clock)
-        return memory, Reading(tuple(modes), "ssi", window.channels, doubts=doubted)
+        return memory, ModeReading(tuple(modes), "ssi", window.channels, doubts=doubted)
 
     def _followed(
         self, memory: Memory, window: Window, found: list[identified.Mode]

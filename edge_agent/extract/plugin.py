@@ -12,7 +12,7 @@ from slowtime_schemas.messages import Mode, Smoothed
 from slowtime_services.plugin_process import PluginProcess
 from slowtime_services.plugins import PluginError, find
 
-from .reader import Memory, Reading, Window, doubts, quantity, smooth, with_clock
+from .reader import Memory, ModeReading, Window, doubts, quantity, smooth, with_clock
 
 logger = logging.getLogger(__name__)
 
@@ -21,13 +21,13 @@ _MODES: TypeAdapter[tuple[Mode, ...]] = TypeAdapter(tuple[Mode, ...])
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class OwnIdentifier:
+class PluginIdentifier:
     """Ask an installed part; what it raises, or keeps to itself, costs the window only."""
 
     settings: ExtractSettings
     name: str
 
-    def step(self, memory: Memory, window: Window) -> tuple[Memory, Reading]:
+    def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
         """Read a window; the frequency of its first mode is smoothed."""
         try:
             told = _process(self.name).ask(
@@ -39,16 +39,16 @@ class OwnIdentifier:
             modes = _MODES.validate_python([] if told is None else told)
         except PluginError as error:
             logger.error("%s", error)
-            return memory, Reading(channels=window.channels, why=("failed",))
+            return memory, ModeReading(channels=window.channels, why=("failed",))
         except ValidationError as error:
             fault = error.errors(include_url=False)[0]
             where = ".".join(map(str, fault["loc"])) or "answer"
             logger.error(
                 "%s gave no modes: %s: %s.", find(GROUP, self.name), where, fault["msg"]
             )
-            return memory, Reading(channels=window.channels, why=("not_credible",))
+            return memory, ModeReading(channels=window.channels, why=("not_credible",))
         if not modes:
-            return memory, Reading(channels=window.channels, why=("no_mode",))
+            return memory, ModeReading(channels=window.channels, why=("no_mode",))
         own = [Measured(mode.frequency_hz.value, mode.frequency_hz.sd) for mode in modes]
         memory, smoothed = smooth(memory, 0, own[0], self.settings, window.clock)
         told_of: list[dict[str, Smoothed | None]] = [{"smoothed_frequency_hz": smoothed}] + [
@@ -62,7 +62,7 @@ class OwnIdentifier:
         )
         # The message knows four methods by name; which part it was stands in `About`.
         doubted = ("own_identifier", *doubts(own, window.clock))
-        return memory, Reading(known, "ambient", window.channels, doubts=doubted)
+        return memory, ModeReading(known, "ambient", window.channels, doubts=doubted)
 
 
 @functools.lru_cache(maxsize=8)

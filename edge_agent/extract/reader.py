@@ -39,7 +39,7 @@ class Window:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Reading:
+class ModeReading:
     """What a window said, words on why it said nothing, and on what to doubt of it."""
 
     modes: tuple[Mode, ...] = ()
@@ -76,7 +76,7 @@ class Memory:
 class Reader(Protocol):
     """Reads one window after the other."""
 
-    def step(self, memory: Memory, window: Window) -> tuple[Memory, Reading]:
+    def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
         """Read a window; ValueError where its samples are of no use."""
         ...
 

@@ -10,7 +10,7 @@ from slowtime_schemas.messages import Mode
 
 from .reader import (
     Memory,
-    Reading,
+    ModeReading,
     Window,
     doubts,
     is_sound,
@@ -22,13 +22,13 @@ from .reader import (
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class FirstMode:
+class SingleModeReader:
     """Read the lowest clear mode, from all channels together."""
 
     settings: ExtractSettings
     method: FirstMethod
 
-    def step(self, memory: Memory, window: Window) -> tuple[Memory, Reading]:
+    def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
         """Read a window; one without a clear mode leaves the memory as it is."""
         tracker = Tracker(
             rate_hz=window.rate_hz,
@@ -38,9 +38,9 @@ class FirstMode:
         )
         tracked, found = tracker.step(memory.first, window.rows)
         if found is None:
-            return memory, Reading(why=("no_mode",))
+            return memory, ModeReading(why=("no_mode",))
         if not is_sound(found.frequency_hz, found.damping_ratio, found.correlation):
-            return memory, Reading(why=("not_credible",))
+            return memory, ModeReading(why=("not_credible",))
         own, clock = found.frequency_hz, window.clock
         memory = dataclasses.replace(memory, first=tracked)
         memory, smoothed = smooth(memory, 0, own, self.settings, clock)
@@ -53,4 +53,4 @@ class FirstMode:
             snr_db=snr if snr is not None and math.isfinite(snr) else None,
             flags=found.flags,
         )
-        return memory, Reading((mode,), method=found.method, doubts=doubts((own,), clock))
+        return memory, ModeReading((mode,), method=found.method, doubts=doubts((own,), clock))

@@ -17,7 +17,7 @@ MOST_STARTS = 16
 Verdict = Literal["agrees", "differs", "unknown"]
 
 
-class Agreement:
+class DigestCheck:
     """Running sums of the digests of one boot's features."""
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ MOST_BOOTS = 256
 """Boots whose sums are kept; beyond, the oldest go."""
 
 
-class Cumulative:
+class FatigueStore:
     """Messages of all boots in a folder.
 
     Parameters

@@ -45,8 +45,8 @@ from slowtime_services.clock import Clock
 from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
-from .digests import Agreement
-from .fatigue_store import Cumulative
+from .digests import DigestCheck
+from .fatigue_store import FatigueStore
 from .ring import Ring
 from .spool import Spool, SpoolError
 
@@ -96,8 +96,8 @@ class Publisher:
         self._sequences: Counter[str] = Counter()
         self._last_features = -1
         self._acknowledged = -1
-        self._agreement = Agreement()
-        self._cumulative = Cumulative(spool.folder, origin.boot)
+        self._agreement = DigestCheck()
+        self._cumulative = FatigueStore(spool.folder, origin.boot)
         self._began_ns = clock.now_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()

@@ -7,7 +7,7 @@ import pytest
 
 from edge_agent.acquire import open_source
 from edge_agent.extract import Extract
-from edge_agent.extract.reader import Reading
+from edge_agent.extract.reader import ModeReading
 from edge_agent.inputs import LiveInput
 from edge_agent.publish.publisher import raw_message
 from edge_agent.settings import ExtractSettings, Origin, RecordingInput
@@ -116,7 +116,7 @@ class Shown:
     """Reads nothing out of a window but which channels it was given."""
 
     def step(self, memory, window):
-        return memory, Reading(channels=window.channels)
+        return memory, ModeReading(channels=window.channels)
 
 
 def test_features_tell_the_unit_of_each_channel_that_was_read(monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime_cli.offline import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
+from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
@@ -59,7 +59,7 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
         app = create_app(
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
             alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=Compositions(pipeline, store),
+            compositing=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         headers = {"Authorization": f"Bearer {word}"}
         yield guarded(settings).around(app), app.openapi(), headers

@@ -9,18 +9,18 @@ from collections.abc import Callable, Sequence
 from slowtime_schemas.messages import ACK_VERSION
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, BusClosedError, Sample
-from twin_server.settings import HealingSettings
+from twin_server.settings import BackfillSettings
 
-from .runs import SEQUENCES, Holding, Want
+from .runs import SEQUENCES, EdgeQuery, Holding
 
 logger = logging.getLogger(__name__)
 
-Wants = Callable[[], Sequence[Want]]
-Take = Callable[[Want, Sequence[Sample]], tuple[bool, bool]]
-Settle = Callable[[Want, Sequence[Holding] | None, bool], None]
+Wants = Callable[[], Sequence[EdgeQuery]]
+Take = Callable[[EdgeQuery, Sequence[Sample]], tuple[bool, bool]]
+Settle = Callable[[EdgeQuery, Sequence[Holding] | None, bool], None]
 
 
-class Healer:
+class Backfill:
     """A few threads that put the account's questions to the edges.
 
     Parameters
@@ -36,7 +36,7 @@ class Healer:
     """
 
     def __init__(
-        self, bus: Bus, settings: HealingSettings, wants: Wants, take: Take, settle: Settle
+        self, bus: Bus, settings: BackfillSettings, wants: Wants, take: Take, settle: Settle
     ) -> None:
         self._bus, self._settings = bus, settings
         self._wants, self._take, self._settle = wants, take, settle
@@ -73,7 +73,7 @@ class Healer:
             self._wake.wait(0.05)
             self._wake.clear()
 
-    def _ask(self, want: Want) -> None:
+    def _ask(self, want: EdgeQuery) -> None:
         """Ask for features first; where they do not suffice, for what the edge holds."""
         self.asked += 1
         listing: list[Holding] | None = None
@@ -89,7 +89,7 @@ class Healer:
             listing, sound = None, False
         self._settle(want, listing, sound)
 
-    def _features(self, want: Want) -> tuple[bool, bool]:
+    def _features(self, want: EdgeQuery) -> tuple[bool, bool]:
         """Whether the first asked for is missing still, and whether all was answered."""
         answers = self._bus.ask(
             request_key(want.site, want.asset, "features"),
@@ -100,7 +100,7 @@ class Healer:
         missing, judged = self._take(want, samples)
         return missing, judged and not answers.errors
 
-    def _account(self, want: Want) -> tuple[list[Holding], bool]:
+    def _account(self, want: EdgeQuery) -> tuple[list[Holding], bool]:
         answers = self._bus.ask(
             request_key(want.site, want.asset, "account"),
             timeout_s=self._settings.ask_timeout_s,

@@ -21,7 +21,7 @@ from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.plugins import said
 
 from .history_diagnosis import diagnose_history
-from .plugin_effects import attempt
+from .plugin_effects import diagnose_with_plugins
 from .samples_diagnosis import diagnose_samples
 from .task import TASK, Task
 
@@ -31,7 +31,7 @@ GRACE_S = 1.0
 _TOLD_EVERY_S = 0.1
 
 
-class _Voice:
+class _ProgressReporter:
     """Says how far it has come, a few times a second at most."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ def _bound_memory(more: int) -> None:
 
 def main(folder: Path) -> int:
     """Do it; the exit status: 0 done, 1 for want of something, 3 stopped."""
-    task, voice = Task.model_validate_json((folder / TASK).read_bytes()), _Voice()
+    task, voice = Task.model_validate_json((folder / TASK).read_bytes()), _ProgressReporter()
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
     if task.is_attempt:
@@ -83,7 +83,7 @@ def main(folder: Path) -> int:
     else:
         os.nice(10)
         if task.effects and task.order.clock == "fast":
-            tried = attempt(task, folder, voice.say, stop)
+            tried = diagnose_with_plugins(task, folder, voice.say, stop)
             if tried.done:
                 return 0
             if tried.error:

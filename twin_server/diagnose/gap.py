@@ -42,7 +42,7 @@ _SPREADS, _MEANS = 4_000, 40
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Reading:
+class GapSample:
     """The gap of one record.
 
     Parameters
@@ -58,7 +58,7 @@ class Reading:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Usual:
+class GapBaseline:
     """What was learnt: the gap as it is while nothing changes.
 
     Parameters
@@ -79,7 +79,7 @@ class Usual:
         return self.limit * max(1.0, self.level / max(level, 1e-300))
 
 
-def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> Reading:
+def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> GapSample:
     """Find the gap of each model on one record.
 
     Parameters
@@ -99,7 +99,7 @@ def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()
         plant = _plant(text, effects)
         trial = _trial(plant, record)
         found.append(_gap(plant, trial))
-    return Reading(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
+    return GapSample(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
 
 
 def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -> str:
@@ -110,14 +110,14 @@ def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -
     return model_file_of(with_values(plant.description, values)).model_dump_json()
 
 
-def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> Usual:
+def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> GapBaseline:
     """Learn what is usual from gap and level of records."""
     logs = np.log([max(gap, 1e-12) for gap, _ in readings])
     mean, spread = float(logs.mean()), max(float(logs.std(ddof=1)), 0.02)
     factor = limit_factor(len(logs), between_false_alarms)
     limit = math.exp(min(mean + factor * spread, math.log(_WORST)))
     level = math.exp(np.mean([math.log(max(level, 1e-300)) for _, level in readings]))
-    return Usual(math.exp(mean), limit, level, len(logs))
+    return GapBaseline(math.exp(mean), limit, level, len(logs))
 
 
 @functools.lru_cache(maxsize=32)

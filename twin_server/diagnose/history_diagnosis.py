@@ -37,7 +37,7 @@ def diagnose_history(
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
         progress(stage, share)
 
-    history = left_in(
+    history = read_task_history(
         folder,
         of=f"{task.site}.{task.asset}",
         quantity=task.quantity,
@@ -47,7 +47,9 @@ def diagnose_history(
     write_slow_results(folder, report, document)
 
 
-def left_in(folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str) -> History:
+def read_task_history(
+    folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str
+) -> History:
     """Read the history that was left in a folder."""
     with np.load(folder / HISTORY) as kept:
         return History(

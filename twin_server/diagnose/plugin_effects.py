@@ -22,7 +22,7 @@ from .task import REPORT, Task, write_task
 LOOK_S = 0.1
 
 
-class Attempt(NamedTuple):
+class PluginRun(NamedTuple):
     """What became of a diagnosis with own effects.
 
     Parameters
@@ -40,9 +40,9 @@ class Attempt(NamedTuple):
     error: str = ""
 
 
-def attempt(
+def diagnose_with_plugins(
     task: Task, folder: Path, say: Callable[[dict[str, Any]], None], stop: threading.Event
-) -> Attempt:
+) -> PluginRun:
     """Make a diagnosis with its own effects, in a process that may be ended.
 
     Parameters
@@ -56,12 +56,12 @@ def attempt(
         write_task(folder, task.model_copy(update=tried))
         why = _why_not(task, folder, say, stop)
         if not why:
-            return Attempt(True, task)
+            return PluginRun(True, task)
         whose = f"There was no diagnosis with the own effects of {', '.join(names)}"
         notes = (*notes, f"{whose}: {why} They were left out.")
     missing = _missing(task)
     error = f"{' '.join(notes)} The model itself has {missing}." if missing else ""
-    return Attempt(False, task.model_copy(update={"effects": (), "notes": notes}), error)
+    return PluginRun(False, task.model_copy(update={"effects": (), "notes": notes}), error)
 
 
 def _why_not(

@@ -23,7 +23,7 @@ Estimates: TypeAlias = Float[np.ndarray, "time 4"]
 """Value, sd, lo and hi."""
 
 
-def watch(
+def follow_alarms(
     registration: Registration,
     checkpoint: Checkpoint,
     states: States,

@@ -36,7 +36,7 @@ _LEVEL = 5
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Noticed:
+class DetectedChange:
     """A change of the model.
 
     Parameters
@@ -62,7 +62,7 @@ class Noticed:
 
 
 @dataclasses.dataclass(slots=True)
-class Series:
+class ChangeDetector:
     """One quantity that is watched; `take` gives what is noticed.
 
     Parameters
@@ -81,7 +81,7 @@ class Series:
     watch: jumps.Watch | None = None
     state: jumps.Watching | None = None
 
-    def take(self, time: float, value: float, sd: float) -> Noticed | None:
+    def take(self, time: float, value: float, sd: float) -> DetectedChange | None:
         """Take in the next reading; one that is not later than the last is passed over."""
         if self.past and time <= self.past[-1][0]:
             return None
@@ -91,7 +91,7 @@ class Series:
             found = self._learn()
         return found
 
-    def _step(self, reading: tuple[float, float, float]) -> Noticed | None:
+    def _step(self, reading: tuple[float, float, float]) -> DetectedChange | None:
         if self.watch is None or self.state is None:
             return None
         self._meet_told(reading[0])
@@ -102,7 +102,9 @@ class Series:
         self._go_on_after(change.since)
         before = float(np.mean([value for _, value, _ in last])) if last else float("nan")
         earliest = last[0][0] if last else change.since
-        return Noticed(change.since, change.size, change.sd, change.odds, before, earliest)
+        return DetectedChange(
+            change.since, change.size, change.sd, change.odds, before, earliest
+        )
 
     def _meet_told(self, until: float) -> None:
         """Let the level go anywhere at what was told since the last reading."""
@@ -123,7 +125,7 @@ class Series:
         self.past = [reading for reading in self.past if reading[0] > since]
         self.learnt_at = 0
 
-    def _learn(self) -> Noticed | None:
+    def _learn(self) -> DetectedChange | None:
         """Learn from all but the last readings, which may be after a jump, and watch these."""
         self.past = self.past[-MOST - RECENT :]
         time, value, sd = np.array(self.past[:-RECENT]).T.copy()

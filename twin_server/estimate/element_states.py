@@ -14,11 +14,11 @@ from twin_server.history.states import States
 from twin_server.registration.structure import MASS, Model
 from twin_server.registration.twin import Registration
 
-from .alarms import Estimates, watch
+from .alarms import Estimates, follow_alarms
 from .checkpoint import Checkpoint
 from .columns import without_covariates
-from .covariates import messages as words
-from .elements import Found, Reading, follow, told_shape, units_of
+from .covariates import messages
+from .elements import EpochEstimate, TrackedEpochs, told_shape, track_epochs, units_of
 from .elements.memory import Memory, Suspicion
 from .notices import Notice
 from .renewals import follow_renewals
@@ -28,7 +28,7 @@ QUANTILE = 1.959963984540054
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class ElementEstimates:
     """What some features of one twin have told; one state and one detail for each."""
 
     states: States
@@ -37,16 +37,16 @@ class Told:
     notices: list[Notice]
 
 
-def tell(
+def estimate_elements(
     registration: Registration,
     checkpoint: Checkpoint,
     features: Sequence[Features],
     missing_before: Sequence[int],
-) -> Told:
+) -> ElementEstimates:
     """Estimate the next states of a twin of elements."""
     model = registration.structure()
     assert checkpoint.elements is not None
-    found = follow(
+    found = track_epochs(
         checkpoint.elements,
         model,
         features,
@@ -62,11 +62,11 @@ def tell(
     )
     memory = dataclasses.replace(found.memory, suspicions=suspicions)
     memory, doubted = _doubted_units(memory, features, model)
-    checkpoint, watched = watch(registration, checkpoint, states, parameters)
+    checkpoint, watched = follow_alarms(registration, checkpoint, states, parameters)
     checkpoint, renewed = follow_renewals(checkpoint, features)
     notices += [*changed, *watched]
     notices = sorted([*renewed, *doubted, *notices], key=lambda notice: notice.row)
-    return Told(
+    return ElementEstimates(
         states,
         [
             _detail(reading, model, registration.covariates is not None)
@@ -78,7 +78,7 @@ def tell(
 
 
 def _states(
-    registration: Registration, readings: Sequence[Reading], missing_before: Sequence[int]
+    registration: Registration, readings: Sequence[EpochEstimate], missing_before: Sequence[int]
 ) -> States:
     """Fill the rows: frequency and damping are those of one mode of the model."""
     states = st.blank(len(readings))
@@ -100,7 +100,7 @@ def _states(
     return states
 
 
-def _leading(reading: Reading, number: int) -> MessageMode | None:
+def _leading(reading: EpochEstimate, number: int) -> MessageMode | None:
     """Find the mode of that number in the model; while learning, in the epoch."""
     modes = reading.features.modes
     if reading.reasons & st.BEGINNING:
@@ -109,7 +109,9 @@ def _leading(reading: Reading, number: int) -> MessageMode | None:
     return modes[places[0]] if places else None
 
 
-def _by_parameter(names: Sequence[str], readings: Sequence[Reading]) -> Mapping[str, Estimates]:
+def _by_parameter(
+    names: Sequence[str], readings: Sequence[EpochEstimate]
+) -> Mapping[str, Estimates]:
     table = np.full((len(readings), len(names), 4), np.nan)
     for row, reading in enumerate(readings):
         if reading.changes is not None:
@@ -117,7 +119,7 @@ def _by_parameter(names: Sequence[str], readings: Sequence[Reading]) -> Mapping[
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def _detail(reading: Reading, model: Model, freed: bool) -> Detail:
+def _detail(reading: EpochEstimate, model: Model, freed: bool) -> Detail:
     names, features = model.free, reading.features
     changes = np.full((len(names), 3), np.nan)
     elements, ratios = {}, {}
@@ -181,7 +183,7 @@ def _named(numbers: Sequence[float]) -> dict[str, float]:
     return dict(zip(("value", "sd", "lo", "hi"), numbers, strict=True))
 
 
-def _lesson(found: Found, row: int, count: int) -> Notice:
+def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
     if not count:
         return Notice(
             row,
@@ -222,24 +224,25 @@ def _doubted_units(
     return memory, notices
 
 
-def _of_covariates(registration: Registration, found: Found) -> list[Notice]:
+def _of_covariates(registration: Registration, found: TrackedEpochs) -> list[Notice]:
     """Say what is normal for each mode, once it is learnt, and what is not."""
     wanted = registration.covariates
     if wanted is None:
         return []
     notices = [
-        words.learnt(row, one.condition, wanted, one.mode)
+        messages.learnt(row, one.condition, wanted, one.mode)
         for row, count in found.lessons
         for one in found.memory.baselines
         if count and one.condition is not None
     ]
     return notices + [
-        words.entered(row, verdict, registration, mode) for row, mode, verdict in found.verdicts
+        messages.entered(row, verdict, registration, mode)
+        for row, mode, verdict in found.verdicts
     ]
 
 
 def _suspected(
-    suspicions: Sequence[Suspicion], readings: Sequence[Reading], confirm: int
+    suspicions: Sequence[Suspicion], readings: Sequence[EpochEstimate], confirm: int
 ) -> tuple[tuple[Suspicion, ...], list[Notice]]:
     """Follow what is believed to have changed; it takes several readings in a row."""
     held = {one.word: one for one in suspicions}
@@ -259,7 +262,7 @@ def _suspected(
     return tuple(held.values()), notices
 
 
-def _changed(row: int, reading: Reading, word: str, *, holds: bool) -> Notice:
+def _changed(row: int, reading: EpochEstimate, word: str, *, holds: bool) -> Notice:
     if not holds:
         message = f"{word}: no change is seen any more."
         return Notice(row, "element_restored", "info", message, {"suspect": word})

@@ -23,10 +23,10 @@ from twin_server.history.details import Detail
 from twin_server.history.states import States
 from twin_server.registration.twin import Registration
 
-from .alarms import watch
+from .alarms import follow_alarms
 from .checkpoint import Checkpoint, Twin
 from .columns import Columns, columns
-from .element_states import tell
+from .element_states import estimate_elements
 from .nominal.reference import Nominals, nominals_of
 from .notices import Notice
 from .renewals import follow_renewals
@@ -96,7 +96,9 @@ def estimate(
         _estimate_all(states, given, nominals, twins, owner)
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
-        checkpoints[place], seen = watch(twin.registration, checkpoints[place], states[rows])
+        checkpoints[place], seen = follow_alarms(
+            twin.registration, checkpoints[place], states[rows]
+        )
         theirs = [features[row] for row in rows.tolist()]
         checkpoints[place], renewed = follow_renewals(checkpoints[place], theirs)
         seen = sorted(renewed + learnt[place] + seen, key=lambda notice: notice.row)
@@ -120,7 +122,7 @@ def _apart(
         rows = rows_of[place].tolist()
         if not of_elements[place] or not rows:
             continue
-        told = tell(
+        told = estimate_elements(
             twin.registration,
             twin.checkpoint,
             [features[row] for row in rows],

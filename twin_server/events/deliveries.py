@@ -154,7 +154,7 @@ def identity(event: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def what_is_passed(details: Mapping[str, Any]) -> tuple[Any, ...]:
+def alarm_key(details: Mapping[str, Any]) -> tuple[Any, ...]:
     """Tell which alarm of a registration an event is about: quantity, side and limit."""
     return tuple(details.get(name) for name in ("quantity", "side", "limit"))
 
@@ -167,5 +167,5 @@ def happened_ns(delivery: Delivery) -> int:
 def subject(delivery: Delivery) -> tuple[Any, ...]:
     """Tell what lasts: deliveries of the same subject to a receiver say the same thing."""
     details = json.loads(delivery.body)["details"]
-    about = (*what_is_passed(details), details.get("mode"))
+    about = (*alarm_key(details), details.get("mode"))
     return (delivery.twin, delivery.receiver, delivery.kind, *about)

@@ -9,15 +9,15 @@ import random
 from twin_server.events.receivers import AlarmSettings
 
 
-def pause_s(settings: AlarmSettings, delivery_id: str, tries: int) -> float:
+def retry_delay_s(settings: AlarmSettings, delivery_id: str, tries: int) -> float:
     """How long to wait after so many failed attempts [s].
 
     Examples
     --------
     >>> settings = AlarmSettings(backoff_s=2.0, max_backoff_s=60.0)
-    >>> [2 ** n <= 2 * pause_s(settings, "5f@ops", n) <= 2 ** (n + 1) for n in (1, 2, 3)]
+    >>> [2 ** n <= 2 * retry_delay_s(settings, "5f@ops", n) <= 2 ** (n + 1) for n in (1, 2, 3)]
     [True, True, True]
-    >>> 30.0 <= pause_s(settings, "5f@ops", 1_000) <= 60.0
+    >>> 30.0 <= retry_delay_s(settings, "5f@ops", 1_000) <= 60.0
     True
     """
     longest = settings.backoff_s * 2.0 ** min(tries - 1, 60)

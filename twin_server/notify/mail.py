@@ -6,7 +6,7 @@ from email.message import EmailMessage
 from twin_server.events.receivers import EmailReceiver
 
 from .deadlines import DEADLINES
-from .message import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, connection_error_text, credentials
 from .webhook import tls
 
 _LONGEST_SUBJECT = 150
@@ -51,7 +51,9 @@ class Email:
             except smtplib.SMTPRecipientsRefused as error:
                 raise NotDeliveredError("The mail server refused all recipients.") from error
             except (OSError, smtplib.SMTPException) as error:
-                raise NotDeliveredError(f"The mail server: {plainly(error)}.") from error
+                raise NotDeliveredError(
+                    f"The mail server: {connection_error_text(error)}."
+                ) from error
             finally:
                 server.close()
         return f"Refused for {', '.join(sorted(refused))}." if refused else ""

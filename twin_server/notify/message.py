@@ -95,7 +95,7 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
     return lines[0], lines[1]
 
 
-def plainly(error: BaseException) -> str:
+def connection_error_text(error: BaseException) -> str:
     """Say in words what went wrong with a connection."""
     if isinstance(error, TimeoutError):
         return "it did not answer in time"

@@ -10,7 +10,7 @@ from typing import Any
 
 from twin_server.events.receivers import MqttReceiver
 
-from .message import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, connection_error_text, credentials
 from .webhook import tls
 
 _STEP_S = 0.05
@@ -68,7 +68,7 @@ class Mqtt:
             self._wait(client, info.is_published, until_s)
             client.disconnect()
         except (OSError, RuntimeError, ValueError) as error:
-            raise NotDeliveredError(f"The broker: {plainly(error)}.") from error
+            raise NotDeliveredError(f"The broker: {connection_error_text(error)}.") from error
         finally:
             if (sock := client.socket()) is not None:
                 sock.close()

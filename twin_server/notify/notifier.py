@@ -15,8 +15,8 @@ from slowtime_services.clock import Clock
 from twin_server.events.deliveries import Delivery, happened_ns, subject
 from twin_server.events.receivers import AlarmSettings
 
-from .backoff import pause_s
-from .receiver_queue import Outcome, SendingLane
+from .backoff import retry_delay_s
+from .receiver_queue import Outcome, ReceiverQueue
 from .senders import Sender
 
 logger = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ _LATE = 1_000
 _AFTER_TROUBLE_S = 1.0
 
 
-class Desk(Protocol):
+class DeliveryStore(Protocol):
     """What the notifier asks of the house."""
 
     def due(self, receiver: str, now_ns: int, limit: int) -> Sequence[Delivery]:
@@ -80,7 +80,7 @@ class Notifier:
     def __init__(
         self,
         settings: AlarmSettings,
-        desk: Desk,
+        desk: DeliveryStore,
         senders: Mapping[str, Sender],
         clock: Clock,
     ) -> None:
@@ -90,7 +90,7 @@ class Notifier:
         self._wake, self._stop = threading.Event(), threading.Event()
         self._minded_s = self._forgot_s = -1e9
         self._lanes = {
-            name: SendingLane(
+            name: ReceiverQueue(
                 name, sender, settings.receivers[name].concurrency, settings, self._hear
             )
             for name, sender in senders.items()
@@ -154,7 +154,7 @@ class Notifier:
                 for one in self._desk.due(name, self._now_ns(), lane.held + lane.room):
                     self._begin(lane, one)
 
-    def _begin(self, lane: SendingLane, delivery: Delivery) -> None:
+    def _begin(self, lane: ReceiverQueue, delivery: Delivery) -> None:
         """Hand one over; a reminder only of what still holds."""
         if delivery.reminder and not self._desk.holds(delivery):
             self._desk.settle([self._ended(delivery, "It has ended, or was acknowledged.")])
@@ -191,7 +191,7 @@ class Notifier:
             return before._replace(
                 state="delivered", tries=tries, ended_ns=now_ns, error=outcome.said
             )
-        pause = max(pause_s(self._settings, before.id, tries), outcome.wait_s)
+        pause = max(retry_delay_s(self._settings, before.id, tries), outcome.wait_s)
         due_ns = now_ns + round(pause * 1e9)
         failed = before._replace(tries=tries, error=outcome.said, due_ns=due_ns)
         if due_ns - before.created_ns > self._settings.max_age_s * 1e9:

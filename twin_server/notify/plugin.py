@@ -9,7 +9,7 @@ from .message import Message, NotDeliveredError
 GROUP = "slowtime.alarms"
 
 
-class Own:
+class PluginSender:
     """Sends to one receiver; one message at a time, as there is one process.
 
     Raises

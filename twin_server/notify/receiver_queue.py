@@ -35,7 +35,7 @@ class Outcome(NamedTuple):
     wait_s: float = 0.0
 
 
-class SendingLane:
+class ReceiverQueue:
     """All that is being sent to one receiver.
 
     Parameters

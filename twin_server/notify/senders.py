@@ -8,7 +8,7 @@ from twin_server.events.receivers import AlarmSettings
 from .mail import Email
 from .message import Message, NotDeliveredError
 from .mqtt import Mqtt
-from .plugin import Own
+from .plugin import PluginSender
 from .webhook import Webhook
 
 
@@ -32,7 +32,7 @@ KINDS: Mapping[str, Callable[[Any], Sender]] = {
     "webhook": Webhook,
     "email": Email,
     "mqtt": Mqtt,
-    "own": Own,
+    "own": PluginSender,
 }
 
 

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from twin_server.events.receivers import WebhookReceiver
 
 from .deadlines import DEADLINES
-from .message import Message, NotDeliveredError, plainly
+from .message import Message, NotDeliveredError, connection_error_text
 from .webhook_signature import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
@@ -63,7 +63,9 @@ class Webhook:
                 with connection.getresponse() as answer:
                     status, wait = answer.status, answer.getheader("Retry-After")
             except (OSError, http.client.HTTPException) as error:
-                raise NotDeliveredError(f"The receiver: {plainly(error)}.") from error
+                raise NotDeliveredError(
+                    f"The receiver: {connection_error_text(error)}."
+                ) from error
             if 200 <= status < 300:
                 return ""
             raise NotDeliveredError(

@@ -14,8 +14,8 @@ from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .factory import is_url, open_store
 from .ledger_audit import Audit, audit
 from .postgres import PostgresStore
-from .sqlite import SqliteStore, audit_file, look_through
-from .store import Cut, History, Store
+from .sqlite import SqliteStore, audit_file, verify_file
+from .store import History, Store, WriteBatch
 from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import HOUR_NS, FatigueRow
@@ -25,7 +25,6 @@ __all__ = [
     "HOUR_NS",
     "Audit",
     "CompositeRow",
-    "Cut",
     "DamagedStoreError",
     "DetailRow",
     "DiagnosisRow",
@@ -41,12 +40,13 @@ __all__ = [
     "Store",
     "StoreError",
     "TwinRow",
+    "WriteBatch",
     "WrongStoreError",
     "audit",
     "audit_file",
     "backup",
     "is_url",
-    "look_through",
     "open_store",
     "restore",
+    "verify_file",
 ]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .errors import WrongStoreError
 from .layout import Tell
-from .sqlite import guarding, look_through, open_reader
+from .sqlite import guarding, open_reader, verify_file
 
 _LEFTOVERS = ("-wal", "-shm", "-journal")
 
@@ -39,7 +39,7 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
                 f"{database} cannot be copied: {error}. Look at it with `slowtime check`, and "
                 "at the room on the disk."
             ) from error
-        look_through(part, tell)
+        verify_file(part, tell)
 
 
 def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None:
@@ -55,7 +55,7 @@ def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None
         Where `copy` is no sound backup, or a server uses `database`.
     """
     _must_exist(copy)
-    look_through(copy, tell)
+    verify_file(copy, tell)
     with guarding(database):
         aside = _set_aside(database)
         with _made_whole(database) as part:

@@ -31,7 +31,7 @@ from .tables.checksums import (
     TABLES,
     Table,
 )
-from .tables.digests import Roller, Rolling
+from .tables.digests import HistoryHasher, RollingHash
 from .tables.ledger import build_ledger
 from .tables.levels import build
 
@@ -136,7 +136,7 @@ end;
 
 def damages(
     reader: sqlite3.Connection, tell: Tell | None = None
-) -> tuple[list[str], dict[str, Rolling]]:
+) -> tuple[list[str], dict[str, RollingHash]]:
     """All that is not as it was written: pages, tables, rows, hashes; empty if all is sound.
 
     And of each twin the hash of its history, which the same pass has rolled.
@@ -146,7 +146,7 @@ def damages(
         return found, {}
     tallies = {what: rest for what, *rest in reader.execute("select * from tallies")}
     try:
-        roller = Roller(reader)
+        roller = HistoryHasher(reader)
     except DamagedStoreError as error:
         return [str(error)], {}
     for table in TABLES:

@@ -25,9 +25,9 @@ from slowtime_services.ledger import (
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import WIDTH
 
-from .tables import asset_events as eventing
+from .tables import asset_events as asset_events_table
 from .tables.checksums import ACKNOWLEDGEMENTS, LEDGER, TWINS, opened
-from .tables.digests import Rolling, Row
+from .tables.digests import HashedRow, RollingHash
 from .tables.ledger import heads as heads_after
 from .tables.ledger import of_acknowledgement, of_asset_event, of_registration
 from .tables.search import SHIFT, Span, whole
@@ -290,7 +290,7 @@ class _Chain:
         now = None if registration is None else of_registration(registration)
         self._wrong(now != registered, found, "its registration is not the one accepted")
         self._acknowledgements(taken_note, found)
-        rows = map(of_asset_event, eventing.read(self._reader, self._twin_id))
+        rows = map(of_asset_event, asset_events_table.read(self._reader, self._twin_id))
         self._wrong(
             {entry.key: entry for entry in rows} != told,
             found,
@@ -334,7 +334,7 @@ class _Chain:
                 "vouches for what they were made from only"
             )
             return
-        rolling = Rolling()
+        rolling = RollingHash()
         for row, boot in self._stated(self._leaf.history_count):
             rolling.take(row, boot)
         self._wrong(
@@ -344,7 +344,7 @@ class _Chain:
             "its states are not those that followed from what it was told",
         )
 
-    def _stated(self, count: int) -> Iterator[tuple[Row, str]]:
+    def _stated(self, count: int) -> Iterator[tuple[HashedRow, str]]:
         """Rows of the history up to a count, with their boots."""
         some = self._reader.execute("select 1 from details limit 1").fetchone() is not None
         asked = (
@@ -362,7 +362,7 @@ class _Chain:
                 if not rows:
                     break
                 for row in rows:
-                    yield Row(*row), span.boot
+                    yield HashedRow(*row), span.boot
                 left, first = left - len(rows), rows[-1][0] + 1
 
 

@@ -22,7 +22,7 @@ from .layout import (
 )
 from .sql import SqlStore
 from .tables.checksums import FEATURES, LEDGER, LEVELS, TABLES
-from .tables.digests import Roller
+from .tables.digests import HistoryHasher
 from .tables.ledger import build_ledger
 
 GUARD = 0x736C6F77
@@ -96,7 +96,7 @@ class PostgresStore(SqlStore):
         the cluster is made (``initdb --data-checksums``).
         """
         with self._reading() as reader:
-            roller = Roller(reader)
+            roller = HistoryHasher(reader)
             for table in TABLES:
                 rows = 0
                 for row in all_rows(reader, table):

@@ -22,24 +22,24 @@ from twin_server.persist.tables.rows import (
     TwinRow,
 )
 
-from .store import Cut, History, Thinned
+from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
-    asset_events as eventing,
+    asset_events as asset_events_table,
 )
 from .tables import (
-    composites as compositing,
+    composites as composites_table,
 )
 from .tables import (
-    deliveries as delivering,
+    deliveries as deliveries_table,
 )
 from .tables import (
-    diagnoses as diagnosing,
+    diagnoses as diagnoses_table,
 )
 from .tables import (
-    fatigue as fatigue_rows,
+    fatigue as fatigue_table,
 )
 from .tables import (
-    ledger as ledgering,
+    ledger as ledger_table,
 )
 from .tables.checksums import (
     EVENTS,
@@ -56,8 +56,8 @@ from .tables.checksums import (
 from .tables.composites import CompositeRow
 from .tables.details import changes, column, delete_details, has_details, insert_details
 from .tables.diagnoses import DiagnosisRow
-from .tables.digests import Rolling, Row, insert_digests, rolled
-from .tables.levels import Grown, build, coarse, delete_levels, extend
+from .tables.digests import HashedRow, RollingHash, insert_digests, rolled
+from .tables.levels import GrownBoot, build, coarse, delete_levels, extend
 from .tables.search import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
 
 
@@ -77,8 +77,8 @@ class SqlStore(abc.ABC):
     """All of a store but its connections."""
 
     def __init__(self) -> None:
-        self._hashes = Hashes()
-        self._ends = ledgering.Ends()
+        self._hashes = HistoryHashes()
+        self._ends = ledger_table.ChainEnds()
 
     @abc.abstractmethod
     def _writing(self) -> contextlib.AbstractContextManager[Connection]:
@@ -109,9 +109,9 @@ class SqlStore(abc.ABC):
         """Boot number, sequence and bytes of all features kept until their turn."""
         return self._all(HELD)
 
-    def write(self, cut: Cut) -> list[int]:
+    def write(self, cut: WriteBatch) -> list[int]:
         """Make `cut` durable; give the numbers of its events."""
-        news: dict[str, Rolling | None] = {}
+        news: dict[str, RollingHash | None] = {}
         try:
             with self._writing() as writer:
                 numbers = self._write(writer, cut, news)
@@ -123,7 +123,7 @@ class SqlStore(abc.ABC):
         return numbers
 
     def _write(
-        self, writer: Connection, cut: Cut, news: dict[str, Rolling | None]
+        self, writer: Connection, cut: WriteBatch, news: dict[str, RollingHash | None]
     ) -> list[int]:
         """Write all of a cut; what its histories' hashes will be then is put into `news`."""
         registered = _write_twins(writer, cut.twins)
@@ -141,52 +141,53 @@ class SqlStore(abc.ABC):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
-        delivering.insert(writer, cut.deliveries)
-        delivering.settle(writer, cut.settled)
-        delivering.acknowledge(writer, cut.acknowledgements)
-        eventing.insert(writer, cut.asset_events)
+        deliveries_table.insert(writer, cut.deliveries)
+        deliveries_table.settle(writer, cut.settled)
+        deliveries_table.acknowledge(writer, cut.acknowledgements)
+        asset_events_table.insert(writer, cut.asset_events)
         self._chain(writer, cut, registered, written)
         return _insert_events(writer, cut.events)
 
     def _chain(
         self,
         writer: Connection,
-        cut: Cut,
+        cut: WriteBatch,
         registered: dict[str, str],
-        written: Sequence["Written"],
+        written: Sequence["WrittenBoot"],
     ) -> None:
         """Enter what `cut` accepts into the ledger, a block a twin."""
         entries: dict[str, list[Entry]] = {
-            twin_id: [ledgering.of_registration(text)] for twin_id, text in registered.items()
+            twin_id: [ledger_table.of_registration(text)]
+            for twin_id, text in registered.items()
         }
         of_run: dict[int, list[tuple[int, int, float, bytes]]] = {}
         for n, s, t_ns, slow, message, _ in cut.features:
             of_run.setdefault(n, []).append((n << SHIFT | s, t_ns, slow, message))
         for twin_id, boot, grown in written:
-            found = ledgering.of_features(of_run.get(grown.number, ()), boot)
+            found = ledger_table.of_features(of_run.get(grown.number, ()), boot)
             entries.setdefault(twin_id, []).extend(found)
-        for twin_id, theirs in ledgering.of_acknowledgements(cut.acknowledgements):
+        for twin_id, theirs in ledger_table.of_acknowledgements(cut.acknowledgements):
             entries.setdefault(twin_id, []).extend(theirs)
         for row in cut.asset_events:
-            entries.setdefault(row.twin, []).append(ledgering.of_asset_event(row))
+            entries.setdefault(row.twin, []).append(ledger_table.of_asset_event(row))
         for twin_id, theirs in entries.items():
             self._ends.append(writer, twin_id, theirs)
 
     def _roll(
         self,
         writer: Connection,
-        cut: Cut,
-        written: Sequence["Written"],
-        news: dict[str, Rolling | None],
+        cut: WriteBatch,
+        written: Sequence["WrittenBoot"],
+        news: dict[str, RollingHash | None],
     ) -> None:
         """Roll on the hashes of the histories that `cut` makes longer, and keep some.
 
         Of a history in which rows were put before others there is none in `news`.
         """
         bodies = {(d.number, d.sequence): d.body for d in cut.details}
-        of_run: dict[int, list[Row]] = {}
+        of_run: dict[int, list[HashedRow]] = {}
         for n, s, _, _, message, state in cut.features:
-            row = Row(n << SHIFT | s, message, state, bodies.get((n, s)))
+            row = HashedRow(n << SHIFT | s, message, state, bodies.get((n, s)))
             of_run.setdefault(n, []).append(row)
         kept: list[tuple[int, int, str]] = []
         for twin_id, boot, grown in written:
@@ -196,7 +197,7 @@ class SqlStore(abc.ABC):
             rolling = news[twin_id] if twin_id in news else self._hashes.known(twin_id)
             spans = [] if rolling is not None else whole(writer, twin_id)
             if rolling is None and not _has_rows_before(spans, grown):
-                rolling = Rolling()
+                rolling = RollingHash()
             if rolling is not None and rolling.last < rows[0].key:
                 kept += rolled(rolling, rows, boot)
                 news[twin_id] = rolling
@@ -234,7 +235,7 @@ class SqlStore(abc.ABC):
             delete_details(writer, twin_id)
             spans = whole(writer, twin_id)
             _delete_derived(writer, spans)
-            self._ends.append(writer, twin_id, [ledgering.of_act(kinds.ANEW)])
+            self._ends.append(writer, twin_id, [ledger_table.of_act(kinds.ANEW)])
             rows = iter(states)
             while part := list(itertools.islice(rows, _AT_ONCE)):
                 keys = [row.number << SHIFT | row.sequence for row in part]
@@ -253,7 +254,7 @@ class SqlStore(abc.ABC):
                 build(writer, span.number)
             twin, events = finish()
             writer.execute("delete from events where twin = ? and derived = 1", (twin_id,))
-            self.write(Cut(twins=[twin], events=list(events)))
+            self.write(WriteBatch(twins=[twin], events=list(events)))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin and all it has seen; False where there is none."""
@@ -275,7 +276,7 @@ class SqlStore(abc.ABC):
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
             if existed > 0:
-                self._ends.append(writer, twin_id, [ledgering.of_act(kinds.DELETED)])
+                self._ends.append(writer, twin_id, [ledger_table.of_act(kinds.DELETED)])
             return bool(existed > 0)
 
     @contextlib.contextmanager
@@ -320,7 +321,7 @@ class SqlStore(abc.ABC):
         *,
         t_ns: tuple[int | None, int | None] = (None, None),
         slow_time: tuple[float | None, float | None] = (None, None),
-    ) -> Thinned:
+    ) -> ThinnedHistory:
         """At most `max_points` states between two times, and of what all of them show."""
         with self._reading() as reader:
             spans = whole(reader, twin_id)
@@ -351,7 +352,7 @@ class SqlStore(abc.ABC):
             bodies = column(reader, keys, "body") if has_details(reader, keys) else ()
         history = History(states, [key >> SHIFT for key in keys], boots, bodies)
         bands = None if coarsened is None else coarsened.coarser(max(1, max_points // 2))
-        return Thinned(history, bands)
+        return ThinnedHistory(history, bands)
 
     def count(self, twin_id: str) -> int:
         """How many features a twin has."""
@@ -380,7 +381,7 @@ class SqlStore(abc.ABC):
                     keys = [row[0] for row in rows]
                     bodies = column(reader, keys, "body") or [None] * len(keys)
                     for (key, _, _, message, state), body in zip(rows, bodies, strict=True):
-                        rolling.take(Row(key, message, state, body), span.boot)
+                        rolling.take(HashedRow(key, message, state, body), span.boot)
                     floor = keys[-1] + 1
         self._hashes.offer(twin_id, rolling, settled)
         return rolling.hexadecimal, rolling.count
@@ -407,31 +408,31 @@ class SqlStore(abc.ABC):
         with self._writing() as writer:
             number = (_number(writer, "diagnosis") or 0) + 1
             _note_number(writer, "diagnosis", number)
-            diagnosing.insert(writer, row._replace(number=number))
-            diagnosing.forget(writer, row.twin, kept)
+            diagnoses_table.insert(writer, row._replace(number=number))
+            diagnoses_table.forget(writer, row.twin, kept)
             return number
 
     def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
         """Keep what has become of a diagnosis."""
         with self._writing() as writer:
-            diagnosing.update(writer, row, page, model)
+            diagnoses_table.update(writer, row, page, model)
 
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
         """Read diagnoses in order: of a twin, or of all, or the one of a number."""
         with self._reading() as reader:
-            return diagnosing.select(reader, twin_id, number)
+            return diagnoses_table.select(reader, twin_id, number)
 
     def diagnosis_page(self, number: int) -> bytes | None:
         """Read the page of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnosing.page_of(reader, number)
+            return diagnoses_table.page_of(reader, number)
 
     def diagnosis_model(self, number: int) -> str | None:
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnosing.model_of(reader, number)
+            return diagnoses_table.model_of(reader, number)
 
     def deliveries(
         self,
@@ -444,46 +445,46 @@ class SqlStore(abc.ABC):
     ) -> list[Delivery]:
         """Read deliveries: those due first, or without `due_ns` the newest first."""
         with self._reading() as reader:
-            return delivering.select(reader, twin, receiver, states, due_ns, limit)
+            return deliveries_table.select(reader, twin, receiver, states, due_ns, limit)
 
     def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
         """Keep what has become of deliveries that are open still, and begin others."""
         with self._writing() as writer:
-            delivering.settle(writer, settled)
-            delivering.insert(writer, begun)
+            deliveries_table.settle(writer, settled)
+            deliveries_table.insert(writer, begun)
 
     def tallies(self) -> list[Tally]:
         """Count deliveries by twin, receiver and state."""
         with self._reading() as reader:
-            return delivering.tallies(reader)
+            return deliveries_table.tallies(reader)
 
     def forget_deliveries(self, before_ns: int) -> None:
         """Drop those that ended before then."""
         with self._writing() as writer:
-            delivering.forget(writer, before_ns)
+            deliveries_table.forget(writer, before_ns)
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
         """Read who has taken note of which alarms of a twin."""
         with self._reading() as reader:
-            return delivering.acknowledged(reader, twin_id)
+            return deliveries_table.acknowledged(reader, twin_id)
 
     def composites(self, composite: str | None = None) -> list[CompositeRow]:
         """Read what was registered of composites, or of one, in order."""
         with self._reading() as reader:
-            return compositing.read(reader, composite)
+            return composites_table.read(reader, composite)
 
     def add_composites(self, rows: Sequence[CompositeRow]) -> None:
         """Keep what was registered, all at once, under the next numbers."""
         with self._writing() as writer:
             following = (_number(writer, "composite") or 0) + 1
-            compositing.insert(writer, rows, following)
+            composites_table.insert(writer, rows, following)
             if rows:
                 _note_number(writer, "composite", following + len(rows) - 1)
 
     def asset_events(self, twin_id: str) -> list[AssetEventRow]:
         """Read what people have told of an asset, in the order in which it was accepted."""
         with self._reading() as reader:
-            return eventing.read(reader, twin_id)
+            return asset_events_table.read(reader, twin_id)
 
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""
@@ -493,29 +494,29 @@ class SqlStore(abc.ABC):
     def entries(self, twin_id: str, after: int) -> list[Entry]:
         """Read the entries of a twin's chain behind so many."""
         with self._reading() as reader:
-            return ledgering.entries(reader, twin_id, after)
+            return ledger_table.entries(reader, twin_id, after)
 
-    def add_head(self, row: ledgering.HeadRow) -> None:
+    def add_head(self, row: ledger_table.HeadRow) -> None:
         """Keep a signed head."""
         with self._writing() as writer:
-            ledgering.insert_head(writer, row)
+            ledger_table.insert_head(writer, row)
 
     def heads(
         self, *, after: int = 0, limit: int = 1000, newest: bool = False
-    ) -> list[ledgering.HeadRow]:
+    ) -> list[ledger_table.HeadRow]:
         """Read signed heads, in order."""
         with self._reading() as reader:
-            return ledgering.heads(reader, after, limit, newest)
+            return ledger_table.heads(reader, after, limit, newest)
 
-    def add_fatigue(self, rows: Sequence[fatigue_rows.FatigueRow]) -> None:
+    def add_fatigue(self, rows: Sequence[fatigue_table.FatigueRow]) -> None:
         """Keep fatigue messages; of a boot and hour the newest stays."""
         with self._writing() as writer:
-            fatigue_rows.insert(writer, rows)
+            fatigue_table.insert(writer, rows)
 
-    def fatigue(self, twin_id: str) -> list[fatigue_rows.FatigueRow]:
+    def fatigue(self, twin_id: str) -> list[fatigue_table.FatigueRow]:
         """Read the fatigue messages of a twin in the order of time."""
         with self._reading() as reader:
-            return fatigue_rows.select(reader, twin_id)
+            return fatigue_table.select(reader, twin_id)
 
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""
@@ -529,35 +530,35 @@ class SqlStore(abc.ABC):
             return _select(reader, table, where, parameters)
 
 
-class Written(NamedTuple):
+class WrittenBoot(NamedTuple):
     """A boot that was written: of which twin, its name, and how it has grown."""
 
     twin_id: str
     boot: str
-    grown: Grown
+    grown: GrownBoot
 
 
-def _has_rows_before(spans: Sequence[Span], grown: Grown) -> bool:
+def _has_rows_before(spans: Sequence[Span], grown: GrownBoot) -> bool:
     return grown.before >= 0 or any(
         span.last >= span.first for span in spans if span.number != grown.number
     )
 
 
-class Hashes:
+class HistoryHashes:
     """Hashes of histories as they are now, of each twin that was written or asked about."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._found: dict[str, Rolling] = {}
+        self._found: dict[str, RollingHash] = {}
         self._being_made: set[str] = set()
         self._times_made: dict[str, int] = {}
 
-    def adopt(self, found: dict[str, Rolling]) -> None:
+    def adopt(self, found: dict[str, RollingHash]) -> None:
         """Begin with what has been rolled while all was looked through."""
         with self._lock:
             self._found.update(found)
 
-    def known(self, twin_id: str) -> Rolling | None:
+    def known(self, twin_id: str) -> RollingHash | None:
         """Give a hash to roll on, where there is one."""
         with self._lock:
             found = self._found.get(twin_id)
@@ -569,7 +570,7 @@ class Hashes:
             self._found.pop(twin_id, None)
             self._being_made.add(twin_id)
 
-    def settle(self, news: dict[str, Rolling | None]) -> None:
+    def settle(self, news: dict[str, RollingHash | None]) -> None:
         """Take over what has become durable."""
         with self._lock:
             for twin_id, rolling in news.items():
@@ -593,16 +594,16 @@ class Hashes:
         self._times_made[twin_id] = self._times_made.get(twin_id, 0) + 1
         self._being_made.discard(twin_id)
 
-    def begun(self, twin_id: str) -> tuple[Rolling, int | None]:
+    def begun(self, twin_id: str) -> tuple[RollingHash, int | None]:
         """Give what is known of a history, and what to `offer` one that goes further with."""
         with self._lock:
             if twin_id in self._being_made:
-                return Rolling(), None
+                return RollingHash(), None
             found = self._found.get(twin_id)
             made = self._times_made.get(twin_id, 0)
-            return (Rolling() if found is None else found.copy()), made
+            return (RollingHash() if found is None else found.copy()), made
 
-    def offer(self, twin_id: str, rolling: Rolling, made: int | None) -> None:
+    def offer(self, twin_id: str, rolling: RollingHash, made: int | None) -> None:
         """Keep a hash for the next time, unless the history was made anew meanwhile."""
         with self._lock:
             before = self._found.get(twin_id)
@@ -709,7 +710,7 @@ def _write_twins(writer: Connection, twins: Sequence[TwinRow]) -> dict[str, str]
 
 def _write_runs(
     writer: Connection, runs: Sequence[RunRow], features: Sequence[FeatureRow]
-) -> list[Written]:
+) -> list[WrittenBoot]:
     """Keep accounts, and of each boot whether slow time always rose: so it can be searched.
 
     Returns
@@ -733,8 +734,8 @@ def _write_runs(
         account = (*run[:9], int(run.closed), run.lost)
         twin_id = f"{run.site}.{run.asset}"
         rows.append((*account, twin_id, last, rises))
-        grown = Grown(number, -1 if before is None else before[6], run.last)
-        written.append(Written(twin_id, run.boot, grown))
+        grown = GrownBoot(number, -1 if before is None else before[6], run.last)
+        written.append(WrittenBoot(twin_id, run.boot, grown))
     _upsert(writer, RUNS, rows)
     return written
 

@@ -199,7 +199,7 @@ def open_reader(path: Path, lock_s: float = LOCK_S) -> sqlite3.Connection:
     )
 
 
-def look_through(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
+def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
     """Verify a database that a server may be writing; raise where anything is damaged."""
     with _told(path), contextlib.closing(open_reader(path)) as reader:
         application, version = (

@@ -30,7 +30,7 @@ from .tables.ledger import HeadRow
 
 
 @dataclasses.dataclass(slots=True)
-class Cut:
+class WriteBatch:
     """All that becomes durable together."""
 
     twins: list[TwinRow] = dataclasses.field(default_factory=list)
@@ -61,7 +61,7 @@ class History(NamedTuple):
     """Detail of each state; empty where none has any."""
 
 
-class Thinned(NamedTuple):
+class ThinnedHistory(NamedTuple):
     """Part of a history: some states that show what all of them show."""
 
     history: History
@@ -88,7 +88,7 @@ class Store(Protocol):
         """Boot number, sequence and bytes of all features kept until their turn."""
         ...
 
-    def write(self, cut: Cut) -> list[int]:
+    def write(self, cut: WriteBatch) -> list[int]:
         """Make `cut` durable; give the numbers of its events."""
         ...
 
@@ -143,7 +143,7 @@ class Store(Protocol):
         *,
         t_ns: tuple[int | None, int | None] = (None, None),
         slow_time: tuple[float | None, float | None] = (None, None),
-    ) -> Thinned:
+    ) -> ThinnedHistory:
         """At most `max_points` states between two times, and what all of them show.
 
         It costs about the same whether there are a thousand states or a million.

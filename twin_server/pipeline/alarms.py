@@ -17,18 +17,18 @@ from twin_server.events.deliveries import (
     Acknowledgement,
     Delivery,
     Tally,
+    alarm_key,
     identity,
-    what_is_passed,
 )
 from twin_server.events.receivers import AlarmRoute
 from twin_server.persist import EventRow, Store
 from twin_server.serve import ProblemError
 
-from .ingestion.estimation import noted
+from .ingestion.estimation import note_event
 from .ingestion.pipeline import Pipeline
-from .ingestion.routing import begun
+from .ingestion.routing import new_delivery
 from .ingestion.rows import address
-from .ingestion.updates import News
+from .ingestion.updates import TwinUpdate
 
 MOST_EVENTS = 10_000
 """Newest events of a twin among which an alarm is looked for."""
@@ -128,7 +128,7 @@ class Alarms:
                 continue
             about = (
                 body["kind"],
-                *what_is_passed(body["details"]),
+                *alarm_key(body["details"]),
                 body["details"].get("mode"),
             )
             # Of several that were raised for the same limit, only the newest can hold still.
@@ -213,7 +213,7 @@ class Alarms:
         details = {"receivers": names, "by": by}
         event = self._event(twin_id, TEST, "info", message, details)
         now_ns, body = self._clock.now_ns(), json.loads(event.body)
-        rows = [begun(route, event.body, body, "waiting", now_ns) for route in routes]
+        rows = [new_delivery(route, event.body, body, "waiting", now_ns) for route in routes]
         self._pipeline.keep(event, rows)
         return {"event_id": identity(body), "receivers": names}
 
@@ -268,7 +268,7 @@ class Alarms:
         details: Mapping[str, Any],
     ) -> EventRow:
         now_ns = self._clock.now_ns()
-        return noted(*address(twin_id), kind, severity, message, details, now_ns)
+        return note_event(*address(twin_id), kind, severity, message, details, now_ns)
 
     def _events(self, twin_id: str) -> list[tuple[EventRow, dict[str, Any]]]:
         """Read the newest events, the last first."""
@@ -276,13 +276,13 @@ class Alarms:
         return [(row, json.loads(row.body)) for row in reversed(rows)]
 
 
-class Bell:
+class NotifierTrigger:
     """Wakes the notifier when an event has become durable."""
 
     def __init__(self, wake: Any) -> None:
         self._wake = wake
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hear what is new of one twin."""
         if news.events:
             self._wake()
@@ -308,7 +308,7 @@ def holds(twin: Twin | None, kind: str, details: Mapping[str, Any]) -> bool:
     if twin is None or kind not in LASTING:
         return False
     if kind == ALARM:
-        return what_is_passed(details) in map(what_is_passed, raised_of(twin))
+        return alarm_key(details) in map(alarm_key, raised_of(twin))
     normal = normal_of(twin.checkpoint.conditions(), twin.registration)
     return any(
         one["entered"] is not None

@@ -18,7 +18,7 @@ MOST = 4096
 """Composites of one server."""
 
 
-class Compositions:
+class CompositeRegistry:
     """All composites of a server.
 
     Parameters

@@ -4,16 +4,16 @@ from slowtime_services.clock import Clock
 from slowtime_services.tracing import Made, Traces
 
 from .ingestion.pipeline import Pipeline
-from .ingestion.updates import News
+from .ingestion.updates import TwinUpdate
 
 
-class Tracing:
+class FeatureTraces:
     """Hears what has become durable, and tells of it in traces."""
 
     def __init__(self, pipeline: Pipeline, traces: Traces, clock: Clock) -> None:
         self._pipeline, self._traces, self._clock = pipeline, traces, clock
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Tell of each state that is new."""
         now_ns = self._clock.now_ns()
         heard_ns = self._pipeline.heard_ns(news.twin_id) or now_ns

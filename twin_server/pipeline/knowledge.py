@@ -8,23 +8,23 @@ from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Fatigue
 from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
-from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
+from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
-from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
+from twin_server.serve import HistoryPart, Hub, Moment, ProblemError, TwinForecast
 
 from .alarms import raised_of
 from .analysis.fatigue import fatigue_of
-from .analysis.forecast_cache import Prospects
-from .analysis.plans import STALE, Planning
-from .analysis.risk import Assessing
-from .analysis.simulations import Simulating
+from .analysis.forecast_cache import ForecastCache
+from .analysis.plans import STALE, PlanCache
+from .analysis.risk import RiskCache
+from .analysis.simulations import Simulations
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
-from .ingestion.updates import News
-from .workers.processes import Here, Workers
+from .ingestion.updates import TwinUpdate
+from .workers.processes import CallerThread, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
@@ -53,13 +53,13 @@ class TwinKnowledge:
         workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
-        self._workers = workers or Here()
-        self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
+        self._workers = workers or CallerThread()
+        self.prospects = ForecastCache(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
-        self._assessing = Assessing(pipeline, store, self.prospects, self._workers)
-        self._planning = Planning(pipeline, store, self.prospects, self._workers)
+        self._assessing = RiskCache(pipeline, store, self.prospects, self._workers)
+        self._planning = PlanCache(pipeline, store, self.prospects, self._workers)
         effects = pipeline.settings.diagnose.effects
-        self._simulating = Simulating(store, self._workers, effects)
+        self._simulating = Simulations(store, self._workers, effects)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -103,7 +103,7 @@ class TwinKnowledge:
         """Give the alarms that are raised now: quantity, side and limit of each."""
         return raised_of(self._pipeline.twin(twin_id))
 
-    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+    def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
         """Find the last state, now or at a moment: one, or none."""
         at = at or Moment()
         return _chapter(
@@ -118,7 +118,7 @@ class TwinKnowledge:
 
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
-    ) -> Chapter:
+    ) -> HistoryPart:
         """States between two moments; of too many, those that show what all of them show."""
         start, end = start or Moment(), end or Moment()
         found = self._store.thinned(
@@ -129,7 +129,7 @@ class TwinKnowledge:
         )
         return _chapter(found.history)._replace(bands=found.bands)
 
-    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+    def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
         """States behind the one of `key`."""
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
@@ -141,7 +141,7 @@ class TwinKnowledge:
         count: int,
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
-    ) -> Outlook | None:
+    ) -> TwinForecast | None:
         """Where a twin is heading, or was at a moment; None where too little was known."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
@@ -153,7 +153,7 @@ class TwinKnowledge:
         known = self.prospects.at(twin_id, at.t_ns, at.slow_time)
         if known is None:
             return None
-        return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
+        return _outlook(forecast_from_state(known[0], ahead, count, thresholds), known[1])
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
         """Tell how probable failure is by each limit state of a twin."""
@@ -179,7 +179,7 @@ class TwinKnowledge:
                 "not-known-yet",
                 f"There are no features of {twin_id} yet. Start the edge agent.",
             )
-        now = now_of(self.prospects.prospect(twin_id))
+        now = current_changes(self.prospects.prospect(twin_id))
         return self._simulating.run(twin_id, twin, found, now, order)
 
     def events(
@@ -255,13 +255,13 @@ class TwinKnowledge:
         return {**self._pipeline.gauges(), "forecasts_due": self.prospects.due}
 
 
-class Herald:
+class LiveUpdates:
     """Tells the live stream what is new."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hand on what is new of one twin."""
         self._hub.tell(news.twin_id, news.states, news.runs, news.events, news.bodies)
 
@@ -270,8 +270,8 @@ class Herald:
         self._hub.reset(twin_id)
 
 
-def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
-    return Outlook(
+def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
+    return TwinForecast(
         foresight.since,
         foresight.slow_time,
         foresight.bands,
@@ -285,9 +285,9 @@ def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
     )
 
 
-def _chapter(found: History) -> Chapter:
+def _chapter(found: History) -> HistoryPart:
     boots = [found.boots[number] for number in found.number]
-    return Chapter(
+    return HistoryPart(
         found.states,
         [
             number << SHIFT | sequence

@@ -150,7 +150,7 @@ EXAMPLE: list[Any] = [
 ]
 
 
-def built(
+def limit_state_of(
     spec: "ThresholdState | ResonanceState | ResponseState",
     *,
     description: Description | None,

@@ -20,16 +20,16 @@ from twin_server.registration.twin import Registration
 from twin_server.settings import ServeSettings
 
 from . import composites, exports
-from .composites import Compositing
+from .composites import CompositeService
 from .http import problems
 from .http.body_limit import BodyLimit
-from .http.body_queue import Turnstile, passed
-from .http.bounded_threads import Few
-from .http.coalescing import Shared
-from .http.compute_queue import Lane
+from .http.body_queue import BodyQueue, release_body_slot
+from .http.bounded_threads import BoundedThreads
+from .http.coalescing import CoalescedCall
+from .http.compute_queue import ComputeQueue
 from .http.problems import ProblemError
 from .instants import Moment, MomentText, moment_of
-from .knowledge import Chapter, Knowledge
+from .knowledge import HistoryPart, Knowledge
 from .live import Hub, LiveResponse
 from .metrics import exposition
 from .models import twins as models
@@ -38,19 +38,17 @@ from .routes import (
     alarms,
     asset_events,
     diagnoses,
+    fatigue,
     forecasts,
     plans,
     recordings,
     risks,
     simulations,
 )
-from .routes import (
-    fatigue as assessed,
-)
-from .routes.alarms import Alarming
-from .routes.asset_events import EventKeeping
-from .routes.diagnoses import Ordering
-from .routes.recordings import Keeping
+from .routes.alarms import AlarmService
+from .routes.asset_events import AssetEventService
+from .routes.diagnoses import DiagnosisService
+from .routes.recordings import RecordingService
 from .routes.session import session
 from .routes.twin_path import TwinId, registered_in
 
@@ -90,14 +88,14 @@ def create_app(
     knowledge: Knowledge,
     hub: Hub,
     settings: ServeSettings,
-    ordering: Ordering | None = None,
-    keeping: Keeping | None = None,
+    ordering: DiagnosisService | None = None,
+    keeping: RecordingService | None = None,
     *,
     largest_recording: int = 0,
-    lane: Lane | None = None,
-    alarming: Alarming | None = None,
-    events: EventKeeping | None = None,
-    compositing: Compositing | None = None,
+    lane: ComputeQueue | None = None,
+    alarming: AlarmService | None = None,
+    events: AssetEventService | None = None,
+    compositing: CompositeService | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
@@ -115,7 +113,7 @@ def create_app(
         Of composites; without it, there are none.
     """
     if lane is None:
-        lane = Lane(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
+        lane = ComputeQueue(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -126,10 +124,10 @@ def create_app(
     )
     problems.install(app)
     larger = {"/api/v1/recordings/": largest_recording} if keeping is not None else {}
-    app.add_middleware(Turnstile, streamed="/api/v1/recordings/")
+    app.add_middleware(BodyQueue, streamed="/api/v1/recordings/")
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)
-    changing = Few(2)
+    changing = BoundedThreads(2)
     app.include_router(
         _twins(knowledge, hub, settings, known, changing, compositing), prefix="/api/v1"
     )
@@ -142,7 +140,7 @@ def create_app(
         exports.routes(knowledge, known, settings.max_exports, all_composites),
         prefix="/api/v1",
     )
-    app.include_router(assessed.routes(knowledge, known), prefix="/api/v1")
+    app.include_router(fatigue.routes(knowledge, known), prefix="/api/v1")
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if alarming is not None:
@@ -167,11 +165,11 @@ def _twins(
     hub: Hub,
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
-    changing: Few,
-    compositing: Compositing | None,
+    changing: BoundedThreads,
+    compositing: CompositeService | None,
 ) -> APIRouter:
     api = APIRouter(tags=["twins"])
-    listing, reading = Few(2), Few(2)
+    listing, reading = BoundedThreads(2), BoundedThreads(2)
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -217,7 +215,7 @@ def _twins(
         request: Request, twin_id: TwinId, registration: Registration
     ) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
-        passed(request.scope)
+        release_body_slot(request.scope)
         if compositing is not None and twin_id in compositing.all():
             raise ProblemError(
                 409,
@@ -341,13 +339,13 @@ def _operations(
     knowledge: Knowledge,
     hub: Hub,
     settings: ServeSettings,
-    lane: Lane,
-    alarming: Alarming | None,
+    lane: ComputeQueue,
+    alarming: AlarmService | None,
 ) -> APIRouter:
     """Make the routes of those who watch the server: none waits for what the others ask."""
     api = APIRouter(tags=["operations"])
-    troubles = Shared(knowledge.troubles, "readyz")
-    counted = Shared(
+    troubles = CoalescedCall(knowledge.troubles, "readyz")
+    counted = CoalescedCall(
         lambda: exposition(
             knowledge, hub.count, hub.dropped, settings.max_measured, lane, alarming
         ),
@@ -416,7 +414,7 @@ def _page() -> APIRouter:
     return api
 
 
-def _objects(twin_id: str, chapter: Chapter, *, shapes: bool = True) -> Any:
+def _objects(twin_id: str, chapter: HistoryPart, *, shapes: bool = True) -> Any:
     bodies = chapter.bodies
     if not shapes:
         bodies = [body if body is None else without_shapes(body) for body in bodies]

@@ -18,7 +18,7 @@ from twin_server.registration.twin import Registration
 from .instants import Moment
 
 
-class Chapter(NamedTuple):
+class HistoryPart(NamedTuple):
     """Part of a twin's history."""
 
     states: States
@@ -32,7 +32,7 @@ class Chapter(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Outlook:
+class TwinForecast:
     """What is expected of a twin; value, sd, lo and hi at each slow time.
 
     Parameters
@@ -99,17 +99,17 @@ class Knowledge(Protocol):
         """Give the alarms that are raised now: quantity, side and limit of each."""
         ...
 
-    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+    def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
         """Find the last state, now or at a moment: one, or none."""
         ...
 
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
-    ) -> Chapter:
+    ) -> HistoryPart:
         """States between two moments; of too many, those that show what all of them show."""
         ...
 
-    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+    def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
         """States behind the one of `key`."""
         ...
 
@@ -120,7 +120,7 @@ class Knowledge(Protocol):
         count: int,
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
-    ) -> Outlook | None:
+    ) -> TwinForecast | None:
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 

@@ -13,9 +13,9 @@ from pydantic_core import from_json
 
 from twin_server.history.states import ESTIMATES
 
-from .http.compute_queue import WAYS, Lane
+from .http.compute_queue import WAYS, ComputeQueue
 from .knowledge import Knowledge
-from .routes.alarms import Alarming
+from .routes.alarms import AlarmService
 
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
@@ -73,8 +73,8 @@ def exposition(
     live_clients: int,
     dropped_clients: int,
     most_assets: int,
-    lane: Lane | None = None,
-    alarming: Alarming | None = None,
+    lane: ComputeQueue | None = None,
+    alarming: AlarmService | None = None,
 ) -> str:
     """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
@@ -114,7 +114,7 @@ def _server(
         yield name, "gauge", says, [Metric({}, gauges.get(name, 0))]
 
 
-def _work(lane: Lane) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+def _work(lane: ComputeQueue) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     yield (
         "work_waiting",
         "gauge",
@@ -131,7 +131,7 @@ def _work(lane: Lane) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     yield "work_total", "counter", "Requests that take long, by what became of them.", ends
 
 
-def _deliveries(alarming: Alarming) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+def _deliveries(alarming: AlarmService) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     counts: dict[tuple[str, str], int] = {}
     oldest_ns: dict[str, int] = {}
     for tally in alarming.tallies():

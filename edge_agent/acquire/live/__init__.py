@@ -1,7 +1,7 @@
 """Bytes of a live sensor in; blocks with indices, times and an account of losses out."""
 
 from .counts import COUNTERS
-from .registry import SCHEMES, Opened, Scheme, Surroundings, check, importing
+from .registry import SCHEMES, Opened, Scheme, TransportContext, check, importing
 from .sensor import LiveSource
 
 __all__ = [
@@ -10,7 +10,7 @@ __all__ = [
     "LiveSource",
     "Opened",
     "Scheme",
-    "Surroundings",
+    "TransportContext",
     "check",
     "importing",
 ]

@@ -27,12 +27,12 @@ COUNTERS: Mapping[str, str] = {
 """Counters of `Health`, and what each says."""
 
 
-class Tally:
+class SampleCounts:
     """Counts, written by two threads, each its own names, and read by a third.
 
     Examples
     --------
-    >>> tally = Tally()
+    >>> tally = SampleCounts()
     >>> tally.add("samples_lost", 8)
     >>> tally["samples_lost"], tally["garbage_bytes"]
     (8, 0)

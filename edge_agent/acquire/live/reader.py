@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from slowtime_services.bus import Inbox
 
 from .batch import Batch, GarbledError, Packet
-from .counts import Tally
+from .counts import SampleCounts
 from .formats.decoding import AnyLayout, Decoder
 from .formats.framing import Framer
 
@@ -42,7 +42,7 @@ class Transport(Protocol):
 
 
 @runtime_checkable
-class Describing(Protocol):
+class DescribingTransport(Protocol):
     """A transport whose first message says what the others hold."""
 
     def describe(self, stop: threading.Event) -> tuple[AnyLayout, float] | None:
@@ -51,7 +51,7 @@ class Describing(Protocol):
 
 
 @runtime_checkable
-class Restarted(Protocol):
+class RestartingTransport(Protocol):
     """A transport that runs code of somebody else, and starts it again where that ends."""
 
     pauses_s: Sequence[float]
@@ -77,14 +77,14 @@ class Reader:
         decoders: Mapping[str, Decoder],
         framer: Framer | None,
         inbox: Inbox[Batch],
-        tally: Tally,
+        tally: SampleCounts,
         stop: threading.Event,
     ) -> None:
         self._transport, self._decoders, self._framer = transport, decoders, framer
         self._inbox, self._tally, self._stop = inbox, tally, stop
         self._garbled = self._garbled_bytes = 0
         self._dropped = 0
-        self._restarted = transport if isinstance(transport, Restarted) else None
+        self._restarted = transport if isinstance(transport, RestartingTransport) else None
         self._thread = threading.Thread(target=self._run, name="sensor", daemon=True)
 
     def start(self) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .reader import Transport
 
 
-class Surroundings(NamedTuple):
+class TransportContext(NamedTuple):
     """What a transport may use besides its settings."""
 
     clock: Clock
@@ -37,7 +37,7 @@ class Opened(NamedTuple):
     """For messages that are no layout's."""
 
 
-Open = Callable[[LiveInput, Surroundings], Opened]
+Open = Callable[[LiveInput, TransportContext], Opened]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

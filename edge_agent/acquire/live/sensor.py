@@ -15,7 +15,7 @@ from slowtime_services.clock import Clock
 from slowtime_services.files.conversion import scaling_of
 
 from .batch import Batch
-from .counts import Tally
+from .counts import SampleCounts
 from .formats.decoding import AnyLayout, Decoder, decoder_of
 from .formats.framing import framer_of
 from .indexing.assembly import Assembler, Run
@@ -23,7 +23,7 @@ from .indexing.bursts import Backlog, Bursts
 from .indexing.counters import ByCounter
 from .indexing.positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
 from .rate_changes import RateWatch
-from .reader import Describing, Reader
+from .reader import DescribingTransport, Reader
 from .registry import Opened
 from .timestamps import Timing
 
@@ -48,7 +48,7 @@ class LiveSource:
     ) -> None:
         self._settings, self._opened = settings, opened
         self._clock, self._stop = clock, stop
-        self.tally = Tally()
+        self.tally = SampleCounts()
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
         self._reader: Reader | None = None
         self._dropped = 0
@@ -97,7 +97,7 @@ class LiveSource:
     def __iter__(self) -> Iterator[Block]:
         """Blocks, until the source ends or the agent is stopped."""
         self._heard_ns = self._clock.now_ns()
-        if self._reader is None and isinstance(self._opened.transport, Describing):
+        if self._reader is None and isinstance(self._opened.transport, DescribingTransport):
             described = self._opened.transport.describe(self._stop)
             if described is not None:
                 self._prepare(*described)

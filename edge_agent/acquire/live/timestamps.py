@@ -4,7 +4,7 @@ import numpy as np
 
 from slowtime.signals.sampling_clock import ClockReading, SamplingClock
 
-from .counts import Tally
+from .counts import SampleCounts
 
 
 class Timing:
@@ -16,7 +16,7 @@ class Timing:
         Whether it is fed with stamps of a synchronised device clock, or with arrivals.
     """
 
-    def __init__(self, rate_hz: float, *, stamps: bool, tally: Tally) -> None:
+    def __init__(self, rate_hz: float, *, stamps: bool, tally: SampleCounts) -> None:
         self.rate_hz, self._tally, self._stamps = rate_hz, tally, stamps
         self.begin(rate_hz)
 

@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from edge_agent.acquire.live.registry import Surroundings, scheme_of
+from edge_agent.acquire.live.registry import TransportContext, scheme_of
 from edge_agent.acquire.live.transports import plugin as source
-from edge_agent.extract import plugin as own
+from edge_agent.extract import plugin
 from edge_agent.extract.reader import Memory, Window
 from edge_agent.inputs import LiveInput
 from edge_agent.settings import ExtractSettings
@@ -55,9 +55,9 @@ def test_whatever_a_part_answers_the_window_is_read_or_says_why(
     answer, why, modes, installed, monkeypatch, caplog
 ):
     installed("identifiers")
-    monkeypatch.setattr(own, "_process", lambda name: Answers(answer))
+    monkeypatch.setattr(plugin, "_process", lambda name: Answers(answer))
     with caplog.at_level(logging.ERROR):
-        step = own.OwnIdentifier(ExtractSettings(identifier="own"), "own").step
+        step = plugin.PluginIdentifier(ExtractSettings(identifier="own"), "own").step
         _, reading = step(Memory(), WINDOW)
     assert (reading.why + reading.doubts, len(reading.modes)) == (why, modes)
     if why == ("not_credible",):
@@ -66,9 +66,9 @@ def test_whatever_a_part_answers_the_window_is_read_or_says_why(
 
 def test_the_error_of_the_clock_is_added_to_what_a_part_says(installed, monkeypatch):
     installed("identifiers")
-    monkeypatch.setattr(own, "_process", lambda name: Answers(GOOD * 2))
+    monkeypatch.setattr(plugin, "_process", lambda name: Answers(GOOD * 2))
     window = dataclasses.replace(WINDOW, clock=RateCorrection(relative=0.0, sd=0.1))
-    _, reading = own.OwnIdentifier(ExtractSettings(identifier="own"), "own").step(
+    _, reading = plugin.PluginIdentifier(ExtractSettings(identifier="own"), "own").step(
         Memory(), window
     )
     expected = np.hypot(0.1, 4.0 * 0.1)
@@ -80,7 +80,7 @@ def test_a_source_is_a_scheme_by_its_name(installed):
     installed("sources", "own", "bad_parts:packets")
     live = LiveInput.of("own:?layout=csv&channels=a&rate_hz=100&anything=1")
     assert scheme_of(live.source).says == "of bad-parts 1.0"
-    opened = source.opened(live, Surroundings(SystemClock()))
+    opened = source.opened(live, TransportContext(SystemClock()))
     given = list(opened.transport.packets(threading.Event()))
     assert [packet.data for packet in given if packet] == [b"one", b"two"]
 
@@ -123,7 +123,7 @@ def test_a_part_that_sends_a_little_and_ends_each_time_is_not_started_at_once_fo
     installed, monkeypatch
 ):
     installed("sources", "own", "bad_parts:some_then_raises")
-    monkeypatch.setattr(source.OwnPackets, "pauses_s", (0.01, 600.0))
+    monkeypatch.setattr(source.PluginPackets, "pauses_s", (0.01, 600.0))
     live = LiveInput.of("own:?layout=csv&channels=a&rate_hz=100")
     stop = threading.Event()
     threading.Timer(8.0, stop.set).start()

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_agent.publish import digests as agreement
-from edge_agent.publish.digests import Agreement
+from edge_agent.publish.digests import DigestCheck
 from slowtime_services.digests import digest_of, written
 
 
@@ -18,7 +18,7 @@ def digest(first, last, agent="mine"):
 
 
 def made(count, first=0):
-    one = Agreement()
+    one = DigestCheck()
     for sequence in range(first, first + count):
         one.note(sequence, payload(sequence))
     return one
@@ -44,7 +44,7 @@ def test_any_range_that_grows_is_compared_and_one_strange_reading_in_it_is_notic
 
 
 def test_what_was_never_made_is_another_s(monkeypatch):
-    assert Agreement().compare(None, 0, None) == "differs"
+    assert DigestCheck().compare(None, 0, None) == "differs"
     one = made(5)
     assert one.compare(None, 4, None) == "unknown"
     assert one.compare(0, 5, digest(0, 5)) == "differs"

@@ -16,7 +16,7 @@ from tests.services.own_effects import EFFECTS
 from tests.services.test_plugins import installed as installed
 from tests.twin_server.serve.conftest import FRICTION, RIG
 from twin_server.diagnose import Task, write_task
-from twin_server.diagnose.plugin_effects import attempt
+from twin_server.diagnose.plugin_effects import diagnose_with_plugins
 from twin_server.orders import DiagnosisOrder
 
 
@@ -102,7 +102,7 @@ def test_one_that_prints_nonsense_takes_part_like_any_other(task, tmp_path):
 def test_a_model_that_needs_what_failed_says_so(task, tmp_path):
     entry = {"effect": "softening_spring", "element": "j2", "k_n_per_m": 1.0, "d_m": 1.0}
     given = task("RAISES", model=RIG | {"effects": [entry]})
-    found = attempt(given, tmp_path, lambda content: None, threading.Event())
+    found = diagnose_with_plugins(given, tmp_path, lambda content: None, threading.Event())
     assert not found.done
     assert "failed: RuntimeError: no such luck. It was left out." in found.error
     assert found.error.endswith("The model itself has softening_spring.")

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from slowtime_cli.__main__ import main
-from twin_server.persist import SqliteStore, WrongStoreError, backup, look_through, restore
+from twin_server.persist import SqliteStore, WrongStoreError, backup, restore, verify_file
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
@@ -99,4 +99,4 @@ def test_the_verbs_say_in_a_sentence_what_they_found(tmp_path, capsys):
     path.write_bytes(b"no database of anybody " * 400)
     assert ran("check", path) == 2
     assert "restore the last backup with `slowtime restore`" in capsys.readouterr().err
-    look_through(copy)
+    verify_file(copy)

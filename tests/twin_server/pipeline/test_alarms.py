@@ -15,9 +15,9 @@ from tests.twin_server.notify.conftest import Hook
 from twin_server.events.receivers import AlarmSettings
 from twin_server.history.rendering import event_object
 from twin_server.notify import Notifier, notifier, senders_of
-from twin_server.persist import Cut, open_store
-from twin_server.pipeline import Alarms, Bell, Pipeline
-from twin_server.pipeline.ingestion.estimation import begun
+from twin_server.persist import WriteBatch, open_store
+from twin_server.pipeline import Alarms, NotifierTrigger, Pipeline
+from twin_server.pipeline.ingestion.estimation import new_twin
 from twin_server.pipeline.ingestion.rows import twin_row
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
@@ -51,7 +51,7 @@ class Telling:
         self.pipeline = Pipeline(settings, self.store, bus=self.bus)
         self.alarms = Alarms(self.pipeline, self.store)
         self.notifier = Notifier(told, self.alarms, senders_of(told), SystemClock())
-        self.pipeline.listen(Bell(self.notifier.wake))
+        self.pipeline.listen(NotifierTrigger(self.notifier.wake))
         for hook in self.hooks.values():
             self._stack.callback(hook.close)
         self._stack.callback(self.bus.close)
@@ -297,8 +297,8 @@ def test_a_receiver_that_is_declared_no_more_is_said_to_be_missing(telling, data
     path = database()
     store = open_store(path)
     body = {"alarm_routes": [{"receiver": "gone"}]}
-    twin = begun(Registration.model_validate(body))
-    store.write(Cut(twins=[twin_row(("lab", "rig"), twin)]))
+    twin = new_twin(Registration.model_validate(body))
+    store.write(WriteBatch(twins=[twin_row(("lab", "rig"), twin)]))
     store.close()
     house = telling(database=path)
     (route,) = house.alarms.deliveries("lab.rig", 10)["routes"]

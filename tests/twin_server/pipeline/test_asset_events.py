@@ -10,8 +10,8 @@ from slowtime_schemas.streams import ASSET_EVENT
 from slowtime_services.bus import MemoryBus, Sample
 from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
 from twin_server.persist import SqliteStore
-from twin_server.pipeline import AssetEvents, Lookout, Pipeline, TwinKnowledge
-from twin_server.pipeline.analysis.forecast_cache import Prospects
+from twin_server.pipeline import AssetEvents, ModelChangeMonitor, Pipeline, TwinKnowledge
+from twin_server.pipeline.analysis.forecast_cache import ForecastCache
 from twin_server.registration.twin import Registration
 from twin_server.serve import Moment, ProblemError
 from twin_server.settings import TwinSettings
@@ -63,12 +63,12 @@ def foreseen(prospects, twin=TWIN):
 
 def ahead(pipeline, store):
     """Bands of each quantity, by what a server that starts now would know."""
-    return foreseen(Prospects(pipeline, store))
+    return foreseen(ForecastCache(pipeline, store))
 
 
 def test_the_forecast_restarts_at_once_from_a_repair(opened, life, sample):
     pipeline, store, keeping = opened()
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
     before = foreseen(prospects)
@@ -100,7 +100,7 @@ def then(knowledge, moment):
 
 def test_undoing_gives_back_the_forecast_of_before(opened, life, sample):
     pipeline, store, keeping = opened()
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
     before = foreseen(prospects)["stiffness_change"]
@@ -232,7 +232,7 @@ def watched(opened, life, sample, eventually):
 
     def run(*, told, upto=66):
         pipeline, store, keeping = opened()
-        lookout = Lookout(pipeline, store)
+        lookout = ModelChangeMonitor(pipeline, store)
         pipeline.listen(lookout)
         lookout.start()
         try:
@@ -288,7 +288,7 @@ def test_a_repair_of_one_element_leaves_the_others_as_they_were(opened, frame, s
     pipeline.register(twin, registration)
     losses = [(0.0, -0.006 * max(n - 5, 0), -0.003 * max(n - 5, 0)) for n in range(36)]
     pipeline.ingest(sample(edge.epoch(n, changes)) for n, changes in enumerate(losses))
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     before = foreseen(prospects, twin)
     for name, kind in (("storey9", "repair"), (None, "inspection")):

@@ -22,7 +22,7 @@ from slowtime_schemas.messages import Features
 from twin_server.history import states as st
 from twin_server.registration.twin import Covariates
 
-from .stored import KeptNormal, KeptWatch
+from .stored import StoredNormal, StoredWatch
 from .training import Training
 
 SPANS = 10.0
@@ -88,12 +88,12 @@ class Condition:
         Whether an alarm is.
     """
 
-    normal: KeptNormal
+    normal: StoredNormal
     reference: tuple[float, ...]
     frequency_hz: float
     readings: int
     limit: float
-    watch: KeptWatch
+    watch: StoredWatch
     raised: bool = False
 
     @property
@@ -148,7 +148,7 @@ class Condition:
         if judgement.left_out is not None and after is state:
             return self, None
         raised = judgement.evidence >= self.limit * (CALM if self.raised else 1.0)
-        condition = dataclasses.replace(self, watch=KeptWatch.of(after), raised=raised)
+        condition = dataclasses.replace(self, watch=StoredWatch.of(after), raised=raised)
         if raised == self.raised:
             return condition, None
         return condition, Verdict(raised, watch.entry(after), judgement.evidence, self.limit)
@@ -172,9 +172,9 @@ def condition_of(content: dict[str, Any] | None) -> Condition | None:
         return None
     watch = content["watch"]
     parts = {
-        "normal": KeptNormal(**content["normal"]),
+        "normal": StoredNormal(**content["normal"]),
         "reference": tuple(content["reference"]),
-        "watch": KeptWatch(**{**watch, "held": tuple(watch["held"])}),
+        "watch": StoredWatch(**{**watch, "held": tuple(watch["held"])}),
     }
     return Condition(**{**content, **parts})
 
@@ -216,7 +216,7 @@ def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Co
         raise NotLearntError(str(error)) from error
     means = dict(zip(wanted.names, covariates.mean(axis=0).tolist(), strict=True))
     reference = tuple((means | dict(wanted.reference or {}))[name] for name in wanted.names)
-    kept = KeptNormal.of(normal)
+    kept = StoredNormal.of(normal)
     between = wanted.time_between_false_alarms or SPANS * (training.last - training.first)
     start = Watch(normal=normal, time_between_false_alarms=1.0).start()
     there = _features(kept.read(), np.array(reference))
@@ -225,7 +225,7 @@ def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Co
     if not np.isfinite(numbers).all():
         raise NotLearntError("The law that was learnt is not finite.")
     return Condition(
-        kept, reference, known, len(table), together * between, KeptWatch.of(start)
+        kept, reference, known, len(table), together * between, StoredWatch.of(start)
     )
 
 

@@ -17,7 +17,7 @@ from .array_text import pack, unpack
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class KeptNormal:
+class StoredNormal:
     """`slowtime.evolution.covariates.Normal` without its candidates; arrays are packed."""
 
     law: Any
@@ -38,7 +38,7 @@ class KeptNormal:
     rejected: int
 
     @classmethod
-    def of(cls, normal: Normal) -> "KeptNormal":
+    def of(cls, normal: Normal) -> "StoredNormal":
         """Write it."""
         basis, wander, belief = normal.basis, normal.wander, normal.belief
         return cls(
@@ -66,7 +66,7 @@ class KeptNormal:
 
 
 @functools.lru_cache(maxsize=256)
-def _normal(kept: KeptNormal) -> Normal:
+def _normal(kept: StoredNormal) -> Normal:
     basis = Basis(
         law=kept.law,
         low=unpack(kept.low, -1),
@@ -83,7 +83,7 @@ def _normal(kept: KeptNormal) -> Normal:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class KeptWatch:
+class StoredWatch:
     """`slowtime.evolution.covariates.WatchState`; arrays are packed.
 
     A watch goes on from here after each reading, so that it makes no difference whether it was
@@ -98,7 +98,7 @@ class KeptWatch:
     held: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, state: WatchState) -> "KeptWatch":
+    def of(cls, state: WatchState) -> "StoredWatch":
         """Write it."""
         belief, bets = state.belief, state.onsets
         numbers = np.array([bets.time, bets.log_capital, bets.score, bets.information])

@@ -13,12 +13,19 @@ from slowtime.evolution.structures import MeasuredModes, estimate
 from slowtime.evolution.structures.measured import gap
 from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
-from twin_server.estimate.elements.memory import Baseline, Lesson, Memory, Reference
+from twin_server.estimate.elements.memory import Baseline, Memory, ModeSamples, Reference
 from twin_server.registration.structure import Model
 from twin_server.registration.twin import Covariates
 
-from .mode_matching import aligned, begin, best_pairs, likeness, match, remember
-from .observed_modes import Seen
+from .mode_matching import (
+    aligned,
+    best_pairs,
+    channel_mac,
+    match,
+    new_reference,
+    update_reference,
+)
+from .observed_modes import ObservedMode
 
 MOST_GROUPS = 64
 _UNMODELLED_FREQUENCY = 0.002
@@ -32,7 +39,7 @@ _CLEARLY = 1.5
 
 def gather(
     memory: Memory,
-    modes: Sequence[Seen],
+    modes: Sequence[ObservedMode],
     boot: str,
     slow_time: float = 0.0,
     covariates: Sequence[float] | None = None,
@@ -46,14 +53,14 @@ def gather(
         zip(memory.references, memory.lessons, strict=True)
     ):
         mode = modes[pairs[i]] if i in pairs else None
-        references.append(remember(reference, mode, boot))
+        references.append(update_reference(reference, mode, boot))
         lessons.append(
             lesson if mode is None else _added(lesson, mode, reference, slow_time, covariates)
         )
     fresh = [mode for j, mode in enumerate(modes) if j not in pairs.values()]
     for mode in fresh[: MOST_GROUPS - len(references)]:
-        references.append(begin(mode, boot))
-        lessons.append(_added(Lesson(), mode, references[-1], slow_time, covariates))
+        references.append(new_reference(mode, boot))
+        lessons.append(_added(ModeSamples(), mode, references[-1], slow_time, covariates))
     return dataclasses.replace(
         memory,
         references=tuple(references),
@@ -139,12 +146,12 @@ def measured_of(
 
 
 def _added(
-    lesson: Lesson,
-    mode: Seen,
+    lesson: ModeSamples,
+    mode: ObservedMode,
     reference: Reference,
     slow_time: float,
     covariates: Sequence[float] | None,
-) -> Lesson:
+) -> ModeSamples:
     epoch = (
         mode.frequency_hz,
         mode.relative_sd * mode.frequency_hz,
@@ -164,7 +171,7 @@ def _added(
     zeros = (0.0,) * len(turned)
     jumped, jumps = _jump(lesson, turned, sd)
     weight, heard = np.where(known, precision, 0.0), np.nan_to_num(turned)
-    return Lesson(
+    return ModeSamples(
         epochs,
         tuple((np.array(lesson.weighted or zeros) + weight * heard).tolist()),
         tuple((np.array(lesson.weight or zeros) + weight).tolist()),
@@ -177,7 +184,7 @@ def _added(
 
 
 def _jump(
-    lesson: Lesson, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
+    lesson: ModeSamples, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
 ) -> tuple[float, int]:
     """How far a shape is from the one before, in squared sds, and over how many components.
 
@@ -192,7 +199,7 @@ def _jump(
     return float(far[both].sum()), max(int(both.sum()) - 1, 0)
 
 
-def _baseline(lesson: Lesson, wanted: Covariates | None) -> Baseline:
+def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
     """Average what one mode has taught; its number in the model is not known yet."""
     condition, epochs = None, np.array(lesson.epochs)
     if wanted is not None and lesson.training is not None:
@@ -248,7 +255,7 @@ def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
         cost = 0.5 * away**2 / ((reach + 0.01) ** 2 + one.relative_sd**2)
         if one.shape is not None:
             for j in range(len(reach)):
-                alike, channels = likeness(np.array(one.shape), columns[:, j])
+                alike, channels = channel_mac(np.array(one.shape), columns[:, j])
                 own = max(channels - 1, 0)
                 cost[j] += 0.5 * own * (1.0 - alike) / _TURNED
                 cost[j] += _GATE * (alike < _UNLIKE and own > 0)

@@ -31,7 +31,7 @@ class Reference:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Lesson:
+class ModeSamples:
     """What has been gathered of one mode while learning.
 
     Parameters
@@ -130,7 +130,7 @@ class Memory:
     """
 
     references: tuple[Reference, ...] = ()
-    lessons: tuple[Lesson, ...] = ()
+    lessons: tuple[ModeSamples, ...] = ()
     learnt_from: int = 0
     theta: tuple[float, ...] = ()
     baselines: tuple[Baseline, ...] = ()
@@ -162,7 +162,7 @@ class Memory:
                 Reference(**{**r, "shape": _floats(r["shape"])}) for r in content["references"]
             ),
             lessons=tuple(
-                Lesson(
+                ModeSamples(
                     tuple((f, s, z, e) for f, s, z, e in one["epochs"]),
                     tuple(one["weighted"]),
                     tuple(one["weight"]),

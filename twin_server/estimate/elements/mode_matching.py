@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from twin_server.estimate.elements.memory import Reference
 
-from .observed_modes import Seen
+from .observed_modes import ObservedMode
 
 _WANDERS = 0.02
 _TURNS = 0.05
@@ -30,7 +30,9 @@ _MOST_GROWN = 4.0
 _LEARNS = 0.3
 
 
-def match(references: Sequence[Reference], modes: Sequence[Seen], boot: str) -> dict[int, int]:
+def match(
+    references: Sequence[Reference], modes: Sequence[ObservedMode], boot: str
+) -> dict[int, int]:
     """Find for each reference the place of its mode in `modes`; none for those not seen.
 
     Parameters
@@ -59,7 +61,7 @@ def best_pairs(gains: Float[np.ndarray, "row column"]) -> list[tuple[int, int]]:
     ]
 
 
-def remember(reference: Reference, mode: Seen | None, boot: str) -> Reference:
+def update_reference(reference: Reference, mode: ObservedMode | None, boot: str) -> Reference:
     """Carry a reference on by one epoch."""
     if mode is None:
         return dataclasses.replace(reference, missed=reference.missed + 1)
@@ -73,12 +75,12 @@ def remember(reference: Reference, mode: Seen | None, boot: str) -> Reference:
     )
 
 
-def begin(mode: Seen, boot: str) -> Reference:
+def new_reference(mode: ObservedMode, boot: str) -> Reference:
     """Follow a mode from now on."""
     return Reference(mode.frequency_hz, _floats(mode.shape), boot, mode.identity)
 
 
-def likeness(
+def channel_mac(
     one: Float[np.ndarray, " channel"], other: Float[np.ndarray, " channel"]
 ) -> tuple[float, int]:
     """MAC of two real shapes over the channels that both have, and how many those are."""
@@ -99,7 +101,7 @@ def aligned(
 
 
 def _by_name(
-    references: Sequence[Reference], modes: Sequence[Seen], boot: str
+    references: Sequence[Reference], modes: Sequence[ObservedMode], boot: str
 ) -> dict[int, int]:
     names = {mode.identity: j for j, mode in enumerate(modes) if mode.identity is not None}
     pairs = {}
@@ -111,14 +113,14 @@ def _by_name(
             continue
         shape = modes[j].shape
         if shape is not None and reference.shape is not None:
-            alike, channels = likeness(np.array(reference.shape), shape)
+            alike, channels = channel_mac(np.array(reference.shape), shape)
             if channels > 1 and alike < _FOREIGN:
                 continue
         pairs[i] = j
     return pairs
 
 
-def _cost(reference: Reference, mode: Seen, boot: str) -> float:
+def _cost(reference: Reference, mode: ObservedMode, boot: str) -> float:
     named_otherwise = (
         reference.boot == boot
         and None not in (reference.identity, mode.identity)
@@ -131,12 +133,12 @@ def _cost(reference: Reference, mode: Seen, boot: str) -> float:
     cost += 0.5 * _GATE * named_otherwise
     if mode.shape is None or mode.shape_sd is None or reference.shape is None:
         return cost
-    alike, channels = likeness(np.array(reference.shape), mode.shape)
+    alike, channels = channel_mac(np.array(reference.shape), mode.shape)
     noise = float(np.nansum(mode.shape_sd**2))
     return cost + 0.5 * max(channels - 1, 0) * (1.0 - alike) / (_TURNS * grown + noise)
 
 
-def _turned(known: tuple[float, ...] | None, mode: Seen) -> tuple[float, ...] | None:
+def _turned(known: tuple[float, ...] | None, mode: ObservedMode) -> tuple[float, ...] | None:
     """Move a remembered shape a little towards a new one."""
     if mode.shape is None:
         return known

@@ -22,7 +22,7 @@ _FEWEST = 2  # channels below which a shape says nothing
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class ObservedMode:
     """One structural mode of one epoch.
 
     Parameters
@@ -49,7 +49,7 @@ class Seen:
     shape_sd: Float[np.ndarray, " channel"] | None
 
 
-def seen(features: Features, model: Model) -> list[Seen]:
+def observed_modes(features: Features, model: Model) -> list[ObservedMode]:
     """Take the modes of a message that are the structure's and well enough known."""
     found, units = [], units_of(features, model)
     for place, mode in enumerate(features.modes):
@@ -62,7 +62,7 @@ def seen(features: Features, model: Model) -> list[Seen]:
         known = 0.0 < damping.value < 1.0 and damping.sd < 1.0
         shape, shape_sd = _shape(mode, features.channels, model, units)
         found.append(
-            Seen(
+            ObservedMode(
                 place,
                 frequency,
                 max(sd / frequency, LEAST_SD),

@@ -17,7 +17,7 @@ from slowtime.evolution import continuation, forecast
 from slowtime.evolution.continuation import Continuation
 from slowtime.evolution.crossing import Futures
 from slowtime.evolution.known_events import KnownEvent, Repair, Replacement, is_jump
-from twin_server.estimate.checkpoint import Known
+from twin_server.estimate.checkpoint import NominalInUse
 from twin_server.estimate.elements.memory import Memory
 from twin_server.estimate.estimator import LEVEL
 from twin_server.history.details import Bodies
@@ -38,7 +38,7 @@ MOST_OF_ELEMENTS = 150
 _GAP = {"value": math.nan, "sd": math.nan}
 
 
-class Learnt(NamedTuple):
+class LearntLaw(NamedTuple):
     """What was learnt of one quantity.
 
     Parameters
@@ -54,13 +54,13 @@ class Learnt(NamedTuple):
     laws: Mixture
 
 
-Outlooks: TypeAlias = dict[str, Learnt]
+LearntLaws: TypeAlias = dict[str, LearntLaw]
 
 _PATHS, _POINTS = 2000, 80
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Foresight:
+class ChangeForecast:
     """What is expected of a twin.
 
     Parameters
@@ -85,14 +85,14 @@ class Foresight:
     slow_time: Float[np.ndarray, " later"]
     bands: dict[str, Float[np.ndarray, "later 4"]]
     until: float
-    outlooks: Outlooks
+    outlooks: LearntLaws
     reasons: tuple[str, ...]
     crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
     misfits: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Prospect:
+class ForecastState:
     """All that a forecast needs of a past: as much after many readings as after few.
 
     Parameters
@@ -135,7 +135,7 @@ class Past(NamedTuple):
         return np.sqrt(np.maximum(self.sd**2 - shared**2, (0.1 * self.sd) ** 2))
 
 
-def past_of(states: States, known: Known | None) -> dict[str, Past]:
+def past_of(states: States, known: NominalInUse | None) -> dict[str, Past]:
     """Take the changes of a twin of one mode that are estimated, from its valid states."""
     used = states[states["reasons"] == 0][-MOST:]
     if known is None or not len(used):
@@ -170,7 +170,7 @@ def learn(
     process: forecast.Choice = "evidence",
     suspected: Mapping[str, Sequence[float]] | None = None,
     known: KnownEvents | None = None,
-) -> Outlooks:
+) -> LearntLaws:
     """Learn from the past of each quantity what it may do; empty where that is too little.
 
     Parameters
@@ -183,7 +183,7 @@ def learn(
     jumps, told = suspected or {}, known or {}
     if not _is_enough(past):
         return {}
-    found: Outlooks = {}
+    found: LearntLaws = {}
     for name, one in past.items():
         readings, events = (one.slow_time, one.value, one.own_sd), tuple(told.get(name, ()))
         outlook = forecast.fit(
@@ -194,7 +194,7 @@ def learn(
         # needs some readings after a repair.
         alone = process == "repeating" or not _is_past(events, one.slow_time)
         laws = [gaussian] if alone else [*STANDARD, gaussian]
-        found[name] = Learnt(
+        found[name] = LearntLaw(
             outlook, degradation.learn(*readings, laws=laws, events=_events_of(events, one))
         )
     return found
@@ -221,9 +221,9 @@ def _events_of(events: Sequence[KnownEvent], past: Past) -> list[degradation.Eve
     return found
 
 
-def prospect_of(
-    past: Mapping[str, Past], outlooks: Outlooks, known: KnownEvents | None = None
-) -> Prospect | None:
+def forecast_state_of(
+    past: Mapping[str, Past], outlooks: LearntLaws, known: KnownEvents | None = None
+) -> ForecastState | None:
     """Take in the past of each quantity; None where there is too little to go by.
 
     Parameters
@@ -254,7 +254,7 @@ def prospect_of(
         for name, one in past.items()
     }
     common = {name: one.common for name, one in past.items()}
-    return Prospect(begun, laws, common, float(time.min()), float(time.max()))
+    return ForecastState(begun, laws, common, float(time.min()), float(time.max()))
 
 
 def _followed(
@@ -271,13 +271,13 @@ def _followed(
     return laws.follow(past.slow_time[later], past.value[later], past.own_sd[later])
 
 
-def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
+def advance(prospect: ForecastState, past: Mapping[str, Past]) -> ForecastState:
     """Take in further readings, at a constant cost each.
 
     Raises
     ------
     ValueError
-        Where one is earlier than the last: begin anew with `prospect_of`.
+        Where one is earlier than the last: begin anew with `forecast_state_of`.
     """
     begun, laws, since = dict(prospect.begun), dict(prospect.laws), prospect.since
     for name, one in past.items():
@@ -290,32 +290,34 @@ def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
     return dataclasses.replace(prospect, begun=begun, laws=laws, since=since)
 
 
-def foresee(
+def forecast_changes(
     past: Mapping[str, Past],
-    outlooks: Outlooks,
+    outlooks: LearntLaws,
     horizon: float | None,
     count: int,
     thresholds: Sequence[Limit] = (),
-) -> Foresight | None:
+) -> ChangeForecast | None:
     """Forecast each quantity; None where there is too little to go by.
 
     Parameters
     ----------
     past, outlooks
-        As for `prospect_of`.
+        As for `forecast_state_of`.
     horizon, count, thresholds
-        As for `foresee_from`.
+        As for `forecast_from_state`.
     """
-    prospect = prospect_of(past, outlooks)
-    return None if prospect is None else foresee_from(prospect, horizon, count, thresholds)
+    prospect = forecast_state_of(past, outlooks)
+    return (
+        None if prospect is None else forecast_from_state(prospect, horizon, count, thresholds)
+    )
 
 
-def foresee_from(
-    prospect: Prospect,
+def forecast_from_state(
+    prospect: ForecastState,
     horizon: float | None,
     count: int,
     thresholds: Sequence[Limit] = (),
-) -> Foresight:
+) -> ChangeForecast:
     """Forecast each quantity, at a cost that does not hang on the length of its past.
 
     Parameters
@@ -351,15 +353,15 @@ def foresee_from(
         )
     crossings = _crossings(prospect, thresholds, since + (horizon or span))
     used = {
-        name: Learnt(begun.outlook, prospect.laws[name])
+        name: LearntLaw(begun.outlook, prospect.laws[name])
         for name, begun in prospect.begun.items()
     }
     warnings = {name: laws.warning for name, laws in prospect.laws.items()}
     misfits = tuple(f"{name}: {text}" for name, text in warnings.items() if text)
-    return Foresight(since, later, bands, float(until), used, reasons, crossings, misfits)
+    return ChangeForecast(since, later, bands, float(until), used, reasons, crossings, misfits)
 
 
-def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
+def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, float]]:
     """Mean and sd of each change at its last reading, given all readings."""
     found: dict[str, tuple[float, float]] = {}
     for name, begun in ({} if prospect is None else prospect.begun).items():
@@ -372,7 +374,7 @@ def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
 
 
 def _crossings(
-    prospect: Prospect, thresholds: Sequence[Limit], horizon: float
+    prospect: ForecastState, thresholds: Sequence[Limit], horizon: float
 ) -> tuple[tuple[Limit, RemainingLife], ...]:
     """Tell of each threshold when it is reached, all of a quantity by the same futures."""
     futures: dict[str, Futures] = {}

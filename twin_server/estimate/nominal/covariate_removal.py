@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from slowtime.evolution import learn_nominal
 from slowtime_schemas.messages import Features
-from twin_server.estimate.checkpoint import Checkpoint, Known
+from twin_server.estimate.checkpoint import Checkpoint, NominalInUse
 from twin_server.estimate.columns import Columns
 from twin_server.estimate.covariates import (
     Condition,
@@ -18,9 +18,7 @@ from twin_server.estimate.covariates import (
     Training,
     conclude,
     covariates_of,
-)
-from twin_server.estimate.covariates import (
-    messages as words,
+    messages,
 )
 from twin_server.estimate.notices import Notice
 from twin_server.history import states as st
@@ -29,7 +27,7 @@ from twin_server.registration.twin import Registration
 from .learning import is_sane
 
 
-class Freed(NamedTuple):
+class CorrectedReadings(NamedTuple):
     """Readings at the reference of the covariates, and what each is compared with.
 
     Parameters
@@ -51,17 +49,17 @@ class Freed(NamedTuple):
     notices: list[Notice]
 
 
-def free(
+def remove_covariates(
     registration: Registration,
     checkpoint: Checkpoint,
     features: Sequence[Features],
     given: Columns,
-) -> Freed:
+) -> CorrectedReadings:
     """Take the next readings of one twin, of which `given` holds the columns."""
     wanted = registration.covariates
     assert wanted is not None
     count = len(features)
-    freed = Freed(
+    freed = CorrectedReadings(
         np.full(count, np.nan),
         np.full(count, np.nan),
         np.full((count, 4), np.nan),
@@ -86,7 +84,7 @@ def free(
             elif reading.is_sane:
                 checkpoint = _train(checkpoint, reading, registration, row, freed.notices)
         else:
-            checkpoint = _freed(checkpoint, reading, registration, row, freed)
+            checkpoint = _corrected(checkpoint, reading, registration, row, freed)
     return freed._replace(checkpoint=checkpoint)
 
 
@@ -122,17 +120,17 @@ def _train(
     try:
         condition = conclude(training, wanted)
     except NotLearntError as error:
-        notices.append(words.not_learnt(row, None, str(error)))
+        notices.append(messages.not_learnt(row, None, str(error)))
         return dataclasses.replace(checkpoint, training=Training())
-    notices.append(words.learnt(row, condition, wanted, None))
+    notices.append(messages.learnt(row, condition, wanted, None))
     known = checkpoint.known or _known(training, condition)
     return dataclasses.replace(checkpoint, training=None, condition=condition, known=known)
 
 
-def _known(training: Training, condition: Condition) -> Known:
+def _known(training: Training, condition: Condition) -> NominalInUse:
     """Nominal model at the reference; damping is taken as if covariates did nothing to it."""
     nominal = learn_nominal(*condition.freed(training).T.copy())
-    return Known(
+    return NominalInUse(
         condition.frequency_hz,
         condition.law_sd,
         nominal.damping_ratio,
@@ -140,12 +138,12 @@ def _known(training: Training, condition: Condition) -> Known:
     )
 
 
-def _freed(
+def _corrected(
     checkpoint: Checkpoint,
     reading: _Reading,
     registration: Registration,
     row: int,
-    into: Freed,
+    into: CorrectedReadings,
 ) -> Checkpoint:
     """Free a reading of its covariates, and watch what is left."""
     condition, known, wanted = checkpoint.condition, checkpoint.known, registration.covariates
@@ -167,7 +165,7 @@ def _freed(
         return checkpoint
     condition, verdict = condition.judge(*reading[:3], reading.covariates, wanted)
     if verdict is not None:
-        into.notices.append(words.entered(row, verdict, registration, None))
+        into.notices.append(messages.entered(row, verdict, registration, None))
     return dataclasses.replace(checkpoint, condition=condition)
 
 

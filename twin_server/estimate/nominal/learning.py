@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from slowtime.evolution import Nominal, learn_nominal
-from twin_server.estimate.checkpoint import Checkpoint, Epoch, Known
+from twin_server.estimate.checkpoint import Checkpoint, Epoch, NominalInUse
 
 MOST_UNCERTAIN = 0.2
 """Relative sd of a nominal frequency above which learning goes on with newer epochs."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Lesson:
+class LearntEpochs:
     """What some epochs have taught.
 
     Parameters
@@ -32,7 +32,7 @@ class Lesson:
     nominal: Nominal | None = None
 
 
-def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesson:
+def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> LearntEpochs:
     """Add epochs to those learnt from, until `wanted` of them with a mode make a model."""
     gathered = list(checkpoint.learning)
     for number, epoch in enumerate(epochs, start=1):
@@ -44,17 +44,17 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesso
             continue
         nominal = _nominal(gathered)
         if nominal.frequency_relative_sd <= MOST_UNCERTAIN:
-            known = Known(
+            known = NominalInUse(
                 nominal.frequency,
                 nominal.frequency_relative_sd,
                 nominal.damping_ratio,
                 nominal.damping_relative_sd,
             )
             done = dataclasses.replace(checkpoint, known=known, learning=())
-            return Lesson(done, number, nominal)
+            return LearntEpochs(done, number, nominal)
         gathered = gathered[wanted // 2 :]
     going_on = dataclasses.replace(checkpoint, learning=tuple(gathered))
-    return Lesson(going_on, len(epochs))
+    return LearntEpochs(going_on, len(epochs))
 
 
 def is_sane(value: float, sd: float) -> bool:

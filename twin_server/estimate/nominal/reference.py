@@ -11,7 +11,7 @@ from twin_server.estimate.checkpoint import Checkpoint, Twin
 from twin_server.estimate.columns import Columns
 from twin_server.estimate.notices import Notice
 
-from .covariate_removal import free
+from .covariate_removal import remove_covariates
 from .learning import learn
 
 
@@ -112,7 +112,7 @@ def _under_covariates(
     nominals: Nominals,
 ) -> tuple[Checkpoint, list[Notice]]:
     """Fill in what the readings of a twin would have been at the reference."""
-    freed = free(
+    freed = remove_covariates(
         twin.registration, twin.checkpoint, [features[row] for row in rows], given.of(rows)
     )
     nominals.put(rows, freed.nominal)

@@ -17,7 +17,7 @@ CURVE = 41
 """Times of each curve that are told."""
 
 
-def planned(twin_id: str, order: PlanOrder, since_ns: int | None) -> dict[str, Any]:
+def plan_answer(twin_id: str, order: PlanOrder, since_ns: int | None) -> dict[str, Any]:
     """Make the plan of a twin, and write it as REST gives it.
 
     Parameters
@@ -30,10 +30,10 @@ def planned(twin_id: str, order: PlanOrder, since_ns: int | None) -> dict[str, A
     NotPlannableError
         Where the owner's times cannot be converted.
     """
-    return answer_of(twin_id, order, plan_of(order), since_ns)
+    return answer_of_plan(twin_id, order, plan_of(order), since_ns)
 
 
-def answer_of(
+def answer_of_plan(
     twin_id: str, order: PlanOrder, made: Planned, since_ns: int | None
 ) -> dict[str, Any]:
     """Write a plan as REST gives it."""

@@ -33,12 +33,12 @@ _LEAST = 1e-4
 _RIGID = 1e-10  # as `ParametricStructure.modes` leaves them out
 
 
-class UnknownTodayError(ValueError):
+class UnknownStructureError(ValueError):
     """A twin of which not enough is known to run it; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Today:
+class CurrentStructure:
     """A twin as it is believed to be now.
 
     Parameters
@@ -77,14 +77,14 @@ Beliefs = Mapping[str, tuple[float, float]]
 """Of each change, mean and sd now, given all readings (`foresight.now_of`)."""
 
 
-def today_of(
+def current_structure_of(
     registration: Registration,
     checkpoint: Checkpoint,
     states: States,
     bodies: Bodies,
     now: Beliefs,
     last: Features | None,
-) -> Today:
+) -> CurrentStructure:
     """Say what is known of a twin now.
 
     Parameters
@@ -100,7 +100,7 @@ def today_of(
         Where the twin is still being learnt, or its damping is not known.
     """
     if not len(states):
-        raise UnknownTodayError("There are no features yet. Start the edge agent.")
+        raise UnknownStructureError("There are no features yet. Start the edge agent.")
     if checkpoint.elements is not None:
         return _of_elements(registration, checkpoint, states, bodies, now, last)
     return _of_one_mode(registration, checkpoint, states, now)
@@ -108,10 +108,10 @@ def today_of(
 
 def _of_one_mode(
     registration: Registration, checkpoint: Checkpoint, states: States, now: Beliefs
-) -> Today:
+) -> CurrentStructure:
     known = checkpoint.known
     if known is None:
-        raise UnknownTodayError(
+        raise UnknownStructureError(
             "The nominal model is still being learnt from the first epochs. Wait, or give it "
             "in the registration."
         )
@@ -130,7 +130,7 @@ def _of_one_mode(
     said = []
     if damping is None:
         if not checkpoint.has_damping:
-            raise UnknownTodayError(
+            raise UnknownStructureError(
                 "No damping ratio of this twin is known. Give nominal.damping_ratio in its "
                 "registration, or look at what the edge identifies."
             )
@@ -149,7 +149,7 @@ def _of_one_mode(
     said += [f"{name} is none" for name in names if name not in free]
     if registration.model is not None:
         said.append("all elements change alike")
-    return Today(
+    return CurrentStructure(
         slow_time=float(states["slow_time"][-1]),
         believed=believed,
         changes=changes,
@@ -208,13 +208,13 @@ def _of_elements(
     bodies: Bodies,
     now: Beliefs,
     last: Features | None,
-) -> Today:
+) -> CurrentStructure:
     memory, model = checkpoint.elements, registration.structure()
     assert memory is not None
     assert registration.model is not None
     rows = [row for row in np.flatnonzero(states["reasons"] == 0).tolist() if bodies[row]]
     if not memory.knows or not rows:
-        raise UnknownTodayError(
+        raise UnknownStructureError(
             "The model is still being learnt from the first epochs, or none of the latest "
             "was valid. Wait, or look at the reasons of the states."
         )
@@ -240,7 +240,7 @@ def _of_elements(
     measured = [one for one in of_modes if one is not None]
     claimed = [(z, 0.5 * z) if z > _LEAST else None for z in ratios.tolist()]
     if not measured and None in claimed:
-        raise UnknownTodayError(
+        raise UnknownStructureError(
             "No damping ratio was identified, and the model has none. Give its elements "
             "damping_n_s_per_m."
         )
@@ -250,7 +250,7 @@ def _of_elements(
     ]
     log, log_sd = _logs([one for one in each if one is not None])
     factors = np.exp(np.array(memory.theta)).tolist()
-    return Today(
+    return CurrentStructure(
         slow_time=float(states["slow_time"][-1]),
         believed=Believed(
             structure=structure,
@@ -292,7 +292,7 @@ def _settled(
     """All readings together, unless the last one is far from what those before it say."""
     if latest is None:
         if now is None:
-            raise UnknownTodayError(
+            raise UnknownStructureError(
                 f"None of the latest states has a valid {name}. Look at their reasons."
             )
         return now, []

@@ -21,7 +21,7 @@ from twin_server.orders import MOST_SAMPLES, SimulationOrder
 from twin_server.registration.structure import MASS
 from twin_server.registration.twin import Registration
 
-from .current_structure import ALONE, Today
+from .current_structure import ALONE, CurrentStructure
 
 MOST_KEPT = 8_000_000
 """Samples of all outputs in all draws of one simulation."""
@@ -75,7 +75,7 @@ class Simulated:
     reasons: tuple[str, ...]
 
 
-def simulate(today: Today, order: SimulationOrder) -> Simulated:
+def simulate(today: CurrentStructure, order: SimulationOrder) -> Simulated:
     """Run today's twin under a load.
 
     The same order of the same twin gives the same answer, to the last bit.
@@ -220,7 +220,7 @@ def _too_long(duration_s: float, rate_hz: float) -> OrderError:
     )
 
 
-def _draws(today: Today, order: SimulationOrder, samples: int, outputs: int) -> int:
+def _draws(today: CurrentStructure, order: SimulationOrder, samples: int, outputs: int) -> int:
     """How many structures are run; no more than there is room and time for."""
     size, effects = today.believed.structure.size, today.description is not None
     return _check_amount(order, samples, outputs, size, effects=effects)
@@ -289,7 +289,7 @@ def _quantile(level: float) -> float:
 
 
 def _with_effects(
-    today: Today,
+    today: CurrentStructure,
     order: SimulationOrder,
     load: Float[np.ndarray, " time"],
     rate_hz: float,
@@ -328,7 +328,7 @@ def _with_effects(
     return runs
 
 
-def _kinds(today: Today) -> Mapping[str, Kind]:
+def _kinds(today: CurrentStructure) -> Mapping[str, Kind]:
     """Kinds of the model's effects, those of installed parts among them."""
     assert today.description is not None
     used = frozenset(str(entry["effect"]) for entry in today.description.effects)
@@ -344,7 +344,9 @@ def _kinds(today: Today) -> Mapping[str, Kind]:
     return kinds
 
 
-def _descriptions(today: Today, count: int, rng: np.random.Generator) -> Iterator[Description]:
+def _descriptions(
+    today: CurrentStructure, count: int, rng: np.random.Generator
+) -> Iterator[Description]:
     built, believed = today.description, today.believed
     assert built is not None
     names = believed.structure.names

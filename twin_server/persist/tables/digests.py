@@ -18,7 +18,7 @@ KEPT_EVERY_BITS = 9
 _LOW = (1 << SHIFT) - 1
 
 
-class Row(NamedTuple):
+class HashedRow(NamedTuple):
     """What is hashed of one feature."""
 
     key: int
@@ -27,20 +27,20 @@ class Row(NamedTuple):
     body: bytes | None
 
 
-class Rolling:
+class RollingHash:
     """Hash of a history up to the row of the key `last`."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
         self.count, self.last = 0, -1
 
-    def copy(self) -> "Rolling":
+    def copy(self) -> "RollingHash":
         """Give one that goes on by itself."""
-        other = Rolling()
+        other = RollingHash()
         other._hash, other.count, other.last = self._hash.copy(), self.count, self.last
         return other
 
-    def take(self, row: Row, boot: str) -> None:
+    def take(self, row: HashedRow, boot: str) -> None:
         """Take the next row in."""
         head = f"{boot} {row.key & _LOW} {len(row.message)} {len(row.state)}\n"
         self._hash.update(head.encode() + row.message + row.state + (row.body or b""))
@@ -52,7 +52,9 @@ class Rolling:
         return self._hash.hexdigest()
 
 
-def rolled(rolling: Rolling, rows: Iterable[Row], boot: str) -> Iterator[tuple[int, int, str]]:
+def rolled(
+    rolling: RollingHash, rows: Iterable[HashedRow], boot: str
+) -> Iterator[tuple[int, int, str]]:
     """Take rows of a boot in; give last key, count and hash of each that is to be kept."""
     for row in rows:
         before = rolling.last
@@ -69,7 +71,7 @@ def insert_digests(writer: Any, rows: Iterable[tuple[int, int, str]]) -> None:
     )
 
 
-class Roller:
+class HistoryHasher:
     """Rolls the hashes of all twins in one pass over all features, beside another's purpose.
 
     Parameters
@@ -86,7 +88,7 @@ class Roller:
         self._kept = {key: told for key, *told in opened(DIGESTS, kept)}
         self._details = iter(reader.execute("select id, body from details order by id"))
         self._detail: tuple[int, bytes] | None = next(self._details, None)
-        self.found: dict[str, Rolling] = {}
+        self.found: dict[str, RollingHash] = {}
         self.wrong: list[str] = []
 
     def take(self, key: int, message: bytes, state: bytes) -> None:
@@ -97,9 +99,9 @@ class Roller:
         run = self._runs.get(key >> SHIFT)
         if run is None:
             return
-        rolling = self.found.setdefault(run[0], Rolling())
+        rolling = self.found.setdefault(run[0], RollingHash())
         body = self._detail[1] if here and self._detail is not None else None
-        rolling.take(Row(key, message, state, body), run[1])
+        rolling.take(HashedRow(key, message, state, body), run[1])
         kept = self._kept.get(key)
         if kept is not None and kept != [rolling.count, rolling.hexadecimal]:
             self.wrong.append(

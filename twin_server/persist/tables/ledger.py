@@ -42,8 +42,8 @@ class HeadRow(NamedTuple):
     body: str
 
 
-class Ends:
-    """Ends of all chains as they are in the database, read once and then remembered."""
+class ChainEnds:
+    """ChainEnds of all chains as they are in the database, read once and then remembered."""
 
     def __init__(self) -> None:
         self._known: dict[str, Link] = {}
@@ -151,7 +151,7 @@ def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None
     twins = opened(TWINS, writer.execute(f"select {', '.join(TWINS.all_columns)} from twins"))
     if twins:
         tell(f"The histories of {len(twins)} twins are chained into a ledger, once.")
-    ends = Ends()
+    ends = ChainEnds()
     for row in twins:
         twin_id, registration = row[0], row[TWINS.columns.index("registration")]
         ends.append(writer, twin_id, [of_registration(registration)])

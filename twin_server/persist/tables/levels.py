@@ -27,7 +27,7 @@ _AT_ONCE = 4_096
 _LOW = (1 << SHIFT) - 1
 
 
-class Grown(NamedTuple):
+class GrownBoot(NamedTuple):
     """A boot that has got longer: its number, and its last sequence before and now."""
 
     number: int
@@ -35,7 +35,7 @@ class Grown(NamedTuple):
     last: int
 
 
-def extend(writer: Any, grown: Sequence[Grown]) -> None:
+def extend(writer: Any, grown: Sequence[GrownBoot]) -> None:
     """Write all buckets that have filled."""
     for level in range(1, TOP + 1):
         filled = [
@@ -64,9 +64,9 @@ def build(writer: Any, number: int) -> None:
                 "select max(id) from features where id > ? and id <= ?", (start, whole)
             ).fetchone()[0]
             if last is not None:
-                extend(writer, [Grown(number, before, last & _LOW)])
+                extend(writer, [GrownBoot(number, before, last & _LOW)])
             return
-        extend(writer, [Grown(number, before, row[0] & _LOW)])
+        extend(writer, [GrownBoot(number, before, row[0] & _LOW)])
         before = row[0] & _LOW
 
 
@@ -121,7 +121,7 @@ def whole_states(reader: Any, first: int, last: int) -> Buckets:
     return Buckets.of_states(keys, states, changes(reader, keys), bodies)
 
 
-def _filled(one: Grown, level: int) -> tuple[int, int]:
+def _filled(one: GrownBoot, level: int) -> tuple[int, int]:
     """First sequence, and that after the last, of the buckets that one has filled."""
     bits = BITS * level
     return (one.before + 1) >> bits << bits, (one.last + 1) >> bits << bits

@@ -21,17 +21,17 @@ from jaxtyping import Bool, Float, Int
 from slowtime.evolution.known_events import KnownEvent
 from slowtime_schemas.asset_events import AssetEvent
 from twin_server.estimate import (
-    Foresight,
-    Outlooks,
+    ChangeForecast,
+    ForecastState,
+    LearntLaws,
     Past,
-    Prospect,
     Twin,
-    follow,
-    foresee_from,
+    advance,
+    forecast_from_state,
+    forecast_state_of,
     learn,
     past_of,
     past_of_elements,
-    prospect_of,
 )
 from twin_server.estimate.forecast.changes import FEWEST
 from twin_server.estimate.forecast.known_events import (
@@ -45,7 +45,7 @@ from twin_server.events.asset_events import TOLD, effective
 from twin_server.history.states import States
 from twin_server.persist import History, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
-from twin_server.pipeline.ingestion.updates import News
+from twin_server.pipeline.ingestion.updates import TwinUpdate
 from twin_server.pipeline.monitoring.model_changes import BUSY, CHANGED
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
@@ -74,19 +74,19 @@ _PAUSE_S = 0.5
 Key: TypeAlias = int
 """Place of a state in the order of a twin's history: boot number and sequence."""
 
-Suspected: TypeAlias = tuple[tuple[str, tuple[float, ...]], ...]
+SuddenChanges: TypeAlias = tuple[tuple[str, tuple[float, ...]], ...]
 """Of each quantity, slow times after which it was told to have gone elsewhere."""
 
 Run: TypeAlias = Callable[..., Any]
 """Calls a function with arguments that can be pickled, here or in a process of its own."""
 
 
-class Lesson(NamedTuple):
+class LearningInput(NamedTuple):
     """What a learning takes: the same lesson teaches the same."""
 
     registration: Registration
     mark: Key
-    suspected: Suspected
+    suspected: SuddenChanges
     known: tuple[tuple[str, tuple[KnownEvent, ...]], ...] = ()
 
 
@@ -118,36 +118,36 @@ class _Kept:
 
     lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
     learning: threading.Lock = dataclasses.field(default_factory=threading.Lock)
-    lesson: Lesson | None = None
-    outlooks: Outlooks = dataclasses.field(default_factory=dict)
-    prospect: Prospect | None = None
+    lesson: LearningInput | None = None
+    outlooks: LearntLaws = dataclasses.field(default_factory=dict)
+    prospect: ForecastState | None = None
     rows: _Rows | None = None
     unit: str | None = None
     last: Key = -1
-    waiting: list[News] = dataclasses.field(default_factory=list)
+    waiting: list[TwinUpdate] = dataclasses.field(default_factory=list)
     count: int = 0
     changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    told: "_Told" = dataclasses.field(default_factory=lambda: _Told((), {}))
-    answers: dict[Any, Foresight] = dataclasses.field(default_factory=dict)
+    told: "_ToldEvents" = dataclasses.field(default_factory=lambda: _ToldEvents((), {}))
+    answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
     sound: bool = False
     asked: bool = False
 
 
-class _Told(NamedTuple):
+class _ToldEvents(NamedTuple):
     """Events that people have told of a twin, and what they do to each of its quantities."""
 
     events: Sequence[AssetEvent]
     known: KnownEvents
 
 
-class Told(NamedTuple):
+class CachedForecast(NamedTuple):
     """A forecast, and the unit of its slow time."""
 
-    foresight: Foresight
+    foresight: ChangeForecast
     unit: str | None
 
 
-class Prospects:
+class ForecastCache:
     """Prospects of the twins that are asked for; hears what is new of each.
 
     Parameters
@@ -170,7 +170,7 @@ class Prospects:
         self._refresh, self._run = refresh, run
         self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
-        self._of_the_past: dict[str, tuple[Lesson, Outlooks]] = {}
+        self._of_the_past: dict[str, tuple[LearningInput, LearntLaws]] = {}
         self._due: dict[str, None] = {}
         self._changed = threading.Condition()
         self._stop = threading.Event()
@@ -195,7 +195,7 @@ class Prospects:
         """How many twins wait to be learnt anew, that under way included."""
         return len(self._due)
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hear what is new of one twin: put aside, in constant time."""
         kept = self._kept.get(news.twin_id)
         if kept is None:
@@ -215,7 +215,7 @@ class Prospects:
 
     def foresee(
         self, twin_id: str, horizon: float | None, count: int, thresholds: tuple[Limit, ...]
-    ) -> Told | None:
+    ) -> CachedForecast | None:
         """Forecast a twin from what is kept of it; None where too little is known.
 
         The first who asks for a twin waits until it is learnt.
@@ -230,20 +230,20 @@ class Prospects:
         if prospect is None:
             return None
         if known is None:
-            known = foresee_from(prospect, *asked)
+            known = forecast_from_state(prospect, *asked)
             with kept.lock:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
-        return Told(known, unit)
+        return CachedForecast(known, unit)
 
-    def prospect(self, twin_id: str) -> Prospect | None:
+    def prospect(self, twin_id: str) -> ForecastState | None:
         """Give what is kept of a twin as of its last reading; None of too little."""
         kept = self._up_to_date(twin_id)
         return None if kept is None else kept.prospect
 
     def at(
         self, twin_id: str, t_ns: int | None, slow_time: float | None
-    ) -> tuple[Prospect, str] | None:
+    ) -> tuple[ForecastState, str] | None:
         """Make the prospect of a twin as it was at a moment, from what came until then.
 
         It is learnt from as many readings before the moment as today's before now.
@@ -262,14 +262,14 @@ class Prospects:
         told = self._told_of(twin, twin_id, found, until=(t_ns, slow_time))
         rows = _Rows.of(found.number, found.states)
         last = _mark(rows, changes, told.known, self._refresh)
-        lesson = _lesson(twin, rows, last, changes, told.known)
+        lesson = _learning_input(twin, rows, last, changes, told.known)
         known = self._of_the_past.get(twin_id)
         if known is None or known[0] != lesson:
             known = lesson, self._learn(twin, found, last, lesson)
             if len(self._of_the_past) >= MOST_KEPT:
                 self._of_the_past.clear()
             self._of_the_past[twin_id] = known
-        prospect = _prospect(twin, found, last, known[1], told.known)
+        prospect = _forecast_state(twin, found, last, known[1], told.known)
         return None if prospect is None else (prospect, found.boots[found.number[-1]][1])
 
     def _up_to_date(self, twin_id: str) -> _Kept | None:
@@ -324,7 +324,7 @@ class Prospects:
                 if first <= kept.last:
                     raise ValueError
                 if kept.prospect is not None:
-                    kept.prospect = follow(kept.prospect, past)
+                    kept.prospect = advance(kept.prospect, past)
             except ValueError:
                 # Readings of an earlier time or place: all is read again, in order.
                 kept.sound = False
@@ -333,13 +333,13 @@ class Prospects:
             kept.rows = kept.rows.with_more(numbers, news.states)
             kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
 
-    def _wanted(self, kept: _Kept, twin: Twin) -> Lesson | None:
+    def _wanted(self, kept: _Kept, twin: Twin) -> LearningInput | None:
         """Which lesson the readings so far call for; None where there are none."""
         rows = kept.rows
         if rows is None:
             return None
         last = _mark(rows, kept.changes, kept.told.known, self._refresh)
-        return _lesson(twin, rows, last, kept.changes, kept.told.known)
+        return _learning_input(twin, rows, last, kept.changes, kept.told.known)
 
     def _renew(self, twin_id: str, kept: _Kept) -> None:
         """Read the newest part of the history, and learn where it calls for it.
@@ -364,11 +364,11 @@ class Prospects:
             told = self._told_of(twin, twin_id, found)
             rows = _Rows.of(found.number, found.states)
             last = _mark(rows, changes, told.known, self._refresh)
-            lesson = _lesson(twin, rows, last, changes, told.known)
+            lesson = _learning_input(twin, rows, last, changes, told.known)
             outlooks = kept.outlooks
             if lesson != kept.lesson:
                 outlooks = self._learn(twin, found, last, lesson)
-            prospect = _prospect(twin, found, last, outlooks, told.known)
+            prospect = _forecast_state(twin, found, last, outlooks, told.known)
             with kept.lock:
                 kept.lesson, kept.outlooks, kept.prospect = lesson, outlooks, prospect
                 kept.rows, kept.changes, kept.told = rows, changes, told
@@ -380,10 +380,12 @@ class Prospects:
                 kept.waiting = [behind(one, kept.last) for one in kept.waiting]
                 self._absorb(kept, twin)
 
-    def _learn(self, twin: Twin, found: History, last: int, lesson: Lesson) -> Outlooks:
+    def _learn(
+        self, twin: Twin, found: History, last: int, lesson: LearningInput
+    ) -> LearntLaws:
         known = _past_until(twin, found, last + 1)
         process = twin.registration.forecast.process
-        learnt: Outlooks = self._run(
+        learnt: LearntLaws = self._run(
             learn, known, process, dict(lesson.suspected), dict(lesson.known)
         )
         return learnt
@@ -394,7 +396,7 @@ class Prospects:
         twin_id: str,
         found: History,
         until: tuple[int | None, float | None] = (None, None),
-    ) -> _Told:
+    ) -> _ToldEvents:
         """Place the events that were told, those up to a moment, in a history."""
         states = found.states
         rows = self._store.asset_events(twin_id)
@@ -404,12 +406,12 @@ class Prospects:
             last = float(states["slow_time"].max()) if until[1] is None else until[1]
             events = [e for e in events if _is_by(e, last_ns, last)]
         if not events:
-            return _Told((), {})
+            return _ToldEvents((), {})
         names = _past(twin, states[-1:], found.bodies[-1:])
         if not names:
             names = _past(twin, states, found.bodies)
         known = known_of(events, states["t_ns"], states["slow_time"], names)
-        return _Told(events, known)
+        return _ToldEvents(events, known)
 
     def _since_renewal(
         self, twin_id: str, found: History
@@ -429,9 +431,9 @@ class Prospects:
         """Forecast something once: what is compiled for it is there for the first who asks."""
         time_, noise = np.arange(20.0), 1e-3 * np.random.default_rng(0).standard_normal(20)
         past = {"": Past(time_, noise, np.full(20, 1e-3), 0.0)}
-        prospect = prospect_of(past, learn(past, "smooth"))
+        prospect = forecast_state_of(past, learn(past, "smooth"))
         if prospect is not None:
-            foresee_from(prospect, 1.0, 2, (Limit("", 0.0),))
+            forecast_from_state(prospect, 1.0, 2, (Limit("", 0.0),))
 
     def _catch_up(self, twin_id: str) -> None:
         kept, twin = self._kept.get(twin_id), self._pipeline.twin(twin_id)
@@ -466,7 +468,7 @@ class Prospects:
                 pass
 
 
-def behind(news: News, last: Key) -> News:
+def behind(news: TwinUpdate, last: Key) -> TwinUpdate:
     """Give what of some news comes after a place in the history; its events in any case."""
     keys = [
         number << _SHIFT | sequence
@@ -508,20 +510,22 @@ def _mark(
     return last if np.count_nonzero(rows.valid[: last + 1]) >= FEWEST else count - 1
 
 
-def _lesson(
+def _learning_input(
     twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]], known: KnownEvents
-) -> Lesson:
+) -> LearningInput:
     within = float(rows.times.min()), float(rows.times[last])
-    suspected = _suspected(changes, *within)
+    suspected = _sudden_changes(changes, *within)
     told = {
         name: tuple(e for e in each if within[0] <= e.time < within[1])
         for name, each in known.items()
     }
     learnt_with = tuple((name, each) for name, each in sorted(told.items()) if each)
-    return Lesson(twin.registration, int(rows.keys[last]), suspected, learnt_with)
+    return LearningInput(twin.registration, int(rows.keys[last]), suspected, learnt_with)
 
 
-def _suspected(changes: Mapping[str, list[float]], first: float, until: float) -> Suspected:
+def _sudden_changes(
+    changes: Mapping[str, list[float]], first: float, until: float
+) -> SuddenChanges:
     told = {
         name: sorted({at for at in each if first <= at < until})
         for name, each in changes.items()
@@ -562,20 +566,20 @@ def _cut(found: History, renewals: list[float]) -> History:
     )
 
 
-def _prospect(
-    twin: Twin, found: History, last: int, outlooks: Outlooks, known: KnownEvents
-) -> Prospect | None:
+def _forecast_state(
+    twin: Twin, found: History, last: int, outlooks: LearntLaws, known: KnownEvents
+) -> ForecastState | None:
     """Take in the readings up to the mark, then those behind it one after the other."""
-    prospect = prospect_of(_past_until(twin, found, last + 1), outlooks, known)
+    prospect = forecast_state_of(_past_until(twin, found, last + 1), outlooks, known)
     if prospect is None:
         return None
     later = slice(last + 1, None)
     bodies = found.bodies[later] if found.bodies else ()
     try:
-        return follow(prospect, _past(twin, found.states[later], bodies))
+        return advance(prospect, _past(twin, found.states[later], bodies))
     except ValueError:
         # Some of them are of an earlier time: all of them in order.
-        return prospect_of(_past_until(twin, found, len(found.states)), outlooks, known)
+        return forecast_state_of(_past_until(twin, found, len(found.states)), outlooks, known)
 
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:

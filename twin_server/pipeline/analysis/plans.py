@@ -13,7 +13,7 @@ from twin_server.estimate import (
     Twin,
     past_of,
     past_of_elements,
-    planned,
+    plan_answer,
     refusal_of,
 )
 from twin_server.persist import History, Store
@@ -21,7 +21,7 @@ from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.workers.processes import Workers
 from twin_server.registration.twin import Registration
 
-from .forecast_cache import Prospects
+from .forecast_cache import ForecastCache
 
 NEWEST = 60
 """States that tell how often and how well is read, and the pace of slow time."""
@@ -55,7 +55,7 @@ class _Kept(NamedTuple):
     answer: dict[str, Any]
 
 
-class Planning:
+class PlanCache:
     """Plans of twins, made where workers compute.
 
     Parameters
@@ -65,7 +65,7 @@ class Planning:
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, prospects: Prospects, workers: Workers
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._prospects, self._workers = prospects, workers
@@ -105,7 +105,7 @@ class Planning:
             return refusal_of(twin_id, TOO_FEW)
         since_ns = int(found.states["t_ns"][-1])
         try:
-            answer: dict[str, Any] = self._workers.run(planned, twin_id, order, since_ns)
+            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order, since_ns)
         except NotPlannableError as error:
             return refusal_of(twin_id, str(error))
         return answer

@@ -4,13 +4,13 @@ import collections
 import threading
 from typing import Any, NamedTuple
 
-from twin_server.estimate import RiskOrder, Twin, assessed, past_of, past_of_elements
+from twin_server.estimate import RiskOrder, Twin, past_of, past_of_elements, risk_answer
 from twin_server.persist import History, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.workers.processes import Workers
 from twin_server.registration.twin import Registration
 
-from .forecast_cache import LOOK_BACK, Prospects
+from .forecast_cache import LOOK_BACK, ForecastCache
 
 MOST_KEPT = 500
 """Answers that are kept, those asked for last: some 60 kB each."""
@@ -37,7 +37,7 @@ class _Kept(NamedTuple):
     answer: dict[str, Any]
 
 
-class Assessing:
+class RiskCache:
     """Risk of twins, computed where workers compute.
 
     Parameters
@@ -47,7 +47,7 @@ class Assessing:
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, prospects: Prospects, workers: Workers
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._prospects, self._workers = prospects, workers
@@ -105,7 +105,7 @@ class Assessing:
             horizon=prospect.since + (horizon or span),
             unit=found.boots[found.number[-1]][1],
         )
-        answer: dict[str, Any] = self._workers.run(assessed, twin_id, order)
+        answer: dict[str, Any] = self._workers.run(risk_answer, twin_id, order)
         return answer
 
 

@@ -8,14 +8,14 @@ from pydantic_core import to_json
 
 from slowtime_schemas.messages import Features
 from twin_server.estimate import (
+    CurrentStructure,
     OrderError,
     Simulated,
-    Today,
     Twin,
-    UnknownTodayError,
+    UnknownStructureError,
     check,
+    current_structure_of,
     simulate,
-    today_of,
 )
 from twin_server.history.rendering import estimate_objects
 from twin_server.orders import SimulationOrder
@@ -28,7 +28,7 @@ _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 _ROUND = 7
 
 
-class Simulating:
+class Simulations:
     """Has simulations run where there is room for them.
 
     Parameters
@@ -86,7 +86,7 @@ class Simulating:
             return self._workers.run(
                 answered, twin_id, twin, found, now, last, order, self._effects
             )
-        except UnknownTodayError as error:
+        except UnknownStructureError as error:
             raise ProblemError(409, "not-known-yet", str(error)) from error
         except OrderError as error:
             raise ProblemError(422, "not-valid", str(error)) from error
@@ -108,14 +108,21 @@ def answered(
     UnknownTodayError, OrderError
         Where it cannot be run.
     """
-    today = today_of(twin.registration, twin.checkpoint, found.states, found.bodies, now, last)
+    today = current_structure_of(
+        twin.registration, twin.checkpoint, found.states, found.bodies, now, last
+    )
     today = dataclasses.replace(today, parts=effects)
     unit = found.boots[found.number[-1]][1]
     return to_json(_told(twin_id, twin, today, unit, order, simulate(today, order)))
 
 
 def _told(
-    twin_id: str, twin: Twin, today: Today, unit: str, order: SimulationOrder, found: Simulated
+    twin_id: str,
+    twin: Twin,
+    today: CurrentStructure,
+    unit: str,
+    order: SimulationOrder,
+    found: Simulated,
 ) -> dict[str, Any]:
     model = twin.registration.model
     angle = model is not None and model.unit_of_coordinate == "rad"

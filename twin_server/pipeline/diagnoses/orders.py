@@ -28,7 +28,7 @@ from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.rows import address
-from twin_server.pipeline.monitoring.gap import Minder
+from twin_server.pipeline.monitoring.gap import GapMonitor
 from twin_server.registration.twin import Covariates, Registration
 from twin_server.serve import ProblemError
 from twin_server.settings import DiagnoseSettings, GapSettings
@@ -39,7 +39,7 @@ DIED = "The server ended while it was at it. Ask for it again."
 _FOLLOWED = ("temperature", "load")
 
 
-class Orders:
+class Diagnoses:
     """What the door asks of diagnoses.
 
     Parameters
@@ -62,7 +62,9 @@ class Orders:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._bus, self._clock = bus, clock or SystemClock()
         self._jobs = Jobs(command, settings, self._end)
-        self._minder = Minder(pipeline, store, gaps, self.raw_samples, effects=settings.effects)
+        self._minder = GapMonitor(
+            pipeline, store, gaps, self.raw_samples, effects=settings.effects
+        )
 
     def start(self) -> None:
         """Say of what was under way that it has failed, and begin to work."""

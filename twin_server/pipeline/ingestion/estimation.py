@@ -7,7 +7,7 @@ from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
 from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
 from twin_server.history.states import blank
-from twin_server.persist import Cut, DetailRow, EventRow, FeatureRow, StateRow, Store
+from twin_server.persist import DetailRow, EventRow, FeatureRow, StateRow, Store, WriteBatch
 from twin_server.registration.twin import Registration
 
 from .rows import cut_up, decoded, derived_event, event_row, twin_row
@@ -18,11 +18,11 @@ Twins = dict[tuple[str, str], Twin]
 NO_BOOT = "twin"
 """Stands for an edge's boot in what the twin says of its own accord."""
 
-ANEW = 5_000
+REESTIMATE_BATCH = 5_000
 """Features that are read at once where a history is made anew."""
 
 
-class Fresh(NamedTuple):
+class BatchEstimate(NamedTuple):
     """What a batch of features has told.
 
     Parameters
@@ -36,25 +36,31 @@ class Fresh(NamedTuple):
     keys: Sequence[tuple[str, str]]
 
 
-NOTHING = Fresh(Estimated(blank(0), [], []), (), ())
+EMPTY_ESTIMATE = BatchEstimate(Estimated(blank(0), [], []), (), ())
 """What no features tell."""
 
 
-def begun(registration: Registration) -> Twin:
+def new_twin(registration: Registration) -> Twin:
     """Make a twin that has not seen anything yet."""
     return Twin(registration, Checkpoint.start(registration))
 
 
 def estimate_next(
-    ordered: Sequence[Ordered], twins: Twins, cut: Cut, default: Registration, now_ns: int
-) -> Fresh:
+    ordered: Sequence[Ordered],
+    twins: Twins,
+    cut: WriteBatch,
+    default: Registration,
+    now_ns: int,
+) -> BatchEstimate:
     """Add states, checkpoints and events of `ordered` to `cut`, checkpoints to `twins`."""
     keys: dict[tuple[str, str], int] = {}
     owners = [keys.setdefault((o.run.site, o.run.asset), len(keys)) for o in ordered]
     for key in keys:
         if key not in twins:
-            twins[key] = begun(default)
-            cut.events.append(registered(*key, default, "by its first features", now_ns))
+            twins[key] = new_twin(default)
+            cut.events.append(
+                registration_event(*key, default, "by its first features", now_ns)
+            )
             cut.twins.append(twin_row(key, twins[key]))
     found = estimate(
         [twins[key] for key in keys],
@@ -79,20 +85,20 @@ def estimate_next(
         for o, detail in zip(ordered, found.details, strict=False)
         if detail is not None
     ]
-    return Fresh(found, owners, list(keys))
+    return BatchEstimate(found, owners, list(keys))
 
 
-def estimate_anew(
+def reestimate(
     store: Store, key: tuple[str, str], registration: Registration, event: EventRow
 ) -> Twin:
     """Make all states of a twin from its features again; in memory, a part at a time."""
-    twin = begun(registration)
+    twin = new_twin(registration)
     events = [event]
 
     def states() -> Iterator[StateRow]:
         nonlocal twin
         last = (0, -1)
-        while rows := store.messages(".".join(key), last, ANEW):
+        while rows := store.messages(".".join(key), last, REESTIMATE_BATCH):
             features = [decoded(row.message) for row in rows]
             missing = []
             for row in rows:
@@ -110,15 +116,17 @@ def estimate_anew(
     return twin
 
 
-def registered(
+def registration_event(
     site: str, asset: str, registration: Registration, how: str, now_ns: int
 ) -> EventRow:
     """Make the event that a twin was registered."""
     message = f"Registered {how}: what may change is {registration.changes}."
-    return noted(site, asset, "registered", "info", message, registration.to_dict(), now_ns)
+    return note_event(
+        site, asset, "registered", "info", message, registration.to_dict(), now_ns
+    )
 
 
-def noted(
+def note_event(
     site: str,
     asset: str,
     kind: str,

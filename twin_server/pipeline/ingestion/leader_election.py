@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 _LONGEST_HOST = 30
 
 
-class Precedence:
+class LeaderElection:
     """Whether this twin server is the first on its bus.
 
     Parameters

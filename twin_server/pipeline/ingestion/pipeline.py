@@ -34,25 +34,33 @@ from slowtime_services.credentials import Signer
 from twin_server.collect import (
     Account,
     Arrival,
+    Backfill,
     Change,
-    Healer,
+    EdgeQuery,
     Holding,
     Reception,
     Refusals,
-    Repeated,
+    RepeatedFeatures,
     Run,
     SensorWatch,
-    Want,
+    contest_reading,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
-from twin_server.persist import HOUR_NS, Cut, EventRow, FatigueRow, Store, StoreError
+from twin_server.persist import HOUR_NS, EventRow, FatigueRow, Store, StoreError, WriteBatch
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
-from .estimation import NOTHING, begun, estimate_anew, estimate_next, noted, registered
-from .leader_election import Precedence
+from .estimation import (
+    EMPTY_ESTIMATE,
+    estimate_next,
+    new_twin,
+    note_event,
+    reestimate,
+    registration_event,
+)
+from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
 from .routing import Routing
 from .rows import (
@@ -69,8 +77,8 @@ from .rows import (
     told_event,
     twin_row,
 )
-from .state_publisher import ACK_EVERY_S, Proof, Voice
-from .updates import Listener
+from .state_publisher import ACK_EVERY_S, AcknowledgedRange, StatePublisher
+from .updates import UpdateListener
 
 logger = logging.getLogger(__name__)
 
@@ -84,7 +92,7 @@ VIRTUAL_KEPT = 12
 """Windows of virtual quantities that are remembered of a twin; recordings hold all."""
 
 T = TypeVar("T")
-Answered = tuple[Want, Sequence[Holding] | None, bool]
+Answered = tuple[EdgeQuery, Sequence[Holding] | None, bool]
 """What was asked, what the edge says it holds, and whether all was answered."""
 
 
@@ -118,10 +126,10 @@ class Pipeline:
         self._lock = threading.RLock()
         self._handles: list[Handle] = []
         self._worker: threading.Thread | None = None
-        self._healer: Healer | None = None
+        self._healer: Backfill | None = None
         self.counts: collections.Counter[str] = collections.Counter()
-        self._precedence = Precedence(bus, self._clock)
-        self._voice = Voice(
+        self._precedence = LeaderElection(bus, self._clock)
+        self._voice = StatePublisher(
             bus,
             self._clock,
             self.counts,
@@ -153,7 +161,7 @@ class Pipeline:
         self._worker.start()
         if self._bus is None:
             return
-        self._healer = Healer(
+        self._healer = Backfill(
             self._bus, self.settings.healing, self._wants, self._take_answers, self._settle
         )
         self._handles = [
@@ -256,7 +264,7 @@ class Pipeline:
         """Forget a twin, its history and its account; False where there is none."""
         return self.call(lambda: self._delete(twin_id))
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: UpdateListener) -> None:
         """Tell `listener` what is new, from now on."""
         self._voice.listen(listener)
 
@@ -524,7 +532,7 @@ class Pipeline:
             change.ordered or change.touched or change.lost or change.held or change.rivals
         ):
             return
-        cut = Cut(held=rows_of_held(change), released=rows_of_released(change))
+        cut = WriteBatch(held=rows_of_held(change), released=rows_of_released(change))
         twins = dict(self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
@@ -550,7 +558,7 @@ class Pipeline:
         self._count(change, cut)
         self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
 
-    def _proof(self, run: Run) -> Proof:
+    def _proof(self, run: Run) -> AcknowledgedRange:
         """Give what to acknowledge of a run, with the digest of what its agent still holds.
 
         After a start the digest of a run begins where its history ends, and says nothing of
@@ -563,13 +571,13 @@ class Pipeline:
             part = Run(run.site, run.asset, run.boot, stretch=last + 1)
             part.extend(self._accepted(run, max(first, last + 1 - MOST_INCLUDED), last))
             if part.stretch <= last:
-                return Proof(last, part.stretch, part.digest)
+                return AcknowledgedRange(last, part.stretch, part.digest)
         elif 0 <= first < run.stretch:
             begin = max(first, run.stretch - MOST_INCLUDED)
             run.extend(self._accepted(run, begin, run.stretch - 1))
         if run.last == run.next - 1 >= run.stretch:
-            return Proof(run.last, run.stretch, run.digest)
-        return Proof(run.next - 1, None, 0)
+            return AcknowledgedRange(run.last, run.stretch, run.digest)
+        return AcknowledgedRange(run.next - 1, None, 0)
 
     def _accepted(self, run: Run, first: int, last: int) -> list[tuple[int, bytes]]:
         rows = self.store.messages(
@@ -583,7 +591,7 @@ class Pipeline:
 
     def _compare(self, change: Change) -> None:
         """Hold what came again against what was kept: it may come from another agent."""
-        repeated: dict[Run, list[Repeated]] = {}
+        repeated: dict[Run, list[RepeatedFeatures]] = {}
         for one in change.repeated:
             repeated.setdefault(one.run, []).append(one)
         for run, again in repeated.items():
@@ -596,9 +604,9 @@ class Pipeline:
             if other is None:
                 continue
             one_ns, other_ns = decoded(kept[other.sequence]).t_ns, decoded(other.payload).t_ns
-            self._account.contest_reading(run, other.sequence, one_ns, other_ns, change)
+            contest_reading(run, other.sequence, one_ns, other_ns, change)
 
-    def _count(self, change: Change, cut: Cut) -> None:
+    def _count(self, change: Change, cut: WriteBatch) -> None:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
@@ -606,17 +614,17 @@ class Pipeline:
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
 
-    def _wants(self) -> list[Want]:
+    def _wants(self) -> list[EdgeQuery]:
         return self.call(lambda: self._account.wants(time.monotonic()))
 
-    def _take_answers(self, want: Want, samples: Sequence[Sample]) -> tuple[bool, bool]:
+    def _take_answers(self, want: EdgeQuery, samples: Sequence[Sample]) -> tuple[bool, bool]:
         def take() -> tuple[bool, bool]:
             misdated = self._take(samples)
             return self._account.still_missing(want), misdated == 0
 
         return self.call(take)
 
-    def _settle(self, want: Want, listing: Sequence[Holding] | None, sound: bool) -> None:
+    def _settle(self, want: EdgeQuery, listing: Sequence[Holding] | None, sound: bool) -> None:
         """Conclude together what ten thousand edges answer at once: each waits for the disk."""
         self._answered.append((want, listing, sound))
         self._later(self._settle_all)
@@ -661,7 +669,7 @@ class Pipeline:
         if key not in self._twins:
             return
         now_ns = self._clock.now_ns()
-        event = noted(*key, kind, severity, message, details, now_ns)
+        event = note_event(*key, kind, severity, message, details, now_ns)
         self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
 
     def _keep(
@@ -673,7 +681,7 @@ class Pipeline:
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Make an event durable with what belongs to it, and tell it."""
-        cut = Cut(
+        cut = WriteBatch(
             events=[event],
             deliveries=list(deliveries),
             settled=list(settled),
@@ -682,7 +690,7 @@ class Pipeline:
         )
         numbers = self.store.write(cut)
         self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
-        self._voice.tell((), NOTHING, self._units, [event], numbers)
+        self._voice.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
         for row in asset_events:
             key = ASSET_EVENT.key(*address(row.twin))
             self._voice.say(key, row.body.encode(), ASSET_EVENT.encoding)
@@ -720,15 +728,15 @@ class Pipeline:
             return False
         now_ns = self._clock.now_ns()
         if because is None:
-            event = registered(*key, registration, how, now_ns)
+            event = registration_event(*key, registration, how, now_ns)
         else:
             kind, message, details = because
-            event = noted(*key, kind, "info", message, details or {}, now_ns)
+            event = note_event(*key, kind, "info", message, details or {}, now_ns)
         if before is None:
-            twin = begun(registration)
-            self.store.write(Cut(twins=[twin_row(key, twin)], events=[event]))
+            twin = new_twin(registration)
+            self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
         else:
-            twin = estimate_anew(self.store, key, registration, event)
+            twin = reestimate(self.store, key, registration, event)
         self._twins[key] = twin
         self._voice.announce(key, twin)
         self._voice.reset(twin_id)

@@ -85,7 +85,7 @@ class Routing:
                 state = "late"
             routes = self.routes(event.site, twin.registration)
             found += [
-                begun(route, event.body, body, state, now_ns)
+                new_delivery(route, event.body, body, state, now_ns)
                 for route in routes
                 if route.takes(body["kind"], body["severity"])
                 and not _is_about(body, route.receiver)
@@ -123,7 +123,7 @@ class Routing:
         return t_ns is not None and now_ns - t_ns > self.settings.max_reading_age_s * 1e9
 
 
-def begun(
+def new_delivery(
     route: AlarmRoute, text: str, body: Mapping[str, Any], state: State, now_ns: int
 ) -> Delivery:
     """Begin the delivery of an event by a route."""

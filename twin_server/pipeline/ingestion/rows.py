@@ -7,7 +7,7 @@ from slowtime_schemas.asset_events import AssetEvent
 from slowtime_schemas.codec import Refused, decode, encode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
-from twin_server.collect import DAMAGED, Aged, Change, Lost, Rivals, Run
+from twin_server.collect import DAMAGED, Change, LostRange, OldReading, RivalAgents, Run
 from twin_server.estimate import Notice, Twin
 from twin_server.events.asset_events import TOLD, AssetEventRow, sentence
 from twin_server.history.details import Detail
@@ -110,7 +110,7 @@ def derived_event(features: Features, notice: Notice) -> EventRow:
     )
 
 
-def lost_event(lost: Lost) -> EventRow:
+def lost_event(lost: LostRange) -> EventRow:
     """Make an event of a range that was passed over."""
     run, count = lost.run, lost.last - lost.first + 1
     return event_row(
@@ -134,7 +134,7 @@ def lost_event(lost: Lost) -> EventRow:
     )  # fmt: skip
 
 
-def old_event(aged: Aged) -> EventRow:
+def old_event(aged: OldReading) -> EventRow:
     """Make an event of readings that were old when they came."""
     run, days = aged.run, aged.age_s / 86_400
     return event_row(
@@ -157,7 +157,7 @@ def old_event(aged: Aged) -> EventRow:
     )
 
 
-def rivals_event(rivals: Rivals) -> EventRow:
+def rivals_event(rivals: RivalAgents) -> EventRow:
     """Make an event of two agents that send as one asset."""
     run, same = rivals.run, rivals.other == rivals.run.boot
     twin_id = f"{run.site}.{run.asset}"

@@ -19,10 +19,10 @@ from twin_server.history.details import part
 from twin_server.history.rendering import state_messages
 from twin_server.persist import EventRow
 
-from .estimation import NO_BOOT, Fresh
-from .leader_election import Precedence
+from .estimation import NO_BOOT, BatchEstimate
+from .leader_election import LeaderElection
 from .rows import body_of
-from .updates import Listener, News
+from .updates import TwinUpdate, UpdateListener
 
 logger = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ ACK_EVERY_S = 0.1
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
 
 
-class Proof(NamedTuple):
+class AcknowledgedRange(NamedTuple):
     """Up to where a run is acknowledged, and the digest of what that is from `first` on."""
 
     sequence: int
@@ -38,7 +38,7 @@ class Proof(NamedTuple):
     digest: int
 
 
-class Voice:
+class StatePublisher:
     """Publishes, acknowledges, announces, and tells listeners.
 
     Parameters
@@ -61,26 +61,26 @@ class Voice:
         clock: Clock,
         counts: collections.Counter[str],
         states_per_batch: int,
-        precedence: Precedence,
-        prove: Callable[[Run], Proof],
+        precedence: LeaderElection,
+        prove: Callable[[Run], AcknowledgedRange],
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
         self._precedence, self._prove = precedence, prove
         self._states_per_batch = states_per_batch
-        self._listeners: list[Listener] = []
+        self._listeners: list[UpdateListener] = []
         self._owed: dict[Run, None] = {}
         self._acknowledged_s = 0.0
         self._announced_s = 0.0
         self._announcements = 0
 
-    def listen(self, listener: Listener) -> None:
+    def listen(self, listener: UpdateListener) -> None:
         """Tell `listener` what is new, from now on."""
         self._listeners.append(listener)
 
     def tell(
         self,
         ordered: Sequence[Ordered],
-        fresh: Fresh,
+        fresh: BatchEstimate,
         units: Mapping[int, str],
         happened: Sequence[EventRow],
         numbers: Sequence[int],
@@ -111,12 +111,12 @@ class Voice:
                     theirs[shown], *key, boots, names, part(bodies, shown)
                 ):
                     self._publish(STATE.key(*key), message, STATE.encoding)
-            news = News(".".join(key), theirs, runs, events.pop(key, ()), bodies)
+            news = TwinUpdate(".".join(key), theirs, runs, events.pop(key, ()), bodies)
             for listener in self._listeners:
                 listener.tell(news)
         for key, others in events.items():
             for listener in self._listeners:
-                listener.tell(News(".".join(key), found.states[:0], (), others))
+                listener.tell(TwinUpdate(".".join(key), found.states[:0], (), others))
 
     def reset(self, twin_id: str) -> None:
         """Say that a twin's history has been made anew, or has gone."""
@@ -196,7 +196,7 @@ class Voice:
             logger.exception("A message on %s could not be published.", key)
 
 
-def acknowledgement(run: Run, proof: Proof, now_ns: int) -> bytes:
+def acknowledgement(run: Run, proof: AcknowledgedRange, now_ns: int) -> bytes:
     """Write the acknowledgement of a boot in the version that its agent reads."""
     ack = Acknowledgement(
         site=run.site,

@@ -7,7 +7,7 @@ from twin_server.history.details import Bodies
 from twin_server.history.states import States
 
 
-class News(NamedTuple):
+class TwinUpdate(NamedTuple):
     """What a batch has brought of one twin, once it is durable."""
 
     twin_id: str
@@ -19,10 +19,10 @@ class News(NamedTuple):
     """Of each state of a twin of elements, its detail; empty for other twins."""
 
 
-class Listener(Protocol):
+class UpdateListener(Protocol):
     """Somebody who wants to know what is new; called by the working thread, must not wait."""
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hear what is new of one twin."""
         ...
 

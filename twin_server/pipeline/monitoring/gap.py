@@ -42,7 +42,7 @@ State = Literal["off", "waiting", "learning", "watching", "disagreeing"]
 
 
 @dataclasses.dataclass(slots=True)
-class _Mind:
+class _TwinGap:
     """What is known of one twin.
 
     Parameters
@@ -60,14 +60,14 @@ class _Mind:
     records: list[Record] = dataclasses.field(default_factory=list)
     learning: list[tuple[float, float]] = dataclasses.field(default_factory=list)
     tuned: str = ""
-    usual: measuring.Usual | None = None
+    usual: measuring.GapBaseline | None = None
     until_ns: int = -1
     against: int = 0
     disagrees: bool = False
     failed: str = ""
 
 
-class Minder:
+class GapMonitor:
     """A thread that compares.
 
     Parameters
@@ -93,7 +93,7 @@ class Minder:
         self._raw_samples, self._make = raw_samples, workers or _one_process
         self._effects = effects
         self._workers: concurrent.futures.Executor | None = None
-        self._minds: dict[str, _Mind] = {}
+        self._minds: dict[str, _TwinGap] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="gap", daemon=True)
@@ -130,7 +130,7 @@ class Minder:
             "readings": readings,
         }
 
-    def _state(self, registration: Registration | None, mind: _Mind | None) -> State:
+    def _state(self, registration: Registration | None, mind: _TwinGap | None) -> State:
         if registration is None or not self._settings.every_s or not _comparable(registration):
             return "off"
         if mind is None or not (mind.kept or mind.records or mind.usual):
@@ -195,8 +195,8 @@ class Minder:
             self._take(twin_id, mind, record, found)
 
     def _measured(
-        self, twin_id: str, mind: _Mind, models: list[str], record: Record
-    ) -> measuring.Reading:
+        self, twin_id: str, mind: _TwinGap, models: list[str], record: Record
+    ) -> measuring.GapSample:
         """Measure; an own effect that fails or hangs costs the comparison of its model only."""
         try:
             return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
@@ -215,24 +215,24 @@ class Minder:
             )  # fmt: skip
             return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
 
-    def _of(self, twin_id: str, nominal: ModelFile) -> _Mind:
+    def _of(self, twin_id: str, nominal: ModelFile) -> _TwinGap:
         key = hashlib.sha256(nominal.model_dump_json().encode()).hexdigest()[:16]
         mind = self._minds.get(twin_id)
         if mind is not None and mind.key == key:
             return mind
-        mind = _Mind(key, collections.deque(maxlen=self._settings.kept))
+        mind = _TwinGap(key, collections.deque(maxlen=self._settings.kept))
         events = self._store.events(twin_id, limit=10_000, newest=True)
         for row in reversed(events):
             body = json.loads(row.body)
             if body["kind"] == LEARNT and body["details"]["key"] == key:
                 mind.tuned = json.dumps(body["details"]["tuned"])
-                mind.usual = measuring.Usual(**body["details"]["usual"])
+                mind.usual = measuring.GapBaseline(**body["details"]["usual"])
                 break
         with self._lock:
             self._minds[twin_id] = mind
         return mind
 
-    def _newest(self, twin_id: str, mind: _Mind) -> Piece | None:
+    def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:
         """Ask for what has come since, and choose the last record that is long enough."""
         seconds = self._settings.seconds
         samples = self._raw_samples(twin_id, seconds)
@@ -251,7 +251,7 @@ class Minder:
         return self._workers.submit(function, *arguments, self._effects).result(PATIENCE_S)
 
     def _take(
-        self, twin_id: str, mind: _Mind, record: Record, found: measuring.Reading
+        self, twin_id: str, mind: _TwinGap, record: Record, found: measuring.GapSample
     ) -> None:
         """Keep one reading; learn from it, or judge by it."""
         nominal, in_use = found.gaps[0], found.gaps[-1]
@@ -275,7 +275,7 @@ class Minder:
             mind.against, mind.disagrees = 0, beyond
             self._tell(twin_id, mind, in_use)
 
-    def _learnt(self, twin_id: str, mind: _Mind) -> None:
+    def _learnt(self, twin_id: str, mind: _TwinGap) -> None:
         settings = self._settings
         mind.usual = measuring.learn(mind.learning, settings.readings_between_false_alarms)
         usual = mind.usual
@@ -293,7 +293,7 @@ class Minder:
             },
         )
 
-    def _tell(self, twin_id: str, mind: _Mind, in_use: float) -> None:
+    def _tell(self, twin_id: str, mind: _TwinGap, in_use: float) -> None:
         assert mind.usual is not None
         usual = mind.usual
         details = {"gap": in_use, "expected": usual.expected, "limit": usual.limit}

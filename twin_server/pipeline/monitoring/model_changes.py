@@ -12,14 +12,14 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 
 from slowtime_schemas.asset_events import AssetEvent, is_mass
-from twin_server.estimate import Noticed, Past, Series, past_of, past_of_elements
+from twin_server.estimate import ChangeDetector, DetectedChange, Past, past_of, past_of_elements
 from twin_server.estimate.change_detection import MOST
 from twin_server.estimate.forecast.known_events import come_after, jump_times, known_of
 from twin_server.estimate.renewals import RENEWED
 from twin_server.events.asset_events import QUESTION, TOLD, effective
 from twin_server.persist import Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
-from twin_server.pipeline.ingestion.updates import News
+from twin_server.pipeline.ingestion.updates import TwinUpdate
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ _PAUSE_S = 0.5
 
 
 def was_told(
-    told: Iterable[tuple[str, float]], quantity: str, found: Noticed, at: float
+    told: Iterable[tuple[str, float]], quantity: str, found: DetectedChange, at: float
 ) -> bool:
     """Whether one of the changes told is this one, noticed at a slow time.
 
@@ -55,7 +55,7 @@ def _renewals(bodies: Iterable[str]) -> list[float]:
     return [event["slow_time"] for event in events if event["kind"] == RENEWED]
 
 
-class Lookout:
+class ModelChangeMonitor:
     """A thread that hears what is new of each twin.
 
     Parameters
@@ -66,12 +66,12 @@ class Lookout:
 
     def __init__(self, pipeline: Pipeline, store: Store) -> None:
         self._pipeline, self._store = pipeline, store
-        self._news: dict[str, list[News]] = {}
+        self._news: dict[str, list[TwinUpdate]] = {}
         self._states = 0
         self._missed: set[str] = set()
         self._gone: set[str] = set()
         self._changed = threading.Condition()
-        self._minds: dict[str, dict[str, Series]] = {}
+        self._minds: dict[str, dict[str, ChangeDetector]] = {}
         self._seen: dict[str, float] = {}
         self._events: dict[str, list[AssetEvent]] = {}
         self._stop = threading.Event()
@@ -89,7 +89,7 @@ class Lookout:
         if self._thread.is_alive():
             self._thread.join()
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hear what is new of one twin."""
         if not len(news.states) and not any(TOLD in body for _, body in news.events):
             return
@@ -111,7 +111,7 @@ class Lookout:
             self._gone.add(twin_id)
             self._changed.notify_all()
 
-    def _next(self) -> tuple[str, Sequence[News], bool] | None:
+    def _next(self) -> tuple[str, Sequence[TwinUpdate], bool] | None:
         """Wait for news; give the twin that waits longest, and whether some were let go."""
         with self._changed:
             if not self._news:
@@ -146,7 +146,7 @@ class Lookout:
             while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
                 pass
 
-    def _hear(self, twin_id: str, every: Sequence[News], missed: bool) -> None:
+    def _hear(self, twin_id: str, every: Sequence[TwinUpdate], missed: bool) -> None:
         twin = self._pipeline.twin(twin_id)
         if twin is None or not (every or missed):
             return
@@ -200,7 +200,8 @@ class Lookout:
         states = found.states
         known = known_of(events, states["t_ns"], states["slow_time"], past)
         self._minds[twin_id] = {
-            name: Series(odds, tuple(times)) for name, times in jump_times(known).items()
+            name: ChangeDetector(odds, tuple(times))
+            for name, times in jump_times(known).items()
         }
         every = self._taken(twin_id, past, odds, _renewals(row.body for row in rows))
         told = self._told(twin_id) if every else set()
@@ -214,14 +215,14 @@ class Lookout:
         past: Mapping[str, Past],
         odds: float,
         renewed: Sequence[float] = (),
-    ) -> list[tuple[str, Noticed, float, int]]:
+    ) -> list[tuple[str, DetectedChange, float, int]]:
         """Take in readings; what was noticed, when, and how many readings follow.
 
         A series begins anew at each of the slow times `renewed`: that jump was announced.
         """
         mind, found = self._minds[twin_id], []
         for name, one in past.items():
-            series = mind.setdefault(name, Series(odds))
+            series = mind.setdefault(name, ChangeDetector(odds))
             readings = zip(
                 one.slow_time.tolist(), one.value.tolist(), one.own_sd.tolist(), strict=True
             )
@@ -230,7 +231,7 @@ class Lookout:
                     continue
                 self._seen[twin_id] = at
                 if series.past and any(series.past[-1][0] < one <= at for one in renewed):
-                    series = mind[name] = Series(odds, series.told)
+                    series = mind[name] = ChangeDetector(odds, series.told)
                 if (noticed := series.take(at, value, sd)) is not None:
                     found.append((name, noticed, at, len(one.value) - 1 - number))
         return found
@@ -244,7 +245,7 @@ class Lookout:
             if body["kind"] == CHANGED
         }
 
-    def _say(self, twin_id: str, name: str, found: Noticed, at: float) -> None:
+    def _say(self, twin_id: str, name: str, found: DetectedChange, at: float) -> None:
         moved = "rose" if found.size > 0 else "fell"
         said = f"{100 * abs(found.size):.3g} % ± {100 * found.sd:.2g} %"
         self._pipeline.note(
@@ -264,7 +265,7 @@ class Lookout:
         if restores(name, found):
             self._ask(twin_id, name, found, at)
 
-    def _ask(self, twin_id: str, name: str, found: Noticed, at: float) -> None:
+    def _ask(self, twin_id: str, name: str, found: DetectedChange, at: float) -> None:
         """Ask whether a change toward the nominal model was a repair that nobody has told."""
         self._pipeline.note(
             twin_id,
@@ -285,7 +286,7 @@ class Lookout:
         )
 
 
-def restores(name: str, found: Noticed) -> bool:
+def restores(name: str, found: DetectedChange) -> bool:
     """Whether a change brings a quantity back, as a repair does.
 
     A stiffness that rises was repaired or strengthened; of a mass, only what brings it nearer

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from twin_server.estimate import foresee, learn
+from twin_server.estimate import forecast_changes, learn
 from twin_server.estimate.forecast.changes import Past
 
 from .processes import WARMED
@@ -19,7 +19,7 @@ def warm() -> None:
     time = np.arange(float(_COUNT))
     value = 1e-3 * np.random.default_rng(0).standard_normal(_COUNT)
     past = {"stiffness_change": Past(time, value, np.full(_COUNT, 1e-3), 0.0)}
-    foresee(past, learn(past), None, 2)
+    forecast_changes(past, learn(past), None, 2)
 
 
 if WARMED in os.environ:

@@ -56,7 +56,7 @@ class Workers(Protocol):
         ...
 
 
-class Here:
+class CallerThread:
     """The thread that asks."""
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:
@@ -67,7 +67,7 @@ class Here:
         """Do nothing."""
 
 
-class Processes:
+class WorkerProcesses:
     """Processes that compute, one call each at a time.
 
     Parameters

@@ -12,9 +12,9 @@ from twin_server.composites.hierarchy import above, memberships, twins_of
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import ID, Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.body_queue import passed
-from twin_server.serve.http.bounded_threads import Few
-from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.body_queue import release_body_slot
+from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.routes.twin_path import TwinId
@@ -35,7 +35,7 @@ _PROBLEMS = problems.answers(
 CompositeId = Annotated[str, Path(pattern=ID), Plain]
 
 
-class Compositing(Protocol):
+class CompositeService(Protocol):
     """All that the door asks of composites; what cannot be is a `ProblemError`."""
 
     def all(self) -> Mapping[str, Composite]:
@@ -57,9 +57,9 @@ class Compositing(Protocol):
 
 def routes(
     knowledge: Knowledge,
-    compositing: Compositing,
+    compositing: CompositeService,
     known: Callable[[str], Awaitable[Registration]],
-    lane: Lane,
+    lane: ComputeQueue,
 ) -> APIRouter:
     """Make the routes.
 
@@ -71,7 +71,7 @@ def routes(
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["composites"])
-    listing, changing = Few(2), Few(1)
+    listing, changing = BoundedThreads(2), BoundedThreads(1)
     Known = Annotated[Registration, Depends(known)]
 
     def seen(request: Request, composite_id: str) -> Mapping[str, Composite]:
@@ -131,7 +131,7 @@ def routes(
         request: Request, composite_id: CompositeId, wanted: Composite
     ) -> Response:
         """Register a composite, or register it anew; what it was before is kept."""
-        passed(request.scope)
+        release_body_slot(request.scope)
         after = {**compositing.all(), composite_id: wanted}
         _reach(request, composite_id, after)
         who = principal_of(request.scope).name

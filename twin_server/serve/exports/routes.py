@@ -12,7 +12,7 @@ from twin_server.history.rendering import state_objects
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.bounded_threads import Few
+from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
@@ -76,7 +76,7 @@ def routes(
     composites
         Gives all composites there are.
     """
-    under_way, listing = Files(most), Few(2)
+    under_way, listing = Files(most), BoundedThreads(2)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 

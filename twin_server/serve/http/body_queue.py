@@ -15,11 +15,11 @@ LARGE = 4_096
 """Bytes of a body from which on looking at it is felt by others."""
 
 
-class Turnstile:
+class BodyQueue:
     """ASGI middleware around whatever reads bodies.
 
-    A route that goes on to wait says so by `passed`; else the next one is let in when the
-    answer begins.
+    A route that goes on to wait calls `release_body_slot`; otherwise the next request is
+    admitted when the answer begins.
     """
 
     def __init__(self, app: ASGIApp, streamed: str) -> None:
@@ -80,7 +80,7 @@ class Turnstile:
         return self._one
 
 
-def passed(scope: Scope) -> None:
+def release_body_slot(scope: Scope) -> None:
     """Let the next one in: this request is valid, and goes on to wait for something else."""
     leave = scope.get(KEY)
     if leave is not None:

@@ -9,7 +9,7 @@ import anyio
 T = TypeVar("T")
 
 
-class Few:
+class BoundedThreads:
     """Threads of one purpose; who asks beyond them waits.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Shared(Generic[T]):
+class CoalescedCall(Generic[T]):
     """A question that is asked often, and answered once at a time.
 
     Parameters

@@ -71,7 +71,7 @@ class _Job:
             _abandoned.reset(token)
 
 
-class Lane:
+class ComputeQueue:
     """Some threads, and who waits for them; lives in the event loop.
 
     Parameters

@@ -27,7 +27,7 @@ EventId = Annotated[
 ]
 
 
-class Alarming(Protocol):
+class AlarmService(Protocol):
     """All that the door asks of alarms; what cannot be is a `ProblemError`."""
 
     def alarms(self, twin_id: str, limit: int) -> list[dict[str, Any]]:
@@ -53,7 +53,9 @@ class Alarming(Protocol):
         ...
 
 
-def routes(alarming: Alarming, known: Callable[[str], Awaitable[Registration]]) -> APIRouter:
+def routes(
+    alarming: AlarmService, known: Callable[[str], Awaitable[Registration]]
+) -> APIRouter:
     """Make the routes.
 
     Parameters

@@ -18,7 +18,7 @@ from twin_server.events.asset_events import AssetEventOrder
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.bounded_threads import Few
+from twin_server.serve.http.bounded_threads import BoundedThreads
 
 from .twin_path import TwinId
 
@@ -82,7 +82,7 @@ class AssetEventList(BaseModel):
     questions: list[QuestionModel]
 
 
-class EventKeeping(Protocol):
+class AssetEventService(Protocol):
     """All that the door asks of events of assets; what cannot be is a `ProblemError`."""
 
     def record(
@@ -96,7 +96,9 @@ class EventKeeping(Protocol):
         ...
 
 
-def routes(keeping: EventKeeping, known: Callable[[str], Awaitable[Registration]]) -> APIRouter:
+def routes(
+    keeping: AssetEventService, known: Callable[[str], Awaitable[Registration]]
+) -> APIRouter:
     """Make the routes.
 
     Parameters
@@ -105,7 +107,7 @@ def routes(keeping: EventKeeping, known: Callable[[str], Awaitable[Registration]
         Gives the registration of the twin in the path, or raises.
     """
     api = APIRouter(tags=["events"])
-    recording = Few(2)
+    recording = BoundedThreads(2)
 
     Known = Annotated[Registration, Depends(known)]
 

@@ -9,7 +9,7 @@ from pydantic_core import to_json
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.bounded_threads import Few
+from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models import twins as models
 
@@ -39,7 +39,7 @@ _PROBLEMS = problems.answers(
 Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
 
 
-class Ordering(Protocol):
+class DiagnosisService(Protocol):
     """All that the door asks of diagnoses; what cannot be is a `ProblemError`."""
 
     def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
@@ -76,7 +76,9 @@ class Ordering(Protocol):
 
 
 def routes(
-    ordering: Ordering, known: Callable[[str], Awaitable[Registration]], changing: Few
+    ordering: DiagnosisService,
+    known: Callable[[str], Awaitable[Registration]],
+    changing: BoundedThreads,
 ) -> APIRouter:
     """Make the routes.
 

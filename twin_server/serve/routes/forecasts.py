@@ -13,7 +13,7 @@ from twin_server.history.rendering import estimate_objects
 from twin_server.registration.thresholds import Limit, shown, signed
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
@@ -54,7 +54,7 @@ def routes(
     knowledge: Knowledge,
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
-    lane: Lane,
+    lane: ComputeQueue,
 ) -> APIRouter:
     """Make the routes.
 

@@ -11,7 +11,7 @@ from slowtime.decisions.fleet import Candidate, dispatch
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.models import plans as plan_models
 
@@ -40,7 +40,7 @@ Budget = Annotated[
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: Lane
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 

@@ -15,7 +15,7 @@ from starlette.responses import FileResponse
 from slowtime_schemas.quantities import Plain
 from twin_server.identity.principals import principal_of
 from twin_server.serve.http import problems
-from twin_server.serve.http.bounded_threads import Few
+from twin_server.serve.http.bounded_threads import BoundedThreads
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap$"
 Name = Annotated[
@@ -103,7 +103,7 @@ class ReplayOrder(BaseModel):
     ] = None
 
 
-class Keeping(Protocol):
+class RecordingService(Protocol):
     """All that the door asks of recordings; what cannot be is a `ProblemError`."""
 
     def listed(self, reaches: Reaches) -> Mapping[str, Any]:
@@ -131,10 +131,10 @@ class Keeping(Protocol):
         ...
 
 
-def routes(keeping: Keeping) -> APIRouter:
+def routes(keeping: RecordingService) -> APIRouter:
     """Make the routes."""
     api = APIRouter(tags=["recordings"])
-    few = Few(2)  # a file of which nothing is known yet is read to its end
+    few = BoundedThreads(2)  # a file of which nothing is known yet is read to its end
 
     def reaches(request: Request) -> Reaches:
         return principal_of(request.scope).reaches

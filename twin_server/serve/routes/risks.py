@@ -9,7 +9,7 @@ from pydantic_core import to_json
 
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.models import risks as risk_models
 
@@ -26,7 +26,7 @@ Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: Lane
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 

@@ -11,8 +11,8 @@ from slowtime_schemas.quantities import Estimate
 from twin_server.orders import SimulationOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
-from twin_server.serve.http.body_queue import passed
-from twin_server.serve.http.compute_queue import Lane
+from twin_server.serve.http.body_queue import release_body_slot
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 
 from .twin_path import TwinId
@@ -120,7 +120,7 @@ class SimulationModel(BaseModel):
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: Lane
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 
@@ -146,7 +146,7 @@ def routes(
         drawn is run from rest under the same load, which is straight between its samples.
         """
         await run_in_threadpool(knowledge.check, twin_id, order)
-        passed(request.scope)
+        release_body_slot(request.scope)
         answer = await lane.run(
             request,
             lambda: knowledge.simulate(twin_id, order),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_agent.acquire.live.batch import Rows
-from edge_agent.acquire.live.counts import Tally
+from edge_agent.acquire.live.counts import SampleCounts
 
 MOST_WAITING = 4_000_000
 """Samples of one channel that are waited for at most, whatever the settings."""
@@ -33,7 +33,11 @@ class Assembler:
     """
 
     def __init__(
-        self, lanes: tuple[tuple[int, ...], ...], block_rows: int, horizon: int, tally: Tally
+        self,
+        lanes: tuple[tuple[int, ...], ...],
+        block_rows: int,
+        horizon: int,
+        tally: SampleCounts,
     ) -> None:
         self._lanes, self._block_rows = [list(lane) for lane in lanes], block_rows
         self._horizon, self._tally = min(horizon, MOST_WAITING), tally

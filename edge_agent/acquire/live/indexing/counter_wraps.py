@@ -30,7 +30,7 @@ LONGEST_S = 5.0
 """So long batches wait at most."""
 
 
-class Verdict(NamedTuple):
+class PauseVerdict(NamedTuple):
     """What a pause was.
 
     Parameters
@@ -101,12 +101,12 @@ class Pause:
         """Arrival of what came last."""
         return self.held[-1][1].arrival_ns
 
-    def judge(self, *, now: bool = False) -> Verdict | None:
+    def judge(self, *, now: bool = False) -> PauseVerdict | None:
         """Tell what the pause was, once it is known, or what is known of it now."""
         most = math.floor((self._lag + self._slack) / self._wrap)
         least = max(self._least_wraps, math.ceil((self._lag - self._slack) / self._wrap))
         if most < self._least_wraps:
-            return Verdict(0, restarts=True)
+            return PauseVerdict(0, restarts=True)
         queue_s = self._delays.lasts_ns(1) * (self._first_lag - self._lag) / 1e9
         made_up = queue_s > QUEUE_S
         is_new = self._may_be_new and not made_up
@@ -120,10 +120,10 @@ class Pause:
             # A queue is no new beginning; and any delay is about some number of short wraps.
             least = self._least_wraps
         if least > most:
-            return Verdict(0, 0 if self._may_be_new else max(0, gap), restarts=True)
+            return PauseVerdict(0, 0 if self._may_be_new else max(0, gap), restarts=True)
         if is_new:
-            return Verdict(0, max(0, gap), restarts=True)
-        return Verdict(least, (most - least) * self._wrap)
+            return PauseVerdict(0, max(0, gap), restarts=True)
+        return PauseVerdict(least, (most - least) * self._wrap)
 
     def _is_settled(self) -> bool:
         """Whether messages come at their pace, so that nothing is left to be made up for."""

@@ -4,10 +4,10 @@ import collections
 import logging
 
 from edge_agent.acquire.live.batch import Batch
-from edge_agent.acquire.live.counts import Tally
+from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.layouts import Counter
 
-from .counter_wraps import JITTER_S, Pause, Verdict
+from .counter_wraps import JITTER_S, Pause, PauseVerdict
 from .positions import FOLLOWS_WITHIN, Numbered, Placement, Step
 
 logger = logging.getLogger(__name__)
@@ -28,7 +28,9 @@ class ByCounter(Numbered):
     After a pause in which it may have wrapped, batches wait until it is known how often.
     """
 
-    def __init__(self, counter: Counter, rate_hz: float, horizon: int, tally: Tally) -> None:
+    def __init__(
+        self, counter: Counter, rate_hz: float, horizon: int, tally: SampleCounts
+    ) -> None:
         super().__init__(rate_hz, horizon, tally)
         self._modulus: int = 2**counter.bits
         self._by_message = counter.counts == "messages"
@@ -67,7 +69,7 @@ class ByCounter(Numbered):
         placed = [] if self._pause is None else self._leave(self._pause.judge(now=True))
         return [*placed, *super().finish()]
 
-    def _leave(self, verdict: Verdict | None) -> list[Placement]:
+    def _leave(self, verdict: PauseVerdict | None) -> list[Placement]:
         """Place what has waited, as soon as there is a verdict."""
         pause = self._pause
         if pause is None or verdict is None:

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from edge_agent.acquire.live.batch import Batch
-from edge_agent.acquire.live.counts import Tally
+from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.layouts import Stamp
 
 from .delays import Delays
@@ -55,7 +55,7 @@ class Step(NamedTuple):
 class Numbered(abc.ABC):
     """What counters and stamps have in common: small steps back are late samples."""
 
-    def __init__(self, rate_hz: float, horizon: int, tally: Tally) -> None:
+    def __init__(self, rate_hz: float, horizon: int, tally: SampleCounts) -> None:
         self._rate_hz, self._horizon, self._tally = rate_hz, horizon, tally
         self._delays = Delays(rate_hz)
         self._front = 0
@@ -156,7 +156,7 @@ class ByStamp(Numbered):
     PHASE_GAIN, PERIOD_GAIN, LONGEST_LEARNT = 0.1, 0.005, 4
     """Gains that the loop settles at; before, those of a growing least-squares line."""
 
-    def __init__(self, stamp: Stamp, rate_hz: float, horizon: int, tally: Tally) -> None:
+    def __init__(self, stamp: Stamp, rate_hz: float, horizon: int, tally: SampleCounts) -> None:
         super().__init__(rate_hz, horizon, tally)
         self._unit_ns = UNIT_NS[stamp.unit]
         self._modulus_ns: int = 2**stamp.bits * self._unit_ns
@@ -215,7 +215,7 @@ class ByArrival:
 
     SETTLE_S, FEWEST = 0.5, 3
 
-    def __init__(self, rate_hz: float, tally: Tally) -> None:
+    def __init__(self, rate_hz: float, tally: SampleCounts) -> None:
         self._rate_hz, self._tally = rate_hz, tally
         self._delays = Delays(rate_hz)
         self._front = self._waiting_rows = 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from edge_agent.acquire.live.batch import Packet
 from edge_agent.acquire.live.formats.iio_scan import Scan, batches_of, element_of, scan_of
-from edge_agent.acquire.live.registry import Opened, Surroundings
+from edge_agent.acquire.live.registry import Opened, TransportContext
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
@@ -139,7 +139,7 @@ class Buffer:
         """Do nothing: what is open is closed with each connection."""
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Find the device, choose its channels and read how they are packed."""
     device = Device(
         settings.sysfs, settings.source.partition(":")[2].strip("/").partition("?")[0]

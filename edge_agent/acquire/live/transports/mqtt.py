@@ -12,7 +12,7 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
@@ -121,7 +121,7 @@ def tls_context(settings: LiveInput) -> ssl.SSLContext:
     return context
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to the topic of the URL, or to those of the channels."""
     layout, rate_hz = declared(settings, settings.scheme)
     address, user, topic = parts_of(settings.source)

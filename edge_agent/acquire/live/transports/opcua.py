@@ -13,7 +13,7 @@ from asyncua.client.client import Client
 from asyncua.common.node import Node
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings
+from edge_agent.acquire.live.registry import Opened, TransportContext
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
@@ -92,7 +92,7 @@ async def _ended(client: Client) -> None:
         return
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to the nodes that the URL names."""
     nodes = [name for name in settings.parameters.get("channels", "").split(",") if name]
     if not nodes or settings.rate_hz is None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 from slowtime_services.plugin_process import PluginProcess
@@ -18,7 +18,7 @@ HUNG_AFTER_SILENCES = 3
 silent long before, and to start the part again costs nothing more."""
 
 
-class OwnPackets:
+class PluginPackets:
     """Whatever the part does, packets come or do not come; it is started again."""
 
     is_stream = ends = False
@@ -58,11 +58,11 @@ class OwnPackets:
         self._process.close()
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Find the part; it is imported when it is first asked for packets."""
     process = PluginProcess(find(GROUP, settings.scheme))
     layout, rate_hz = declared(settings, settings.scheme)
     hung_after_s = HUNG_AFTER_SILENCES * settings.silent_after_s
     return Opened(
-        OwnPackets(settings.source, process, around.clock, hung_after_s), layout, rate_hz
+        PluginPackets(settings.source, process, around.clock, hung_after_s), layout, rate_hz
     )

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
@@ -40,6 +40,6 @@ class StandardInput:
         """Do nothing: what is open is closed with each connection."""
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Read standard input."""
     return Opened(StandardInput(around.clock), *declared(settings, "stdin"))

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
@@ -50,7 +50,7 @@ class Datagrams:
         self._socket.close()
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Bind the port."""
     layout, rate_hz = declared(settings, settings.scheme)
     return Opened(Datagrams(address_of(settings.source), around.clock), layout, rate_hz)

@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_agent.acquire.live.batch import Batch, GarbledError, Packet
 from edge_agent.acquire.live.formats.decoding import AnyLayout
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, Counter, JsonLayout
 from slowtime_schemas.codec import Refused, decode
@@ -100,7 +100,7 @@ class _Decoder:
         return [Batch(rows, arrival_ns, told.first_index)]
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to a key, or to the samples of this asset."""
     if around.bus is None:
         raise ValueError("zenoh: needs the bus of an edge agent.")

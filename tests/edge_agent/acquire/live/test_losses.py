@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_agent.acquire.live.batch import Batch
-from edge_agent.acquire.live.counts import Tally
+from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.acquire.live.indexing.assembly import Assembler
 from edge_agent.acquire.live.indexing.counters import ByCounter
 from edge_agent.acquire.live.indexing.positions import ByArrival, ByStamp
@@ -46,7 +46,7 @@ def positions_of(kind, tally):
 
 def hold_to_account(kind, seed, samples, *, stalls=0):
     """One seeded run; what is counted is what has happened. Whether it was decidable."""
-    rng, tally = np.random.default_rng(seed), Tally()
+    rng, tally = np.random.default_rng(seed), SampleCounts()
     per_message = (1, 1, 5, 20)[seed % 4]
     begins = rng.integers(samples // 10, samples - 600, stalls) // per_message
     sent = device(
@@ -111,7 +111,7 @@ def arrivals(numbers, counters, times):
 
 def counted_of(messages):
     """What is counted of messages with a counter of 8 bits."""
-    sent, tally = device(np.random.default_rng(1), samples=10), Tally()
+    sent, tally = device(np.random.default_rng(1), samples=10), SampleCounts()
     sent.messages = messages
     assembled(sent, positions_of("8", tally), tally)
     names = ("samples_lost", "samples_lost_unsure", "sensor_restarts")
@@ -159,7 +159,7 @@ def test_a_restart_that_no_loss_explains_is_sure():
 
 
 def test_a_counter_that_is_wrong_once_costs_its_own_samples_only():
-    sent, tally = device(np.random.default_rng(1), samples=500, loss=0.0), Tally()
+    sent, tally = device(np.random.default_rng(1), samples=500, loss=0.0), SampleCounts()
     arrival_ns, _, stamp, rows = sent.messages[200]
     sent.messages[200] = arrival_ns, 10**9, stamp, rows
     runs = assembled(sent, positions_of("64", tally), tally)
@@ -173,7 +173,7 @@ def test_without_a_counter_a_pause_that_is_not_made_up_for_is_a_loss():
         (START_NS + n * 50_000_000 + 40_000_000, None, None, np.zeros((5, 2)))
         for n in [*range(200), *range(260, 400)]
     ]
-    sent, tally = device(np.random.default_rng(1), samples=10), Tally()
+    sent, tally = device(np.random.default_rng(1), samples=10), SampleCounts()
     sent.messages = messages
     assembled(sent, ByArrival(RATE_HZ, tally), tally)
     assert tally["samples_lost_inferred"] == pytest.approx(300, abs=5)
@@ -184,14 +184,14 @@ def test_without_a_counter_a_burst_after_a_pause_is_no_loss():
     held_back = [13_000 + n // 2 for n in range(61)]
     times = [*range(0, 10_000, 50), *held_back, *range(13_050, 20_000, 50)]
     messages = [(START_NS + t * 1_000_000, None, None, np.zeros((5, 2))) for t in times]
-    sent, tally = device(np.random.default_rng(1), samples=10), Tally()
+    sent, tally = device(np.random.default_rng(1), samples=10), SampleCounts()
     sent.messages = messages
     assembled(sent, ByArrival(RATE_HZ, tally), tally)
     assert tally["samples_lost"] == 0
 
 
 def test_channels_on_topics_of_their_own_meet_in_one_row():
-    tally = Tally()
+    tally = SampleCounts()
     assembler = Assembler(((0,), (1,)), 4, 4, tally)
     for n in range(8):
         assembler.put(n, [[float(n)]], 0)

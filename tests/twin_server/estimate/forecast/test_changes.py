@@ -7,12 +7,12 @@ from twin_server.estimate import (
     Checkpoint,
     Twin,
     estimate,
-    foresee,
+    forecast_changes,
     learn,
     past_of,
     past_of_elements,
 )
-from twin_server.estimate.checkpoint import Known
+from twin_server.estimate.checkpoint import NominalInUse
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
 
@@ -28,7 +28,7 @@ def history(features, **registration):
 
 def ahead_of(states, known, horizon, count, outlooks=None, thresholds=()):
     past = past_of(states, known)
-    found = foresee(past, outlooks or learn(past), horizon, count, thresholds)
+    found = forecast_changes(past, outlooks or learn(past), horizon, count, thresholds)
     assert found is not None
     return found
 
@@ -58,8 +58,8 @@ def test_only_what_is_estimated_is_forecast(ageing):
 
 def test_too_few_readings_give_no_forecast(ageing):
     states, known = history(ageing(9), nominal=NOMINAL)
-    assert foresee(past_of(states, known), {}, 1.0, 2) is None
-    assert foresee(past_of(states[:0], known), {}, 1.0, 2) is None
+    assert forecast_changes(past_of(states, known), {}, 1.0, 2) is None
+    assert forecast_changes(past_of(states[:0], known), {}, 1.0, 2) is None
 
 
 def test_a_nominal_in_doubt_is_not_averaged_away(ageing):
@@ -132,7 +132,9 @@ def test_a_nominal_in_doubt_makes_the_time_to_a_threshold_uncertain(ageing):
 def test_a_twin_that_is_still_learning_has_no_forecast(ageing):
     states, known = history(ageing(12), learn_epochs=50)
     assert known is None
-    assert foresee(past_of(states, Known(3.0, 0.0, 0.02, 0.0)), {}, 1.0, 2) is None
+    assert (
+        forecast_changes(past_of(states, NominalInUse(3.0, 0.0, 0.02, 0.0)), {}, 1.0, 2) is None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +155,7 @@ def test_each_element_is_forecast(weakening):
     bodies = [detail.body for detail in found.details]
     memory = found.checkpoints[0].elements
     past = past_of_elements(found.states[:60], bodies[:60], memory)
-    ahead = foresee(past, learn(past), 9.0, 9)
+    ahead = forecast_changes(past, learn(past), 9.0, 9)
     assert ahead is not None
     assert list(ahead.bands) == ["storey1", "storey2", "storey3"]
     np.testing.assert_allclose(ahead.slow_time, np.arange(60.0, 69.0))
@@ -171,7 +173,7 @@ def test_what_was_learnt_of_elements_is_not_averaged_away(weakening):
     memory = found.checkpoints[0].elements
     assert memory.common_share == pytest.approx(1 / 21)
     past = past_of_elements(found.states, bodies, memory)["storey1"]
-    ahead = foresee({"storey1": past}, learn({"storey1": past}), 1.0, 1)
+    ahead = forecast_changes({"storey1": past}, learn({"storey1": past}), 1.0, 1)
     assert ahead is not None
     assert ahead.bands["storey1"][0, 1] >= past.common * 0.99
     assert past.common == pytest.approx(np.median(past.sd) / np.sqrt(21), rel=0.1)
@@ -183,5 +185,5 @@ def test_a_twin_of_elements_that_is_still_learning_has_no_forecast(weakening):
     bodies = [detail.body for detail in found.details]
     memory = found.checkpoints[0].elements
     past = past_of_elements(found.states[:20], bodies[:20], memory)
-    assert foresee(past, learn(past), 1.0, 2) is None
+    assert forecast_changes(past, learn(past), 1.0, 2) is None
     assert past_of_elements(found.states, (), memory) == {}

@@ -8,7 +8,7 @@ import pytest
 from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer, make_key
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.persist import Cut, SqliteStore, TwinRow, audit_file, open_store
+from twin_server.persist import SqliteStore, TwinRow, WriteBatch, audit_file, open_store
 from twin_server.persist.tables.checksums import ASSET_EVENTS
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 
@@ -21,8 +21,8 @@ ROWS = [
 
 def test_events_are_kept_in_the_order_of_their_acceptance_and_the_first_stays(database):
     with contextlib.closing(open_store(database())) as store:
-        store.write(Cut(twins=[TWIN], asset_events=ROWS[:2]))
-        store.write(Cut(asset_events=[ROWS[2], ROWS[0]._replace(body="{}")]))
+        store.write(WriteBatch(twins=[TWIN], asset_events=ROWS[:2]))
+        store.write(WriteBatch(asset_events=[ROWS[2], ROWS[0]._replace(body="{}")]))
         assert store.asset_events("lab.beam") == ROWS
         assert store.asset_events("lab.mast") == []
     with contextlib.closing(open_store(database())) as store:
@@ -35,10 +35,10 @@ def signed(path, key):
     """A database with events under a signed head."""
     store = SqliteStore(path)
     signer = LedgerSigner(store, HandClock(10**18), Signer.read(key), 60.0, lambda *_: None)
-    store.write(Cut(twins=[TWIN]))
-    store.write(Cut(asset_events=ROWS[:2]))
+    store.write(WriteBatch(twins=[TWIN]))
+    store.write(WriteBatch(asset_events=ROWS[:2]))
     signer.step()
-    store.write(Cut(asset_events=ROWS[2:]))
+    store.write(WriteBatch(asset_events=ROWS[2:]))
     store.close()
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from twin_server.events.deliveries import Acknowledgement, Delivery
-from twin_server.persist import Cut, EventRow, StoreError
+from twin_server.persist import EventRow, StoreError, WriteBatch
 
 EVENT = EventRow(0, "lab", "beam", 5, None, False, "{}")
 
@@ -19,16 +19,16 @@ def delivery(name, *, receiver="ops", twin="lab.beam", due_ns=10, **more):
 def test_an_event_and_its_deliveries_are_kept_together_or_not_at_all(store):
     torn = delivery("a")._replace(body=None)  # refused by the table
     with pytest.raises(StoreError):
-        store.write(Cut(events=[EVENT], deliveries=[delivery("b"), torn]))
+        store.write(WriteBatch(events=[EVENT], deliveries=[delivery("b"), torn]))
     assert (store.events(), store.deliveries()) == ([], [])
-    assert store.write(Cut(events=[EVENT], deliveries=[delivery("b")])) == [1]
+    assert store.write(WriteBatch(events=[EVENT], deliveries=[delivery("b")])) == [1]
     assert store.deliveries() == [delivery("b")]
 
 
 def test_what_is_due_comes_first_and_what_is_not_does_not_come(store):
     rows = [delivery("a", due_ns=30), delivery("b", due_ns=10), delivery("c", due_ns=20)]
     rows.append(delivery("d", receiver="boss"))
-    store.write(Cut(deliveries=rows))
+    store.write(WriteBatch(deliveries=rows))
     asked = {"receiver": "ops", "states": ("waiting",)}
     assert [r.event for r in store.deliveries(**asked, due_ns=20)] == ["b", "c"]
     assert [r.event for r in store.deliveries(**asked, due_ns=99, limit=1)] == ["b"]
@@ -37,10 +37,10 @@ def test_what_is_due_comes_first_and_what_is_not_does_not_come(store):
 
 def test_one_is_begun_once_and_settled_while_it_is_open(store):
     one = delivery("a")
-    store.write(Cut(deliveries=[one]))
+    store.write(WriteBatch(deliveries=[one]))
     failed = one._replace(tries=1, error="no", due_ns=50)
     store.settle([failed])
-    store.write(Cut(deliveries=[one]))
+    store.write(WriteBatch(deliveries=[one]))
     assert store.deliveries() == [failed]
     done = failed._replace(state="delivered", tries=2, ended_ns=60, error="")
     store.settle([done], [one.reminding(70)])
@@ -58,7 +58,7 @@ def test_one_is_begun_once_and_settled_while_it_is_open(store):
 
 def test_what_is_settled_of_a_twin_that_has_gone_is_not_kept(store):
     one = delivery("a")
-    store.write(Cut(deliveries=[one]))
+    store.write(WriteBatch(deliveries=[one]))
     store.delete("lab.beam")
     store.settle([one._replace(state="delivered", ended_ns=1)])
     assert store.deliveries() == []
@@ -66,8 +66,8 @@ def test_what_is_settled_of_a_twin_that_has_gone_is_not_kept(store):
 
 def test_the_first_acknowledgement_stays(store):
     first = Acknowledgement("a", "lab.beam", 5, "Ann", "ann", "seen")
-    store.write(Cut(acknowledgements=[first]))
-    store.write(Cut(acknowledgements=[first._replace(by="Bob")]))
+    store.write(WriteBatch(acknowledgements=[first]))
+    store.write(WriteBatch(acknowledgements=[first._replace(by="Bob")]))
     assert store.acknowledgements("lab.beam") == {"a": first}
     assert store.acknowledgements("lab.rig") == {}
     store.delete("lab.beam")

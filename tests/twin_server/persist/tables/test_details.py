@@ -6,13 +6,13 @@ import pytest
 from twin_server.history.details import Detail
 from twin_server.history.states import blank
 from twin_server.persist import (
-    Cut,
     DetailRow,
     EventRow,
     FeatureRow,
     RunRow,
     StateRow,
     TwinRow,
+    WriteBatch,
     open_store,
 )
 
@@ -38,7 +38,7 @@ def detail(number, sequence, value=0.0, body=None):
 def fill(store, count=1200):
     """A twin of elements whose first epochs have no detail, and one without any."""
     store.write(
-        Cut(
+        WriteBatch(
             runs=[run_row(1, "frame", count - 1), run_row(2, "beam", 3)],
             features=[feature(1, s) for s in range(count)] + [feature(2, s) for s in range(4)],
             details=[detail(1, s, float(s)) for s in range(2, count)],
@@ -78,7 +78,7 @@ def test_estimating_anew_replaces_details_and_forgetting_takes_them_along(store)
     event = EventRow(0, "lab", "frame", 1, None, True, "{}")
     store.rewrite("lab.frame", iter(anew), lambda: (FRAME, [event]))
     assert store.history("lab.frame").bodies == [b'{"anew":0}', None, None, b'{"anew":3}', None]
-    store.write(Cut(twins=[FRAME]))
+    store.write(WriteBatch(twins=[FRAME]))
     assert store.delete("lab.frame")
     with store._reading() as reader:
         assert reader.execute("select count(*) from details").fetchone() == (0,)
@@ -87,7 +87,7 @@ def test_estimating_anew_replaces_details_and_forgetting_takes_them_along(store)
 def test_the_digest_sees_every_byte_of_a_detail(database):
     def digest(name, body):
         store = open_store(database(name))
-        cut = Cut(runs=[run_row(1, "frame", 0)], features=[feature(1, 0)])
+        cut = WriteBatch(runs=[run_row(1, "frame", 0)], features=[feature(1, 0)])
         if body is not None:
             cut.details = [detail(1, 0, body=body)]
         store.write(cut)

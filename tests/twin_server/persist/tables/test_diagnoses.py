@@ -1,6 +1,6 @@
 """Diagnoses and what they found are kept beside the history."""
 
-from twin_server.persist import Cut, DiagnosisRow, TwinRow
+from twin_server.persist import DiagnosisRow, TwinRow, WriteBatch
 
 TWIN = TwinRow("lab", "beam", "{}", "{}")
 
@@ -26,7 +26,7 @@ def test_only_the_last_of_a_twin_are_kept_and_numbers_are_never_used_again(store
     numbers = [store.add_diagnosis(asked(), 3) for _ in range(5)]
     other = store.add_diagnosis(asked("lab.wing"), 3)
     assert [row.number for row in store.diagnoses("lab.beam")] == numbers[-3:]
-    store.write(Cut(twins=[TWIN]))
+    store.write(WriteBatch(twins=[TWIN]))
     assert store.delete("lab.beam")
     assert [row.number for row in store.diagnoses()] == [other]
     assert store.add_diagnosis(asked(), 3) > other

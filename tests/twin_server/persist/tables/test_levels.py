@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from twin_server.history.buckets import Buckets, thin
 from twin_server.history.states import blank
 from twin_server.persist import (
-    Cut,
     DamagedStoreError,
     FeatureRow,
     RunRow,
     SqliteStore,
     StateRow,
     TwinRow,
+    WriteBatch,
     WrongStoreError,
-    look_through,
     open_store,
+    verify_file,
 )
 from twin_server.persist.layout import LACKING, VERSION
 
@@ -55,7 +55,7 @@ def cut_of(number, states, asset="beam", name=None):
                    b"m%d" % s["sequence"], s.tobytes())
         for s in states
     ]  # fmt: skip
-    return Cut(runs=[run], features=rows)
+    return WriteBatch(runs=[run], features=rows)
 
 
 def fill(store, number, states, at_once=97, **more):
@@ -144,7 +144,7 @@ def test_a_thinned_history_is_what_all_states_show(
 
 def test_a_history_that_was_estimated_anew_is_thinned_anew(store):
     before, after = states_of(np.arange(700)), states_of(np.arange(700), seed=9)
-    store.write(Cut(twins=[TWIN]))
+    store.write(WriteBatch(twins=[TWIN]))
     fill(store, 1, before)
     rows = [StateRow(1, int(s["sequence"]), s.tobytes()) for s in after]
     store.rewrite("lab.beam", iter(rows), lambda: (TWIN, []))
@@ -232,7 +232,7 @@ def digest_of(store, twin_id="lab.beam"):
 
 
 def test_the_hash_that_is_rolled_on_is_that_of_all_rows(store):
-    store.write(Cut(twins=[TWIN]))
+    store.write(WriteBatch(twins=[TWIN]))
     for first in range(0, 1_200, 300):
         fill(store, 1, states_of(np.arange(first, first + 300)))
         fill(store, 7, states_of(np.arange(first, first + 300)), asset="other")
@@ -275,7 +275,7 @@ def test_rows_that_were_exchanged_with_their_checksums_are_noticed(tmp_path):
     fill(store, 1, states_of(np.arange(1_100)))
     fill(store, 2, states_of(np.arange(8)), asset="twin")
     store.close()
-    look_through(path)
+    verify_file(path)
     other = sqlite3.connect(path, isolation_level=None)
     # The boot is renamed, with a checksum that holds.
     from twin_server.persist.tables.checksums import RUNS
@@ -285,7 +285,7 @@ def test_rows_that_were_exchanged_with_their_checksums_are_noticed(tmp_path):
     other.execute("update runs set boot = ?, crc = ? where number = 1", ("b9", changed[-1]))
     other.close()
     with pytest.raises(DamagedStoreError, match="not the one that was hashed"):
-        look_through(path)
+        verify_file(path)
     with pytest.raises(WrongStoreError, match="not the one that was hashed"):
         SqliteStore(path)
 
@@ -306,7 +306,7 @@ def test_a_bucket_that_rots_is_noticed_where_it_is_read(tmp_path):
 def test_a_database_of_before_gets_the_tables_that_it_lacks(database, version):
     store = open_store(database("x"))
     states = states_of(np.arange(1_500))
-    store.write(Cut(twins=[TWIN]))
+    store.write(WriteBatch(twins=[TWIN]))
     fill(store, 1, states)
     expected, digest = store.thinned("lab.beam", 40), store.digest("lab.beam")
     with store._writing() as writer:

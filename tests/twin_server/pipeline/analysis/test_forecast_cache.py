@@ -7,7 +7,7 @@ import pytest
 
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline, TwinKnowledge
-from twin_server.pipeline.analysis.forecast_cache import Prospects
+from twin_server.pipeline.analysis.forecast_cache import ForecastCache
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
@@ -38,7 +38,7 @@ def behind():
     running = []
 
     def start(*arguments, **more):
-        prospects = Prospects(*arguments, **more)
+        prospects = ForecastCache(*arguments, **more)
         arguments[0].listen(prospects)
         prospects.start()
         running.append(prospects)
@@ -68,7 +68,7 @@ def test_however_readings_arrive_the_forecast_is_the_same_and_so_after_a_restart
     found = []
     for name, portion in (("one", 1), ("seven", 7), ("all", 73)):
         pipeline, store = opened(name)
-        prospects = Prospects(pipeline, store)
+        prospects = ForecastCache(pipeline, store)
         pipeline.listen(prospects)
         for first in range(0, 73, portion):
             pipeline.ingest(messages[first : first + portion])
@@ -76,7 +76,7 @@ def test_however_readings_arrive_the_forecast_is_the_same_and_so_after_a_restart
                 asked(prospects)
         found.append(asked(prospects))
         assert found[-1].since == 72.0
-        again = Prospects(Pipeline(TwinSettings(), store), store)
+        again = ForecastCache(Pipeline(TwinSettings(), store), store)
         found.append(asked(again))
     for one in found[1:]:
         same(one, found[0])
@@ -105,7 +105,7 @@ def test_nobody_waits_for_learning_but_the_first(opened, ageing, sample, behind,
     assert asked(prospects).since == 79.0
     gate.set()
     assert eventually(lambda: prospects.due == 0)
-    same(asked(prospects), asked(Prospects(pipeline, store)))
+    same(asked(prospects), asked(ForecastCache(pipeline, store)))
 
 
 def test_many_who_ask_at_first_share_one_learning(opened, ageing, sample):
@@ -118,7 +118,7 @@ def test_many_who_ask_at_first_share_one_learning(opened, ageing, sample):
         learnt.append(None)
         return function(*arguments)
 
-    prospects, found = Prospects(pipeline, store, run=run), []
+    prospects, found = ForecastCache(pipeline, store, run=run), []
 
     def ask():
         begun.wait()
@@ -138,7 +138,7 @@ def test_many_who_ask_at_first_share_one_learning(opened, ageing, sample):
 def test_what_is_kept_is_asked_without_reading_the_history(opened, ageing, sample, monkeypatch):
     messages = [sample(message) for message in ageing(74)]
     pipeline, store = opened()
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(messages[:55])
     assert asked(prospects).since == 54.0
@@ -161,7 +161,7 @@ def test_readings_of_an_older_boot_are_put_in_their_place(opened, features, samp
         ]
 
     pipeline, store = opened()
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(of("b1", range(30), 0.0))
     pipeline.ingest(of("b2", range(12), 100.0))
@@ -170,7 +170,7 @@ def test_readings_of_an_older_boot_are_put_in_their_place(opened, features, samp
     pipeline.ingest(of("b2", range(12, 15), 100.0))
     late = asked(prospects)
     assert late.since == 114.0
-    same(late, asked(Prospects(pipeline, store)))
+    same(late, asked(ForecastCache(pipeline, store)))
 
 
 def test_a_twin_registered_anew_is_forecast_anew(opened, ageing, sample):
@@ -202,7 +202,7 @@ def test_a_past_instant_is_learnt_from_so_many_readings_at_most(
         return whole(*arguments, **more)
 
     monkeypatch.setattr(store, "history", history)
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     found = prospects.at(TWIN, None, 44.5)
     assert found is not None
     prospect, unit = found

@@ -10,7 +10,7 @@ import pytest
 from slowtime_services.clock import HandClock
 from twin_server.orders import DiagnosisOrder
 from twin_server.persist import SqliteStore
-from twin_server.pipeline import Orders, Pipeline, TwinKnowledge
+from twin_server.pipeline import Diagnoses, Pipeline, TwinKnowledge
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 from twin_server.settings import DiagnoseSettings, GapSettings, TwinSettings
@@ -38,7 +38,7 @@ def twin(tmp_path, features, sample):
     pipeline.register(ID, Registration(nominal={"frequency_hz": 3.0, "damping_ratio": 0.02}))
     pipeline.ingest([sample(message, replayed=True) for message in messages])
     command = (sys.executable, "-m", "twin_server.diagnose")
-    orders = Orders(pipeline, store, DiagnoseSettings(), GapSettings(every_s=0.0), command)
+    orders = Diagnoses(pipeline, store, DiagnoseSettings(), GapSettings(every_s=0.0), command)
     orders.start()
     yield pipeline, store, orders
     orders.stop()

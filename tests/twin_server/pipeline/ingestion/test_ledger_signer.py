@@ -10,7 +10,7 @@ from slowtime_services.bus import MemoryBus
 from slowtime_services.credentials import CredentialsError, make_key
 from slowtime_services.record import Recorder
 from slowtime_services.replay import read_recording, verdicts
-from twin_server.persist import SqliteStore, audit_file, look_through
+from twin_server.persist import SqliteStore, audit_file, verify_file
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
@@ -56,7 +56,7 @@ def recorded(tmp_path, ageing, signing):
 
 def test_what_a_server_signs_holds_in_its_database_and_in_a_recording(recorded, key):
     recording, database = recorded
-    look_through(database)
+    verify_file(database)
     found = audit_file(database, public=key[1])
     assert (found.wrong, found.waiting) == ([], 0)
     assert found.vouched == 52

@@ -189,7 +189,7 @@ def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
 def test_registering_anew_gives_the_history_of_having_known_before(
     open_twin, ageing, sample, tmp_path, heard, later, monkeypatch
 ):
-    monkeypatch.setattr(estimating, "ANEW", 7)
+    monkeypatch.setattr(estimating, "REESTIMATE_BATCH", 7)
     messages = ageing(60, loss=0.5) + ageing(10, boot="b2")
     pipeline, store = open_twin()
     pipeline.listen(heard)

@@ -11,17 +11,17 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from twin_server.pipeline import Processes
+from twin_server.pipeline import WorkerProcesses
 from twin_server.pipeline.workers.processes import AbandonedError
 from twin_server.serve import ProblemError
-from twin_server.serve.http import compute_queue as lanes
+from twin_server.serve.http import compute_queue
 
 PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="module")
 def workers():
-    made = Processes(1, PATIENCE_S)
+    made = WorkerProcesses(1, PATIENCE_S)
     yield made
     made.close()
 
@@ -45,7 +45,7 @@ def test_one_that_dies_is_said_to_have_and_is_replaced(workers):
 
 
 def test_what_takes_too_long_is_ended():
-    workers = Processes(1, 0.2)
+    workers = WorkerProcesses(1, 0.2)
     with pytest.raises(ProblemError, match=r"ended after 0\.2 s.*Ask for less"):
         workers.run(time.sleep, 600.0)
     workers.close()
@@ -57,7 +57,7 @@ def test_what_nobody_waits_for_is_ended(workers):
     left = threading.Event()
 
     def asked():
-        lanes._abandoned.set(left)
+        compute_queue._abandoned.set(left)
         with pytest.raises(AbandonedError):
             workers.run(time.sleep, 600.0)
 

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from slowtime_cli.offline import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
+from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
@@ -88,6 +88,6 @@ def door(tmp_path_factory):
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
             alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=Compositions(pipeline, store),
+            compositing=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

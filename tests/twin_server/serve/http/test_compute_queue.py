@@ -6,8 +6,8 @@ import threading
 import pytest
 from starlette.requests import ClientDisconnect, Request
 
-from twin_server.serve import Lane, ProblemError
-from twin_server.serve.http.body_queue import LARGE, Turnstile, passed
+from twin_server.serve import ComputeQueue, ProblemError
+from twin_server.serve.http.body_queue import LARGE, BodyQueue, release_body_slot
 from twin_server.serve.http.compute_queue import abandoned
 
 PATIENCE_S = 60.0
@@ -64,7 +64,7 @@ def in_a_loop(test):
 
 @in_a_loop
 async def test_what_is_asked_by_many_at_once_is_computed_once():
-    lane, work = Lane(2, 10, 10), Works()
+    lane, work = ComputeQueue(2, 10, 10), Works()
     callers = [Caller() for _ in range(50)]
     asked = [
         asyncio.create_task(lane.run(c.request, work, group="a", share="same")) for c in callers
@@ -81,7 +81,7 @@ async def test_what_is_asked_by_many_at_once_is_computed_once():
 
 @in_a_loop
 async def test_a_full_line_is_said_to_be_at_once_and_empties():
-    lane, work = Lane(1, 3, 2), Works()
+    lane, work = ComputeQueue(1, 3, 2), Works()
     first = asyncio.create_task(lane.run(Caller().request, work, group="a"))
     await begun(work)
     waiting = [
@@ -102,7 +102,7 @@ async def test_a_full_line_is_said_to_be_at_once_and_empties():
 
 @in_a_loop
 async def test_whom_nobody_waits_for_is_forgotten_or_ended():
-    lane, work = Lane(1, 100, 100), Works()
+    lane, work = ComputeQueue(1, 100, 100), Works()
     callers = [Caller() for _ in range(20)]
     asked = [
         asyncio.create_task(lane.run(c.request, work, group=n)) for n, c in enumerate(callers)
@@ -124,7 +124,7 @@ async def test_whom_nobody_waits_for_is_forgotten_or_ended():
 
 @in_a_loop
 async def test_of_one_twin_one_at_a_time_and_one_place_is_kept_for_what_is_light():
-    lane, heavy, light = Lane(2, 100, 100), Works(), Works()
+    lane, heavy, light = ComputeQueue(2, 100, 100), Works(), Works()
     slow = [
         asyncio.create_task(lane.run(Caller().request, heavy, group=g)) for g in ("a", "b", "a")
     ]
@@ -145,7 +145,7 @@ async def test_of_one_twin_one_at_a_time_and_one_place_is_kept_for_what_is_light
 
 @in_a_loop
 async def test_what_fails_fails_for_all_who_wait_and_for_nobody_else():
-    lane, work = Lane(1, 10, 10), Works()
+    lane, work = ComputeQueue(1, 10, 10), Works()
 
     def fail():
         work()
@@ -176,12 +176,12 @@ async def test_large_bodies_are_looked_at_one_at_a_time_and_let_the_next_in():
         await asyncio.sleep(0)
         looking -= 1
         if scope["path"] == "/waits":
-            passed(scope)
+            release_body_slot(scope)
             await waits.wait()
         await send({"type": "http.response.start", "status": 200, "headers": []})
         await send({"type": "http.response.body", "body": body[:1]})
 
-    door = Turnstile(app, "/streamed/")
+    door = BodyQueue(app, "/streamed/")
     sent = []
 
     async def ask(path, size=2 * LARGE):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slowtime_schemas.quantities import RENEWALS
-from twin_server.estimate import Noticed
-from twin_server.pipeline.monitoring import model_changes as lookout
+from twin_server.estimate import DetectedChange
+from twin_server.pipeline.monitoring import model_changes
 
 TWIN = "/api/v1/twins/lab.beam"
 BODY = {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}}
@@ -102,12 +102,12 @@ def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
     unhurried, eventually, monkeypatch
 ):
     """What was not kept to be looked at is in the history, however far back."""
-    monkeypatch.setattr(lookout, "WAITING", 3)
-    server = unhurried("beam", then=lambda: monkeypatch.setattr(lookout, "BUSY", -1))
+    monkeypatch.setattr(model_changes, "WAITING", 3)
+    server = unhurried("beam", then=lambda: monkeypatch.setattr(model_changes, "BUSY", -1))
     assert eventually(lambda: server.count() == AT + 20)
     time.sleep(1.0)
     assert told(server) == []
-    monkeypatch.setattr(lookout, "BUSY", 200)
+    monkeypatch.setattr(model_changes, "BUSY", 200)
     assert eventually(lambda: told(server))
     (event,) = told(server)
     assert event["details"]["since"] == AT - 1
@@ -117,7 +117,7 @@ def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
 def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
     unhurried, eventually, monkeypatch
 ):
-    monkeypatch.setattr(lookout, "MINDS", 1)
+    monkeypatch.setattr(model_changes, "MINDS", 1)
     server = unhurried("beam", "mast")
     for twin in (TWIN, TWIN.replace("beam", "mast")):
         assert eventually(lambda twin=twin: told(server, twin))
@@ -138,9 +138,9 @@ def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
     ],
 )
 def test_a_change_read_again_from_elsewhere_is_told_once(quantity, since, told):
-    found = Noticed(since=since, size=0.1, sd=0.01, odds=1e6)
+    found = DetectedChange(since=since, size=0.1, sd=0.01, odds=1e6)
     before = {("stiffness", 20.0), ("damping", since)}
-    assert lookout.was_told(before, quantity, found, since + 3.0) is told
+    assert model_changes.was_told(before, quantity, found, since + 3.0) is told
 
 
 def test_a_twin_that_is_made_anew_is_watched_anew(serving, jumping, eventually):
