@@ -13,7 +13,6 @@ from typing import Any
 from twin_server.history.states import LAYOUT
 
 from .errors import DamagedStoreError
-from .sql import insert_all
 from .tables.checksums import (
     ACKNOWLEDGEMENTS,
     ASSET_EVENTS,
@@ -34,6 +33,7 @@ from .tables.checksums import (
 from .tables.digests import HistoryHasher, RollingHash
 from .tables.ledger import build_ledger
 from .tables.levels import build
+from .tables.statements import insert
 
 logger = logging.getLogger(__name__)
 
@@ -212,7 +212,7 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
             writer.execute(statement)
         for table in TABLES:
             if table.name in names:
-                insert_all(writer, table, _old_rows(writer, table))
+                insert(writer, table, _old_rows(writer, table))
         _number_as_before(writer, names)
         build_levels(writer)
         build_ledger(writer)
@@ -272,7 +272,7 @@ def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
     for what, table in (("event", EVENTS), ("diagnosis", DIAGNOSES)):
         value = last.get(f"old_{table.name}", last.get(table.name))
         if value is not None:
-            insert_all(writer, NUMBERS, [(what, value)])
+            insert(writer, NUMBERS, [(what, value)])
 
 
 def _statements(script: str) -> Iterable[str]:

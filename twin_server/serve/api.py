@@ -17,6 +17,15 @@ from twin_server.history.details import without_shapes
 from twin_server.history.rendering import event_object, points, state_objects
 from twin_server.identity.principals import EVERYBODY, NOBODY, principal_of
 from twin_server.registration.twin import Registration
+from twin_server.serve.models.history import EventList, HashModel, HeadList, HistoryModel
+from twin_server.serve.models.twins import (
+    HealthModel,
+    ModesModel,
+    OfElements,
+    State,
+    TwinList,
+    TwinModel,
+)
 from twin_server.settings import ServeSettings
 
 from . import composites, exports
@@ -32,7 +41,6 @@ from .instants import Moment, MomentText, moment_of
 from .knowledge import HistoryPart, Knowledge
 from .live import Hub, LiveResponse
 from .metrics import exposition
-from .models import twins as models
 from .openapi_document import document
 from .routes import (
     alarms,
@@ -68,7 +76,7 @@ MANY_POINTS = 10_000
 READY_S = 5.0
 """How long the database may take to answer until the server is said not to be ready."""
 
-_OF_ONE_MODE = models.State.model_fields.keys() - models.OfElements.model_fields
+_OF_ONE_MODE = State.model_fields.keys() - OfElements.model_fields
 _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "correlation": 0.0,
     "assumed": [],
@@ -192,7 +200,7 @@ def _twins(
         ).decode()
         return f"{state[:-1]},{more[1:]}"
 
-    @api.get("/twins", response_model=models.TwinList)
+    @api.get("/twins", response_model=TwinList)
     async def list_twins(request: Request) -> Response:
         """All twins, each with its latest state; shapes are left to `modes`."""
 
@@ -208,8 +216,8 @@ def _twins(
 
     @api.put(
         "/twins/{twin_id}",
-        response_model=models.TwinModel,
-        responses={201: {"model": models.TwinModel}, **_PROBLEMS},
+        response_model=TwinModel,
+        responses={201: {"model": TwinModel}, **_PROBLEMS},
     )
     async def register(
         request: Request, twin_id: TwinId, registration: Registration
@@ -226,7 +234,7 @@ def _twins(
         told = await run_in_threadpool(described, twin_id, registration, None)
         return Response(told, 201 if new else 200, media_type=JSON)
 
-    @api.get("/twins/{twin_id}", response_model=models.TwinModel, responses=_PROBLEMS)
+    @api.get("/twins/{twin_id}", response_model=TwinModel, responses=_PROBLEMS)
     def one_twin(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
         """Show a twin with its latest state, or the last one not later than `at`."""
         moment = moment_of("at", at)
@@ -238,9 +246,7 @@ def _twins(
         await changing.run(lambda: knowledge.delete(twin_id))
         return Response(status_code=204)
 
-    @api.get(
-        "/twins/{twin_id}/history", response_model=models.HistoryModel, responses=_PROBLEMS
-    )
+    @api.get("/twins/{twin_id}/history", response_model=HistoryModel, responses=_PROBLEMS)
     async def history(
         twin_id: TwinId,
         registration: Known,
@@ -270,20 +276,18 @@ def _twins(
         body = await (run_in_threadpool(told) if few else reading.run(told))
         return Response(body, media_type=JSON)
 
-    @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEMS)
+    @api.get("/twins/{twin_id}/modes", response_model=ModesModel, responses=_PROBLEMS)
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
         """Modes of the latest epoch, or of the last one not later than `at`, with shapes."""
         return _json(_modes(knowledge, twin_id, moment_of("at", at)))
 
-    @api.get(
-        "/twins/{twin_id}/history/hash", response_model=models.HashModel, responses=_PROBLEMS
-    )
+    @api.get("/twins/{twin_id}/history/hash", response_model=HashModel, responses=_PROBLEMS)
     def history_hash(twin_id: TwinId, registration: Known) -> Response:
         """One number for a whole history: equal where the histories are, to the last bit."""
         digest, count = knowledge.digest(twin_id)
         return _json({"id": twin_id, "sha256": digest, "features": count})
 
-    @api.get("/ledger/heads", response_model=models.HeadList, responses=_PROBLEMS)
+    @api.get("/ledger/heads", response_model=HeadList, responses=_PROBLEMS)
     def heads(
         after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
         limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
@@ -291,7 +295,7 @@ def _twins(
         """Give the newest signed head of the ledger; with `after`, those that follow."""
         return _json({"heads": knowledge.heads(after, limit)})
 
-    @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEMS)
+    @api.get("/twins/{twin_id}/events", response_model=EventList, responses=_PROBLEMS)
     def events(
         twin_id: TwinId,
         registration: Known,
@@ -352,14 +356,14 @@ def _operations(
         "metrics",
     )
 
-    @api.get("/healthz", response_model=models.HealthModel)
+    @api.get("/healthz", response_model=HealthModel)
     async def healthz() -> Response:
         """Whether the process lives."""
         return _json({"status": "ok"})
 
     @api.get(
         "/readyz",
-        response_model=models.HealthModel,
+        response_model=HealthModel,
         responses={503: {"content": {problems.MEDIA_TYPE: {}}, "description": "Not ready"}},
     )
     async def readyz(request: Request) -> Response:

@@ -5,11 +5,10 @@ import math
 import pytest
 from pydantic import ValidationError
 
+from twin_server.registration.nominal import Covariates, Nominal
 from twin_server.registration.thresholds import Alarm
 from twin_server.registration.twin import (
     MODEL_EXAMPLE,
-    Covariates,
-    Nominal,
     Registration,
     WrongRegistrationsError,
     registrations,

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from slowtime.evolution.covariates import Entry, Normal, Watch, learn_normal
 from slowtime_schemas.messages import Features
 from twin_server.history import states as st
-from twin_server.registration.twin import Covariates
+from twin_server.registration.nominal import Covariates
 
 from .stored import StoredNormal, StoredWatch
 from .training import Training
@@ -32,6 +32,7 @@ CALM = 0.1
 """Share of the limit below which evidence must fall for an alarm to end."""
 
 _LEAST_SD = 1e-9
+"""Least standard deviation of a frequency over the frequency [1]: keeps weights finite."""
 
 
 class NotLearntError(ValueError):

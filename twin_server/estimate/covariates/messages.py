@@ -6,7 +6,8 @@ from typing import Any
 from slowtime.evolution.covariates import Entry
 from slowtime.identification.identified import Measured
 from twin_server.estimate.notices import Notice
-from twin_server.registration.twin import Covariates, Registration
+from twin_server.registration.nominal import Covariates
+from twin_server.registration.twin import Registration
 
 from .condition import Condition, Verdict
 

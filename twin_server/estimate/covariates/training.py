@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from twin_server.registration.twin import Covariates
+from twin_server.registration.nominal import Covariates
 
 from .array_text import pack, unpack
 

@@ -1,24 +1,21 @@
-"""What each twin's forecast needs of its past, kept up to date as readings arrive.
+"""Keeps the forecast state of each twin up to date as readings arrive.
 
-Learning takes long and is bounded: it takes the newest valid readings up to a mark. Between
-marks each reading is one step of a filter. Whoever asks is answered from what is kept; learning
-anew is done behind the work, and only the first who asks for a twin waits for it. All of it
-follows from the history, so that a server which starts again foretells what it would have.
+Laws are learnt from the newest valid readings up to a mark, which takes long but is bounded.
+Between marks each reading is one filter step. Requests are answered from the kept state; a
+thread learns anew in the background, and only the first request for a twin waits. Everything
+follows from the history, so that a restarted server gives the same forecasts.
 """
 
 import collections
 import dataclasses
-import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from slowtime.evolution.known_events import KnownEvent
 from slowtime_schemas.asset_events import AssetEvent
 from twin_server.estimate import (
     ChangeForecast,
@@ -33,30 +30,38 @@ from twin_server.estimate import (
     past_of,
     past_of_elements,
 )
-from twin_server.estimate.forecast.changes import FEWEST
 from twin_server.estimate.forecast.known_events import (
     KnownEvents,
     come_after,
-    jump_times,
     known_of,
 )
-from twin_server.estimate.renewals import RENEWED
 from twin_server.events.asset_events import TOLD, effective
 from twin_server.history.states import States
 from twin_server.persist import History, Store
+from twin_server.pipeline.analysis.learning_input import (
+    LOOK_BACK,
+    SHIFT,
+    Key,
+    LearningInput,
+    NewestRows,
+    changes_in,
+    happened_by,
+    learning_input_of,
+    learning_mark,
+    renewals_in,
+    since_last_renewal,
+    update_behind,
+)
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.updates import TwinUpdate
-from twin_server.pipeline.monitoring.model_changes import BUSY, CHANGED
+from twin_server.pipeline.monitoring.model_changes import BUSY
 from twin_server.registration.thresholds import Limit
-from twin_server.registration.twin import Registration
 
 logger = logging.getLogger(__name__)
 
-LOOK_BACK = 1_000
-"""Newest states among which the valid ones are learnt from, and newest events that are read."""
 
 MOST_KEPT = 500
-"""Twins whose prospects are kept, those asked for last: up to 0.2 MB a quantity."""
+"""Twins whose forecast states are kept, those asked for last: up to 0.2 MB a quantity."""
 
 MOST_WAITING = 256
 """States of a twin that wait to be taken in by who asks next; more are taken in before."""
@@ -64,52 +69,13 @@ MOST_WAITING = 256
 ANSWERS = 16
 """Forecasts that are kept of a twin until its next reading."""
 
-_AFTER = (3, 8)
-"""Readings after a change of the model at which a forecast learns anew."""
 
-_SHIFT = 40
-_SEQUENCE = (1 << _SHIFT) - 1
 _PAUSE_S = 0.5
+"""Interval at which the background thread looks for work [s]."""
 
-Key: TypeAlias = int
-"""Place of a state in the order of a twin's history: boot number and sequence."""
-
-SuddenChanges: TypeAlias = tuple[tuple[str, tuple[float, ...]], ...]
-"""Of each quantity, slow times after which it was told to have gone elsewhere."""
 
 Run: TypeAlias = Callable[..., Any]
 """Calls a function with arguments that can be pickled, here or in a process of its own."""
-
-
-class LearningInput(NamedTuple):
-    """What a learning takes: the same lesson teaches the same."""
-
-    registration: Registration
-    mark: Key
-    suspected: SuddenChanges
-    known: tuple[tuple[str, tuple[KnownEvent, ...]], ...] = ()
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Rows:
-    """The newest states of a twin, as far as marks need them."""
-
-    keys: Int[np.ndarray, " row"]
-    times: Float[np.ndarray, " row"]
-    valid: Bool[np.ndarray, " row"]
-
-    @classmethod
-    def of(cls, numbers: Sequence[int], states: States) -> "_Rows":
-        keys = np.array(numbers, dtype=np.int64) << _SHIFT | states["sequence"].astype(np.int64)
-        return cls(keys, np.array(states["slow_time"]), states["reasons"] == 0)
-
-    def with_more(self, numbers: Sequence[int], states: States) -> "_Rows":
-        more = _Rows.of(numbers, states)
-        return _Rows(
-            np.concatenate([self.keys, more.keys])[-LOOK_BACK:],
-            np.concatenate([self.times, more.times])[-LOOK_BACK:],
-            np.concatenate([self.valid, more.valid])[-LOOK_BACK:],
-        )
 
 
 @dataclasses.dataclass(slots=True)
@@ -118,10 +84,10 @@ class _Kept:
 
     lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
     learning: threading.Lock = dataclasses.field(default_factory=threading.Lock)
-    lesson: LearningInput | None = None
-    outlooks: LearntLaws = dataclasses.field(default_factory=dict)
+    learnt_from: LearningInput | None = None
+    laws: LearntLaws = dataclasses.field(default_factory=dict)
     prospect: ForecastState | None = None
-    rows: _Rows | None = None
+    rows: NewestRows | None = None
     unit: str | None = None
     last: Key = -1
     waiting: list[TwinUpdate] = dataclasses.field(default_factory=list)
@@ -148,7 +114,7 @@ class CachedForecast(NamedTuple):
 
 
 class ForecastCache:
-    """Prospects of the twins that are asked for; hears what is new of each.
+    """Forecast states of the twins that are asked for, advanced by the updates of each.
 
     Parameters
     ----------
@@ -260,12 +226,12 @@ class ForecastCache:
             return None
         found, changes = self._since_renewal(twin_id, found)
         told = self._told_of(twin, twin_id, found, until=(t_ns, slow_time))
-        rows = _Rows.of(found.number, found.states)
-        last = _mark(rows, changes, told.known, self._refresh)
-        lesson = _learning_input(twin, rows, last, changes, told.known)
+        rows = NewestRows.of(found.number, found.states)
+        last = learning_mark(rows, changes, told.known, self._refresh)
+        learnt_from = learning_input_of(twin, rows, last, changes, told.known)
         known = self._of_the_past.get(twin_id)
-        if known is None or known[0] != lesson:
-            known = lesson, self._learn(twin, found, last, lesson)
+        if known is None or known[0] != learnt_from:
+            known = learnt_from, self._learn(twin, found, last, learnt_from)
             if len(self._of_the_past) >= MOST_KEPT:
                 self._of_the_past.clear()
             self._of_the_past[twin_id] = known
@@ -281,7 +247,7 @@ class ForecastCache:
             kept.asked = True
             self._absorb(kept, twin)
             ready = kept.sound and kept.prospect is not None
-            due = not kept.sound or kept.lesson != self._wanted(kept, twin)
+            due = not kept.sound or kept.learnt_from != self._wanted(kept, twin)
         if due and (not ready or self._thread is None):
             self._renew(twin_id, kept)
         elif due:
@@ -305,9 +271,9 @@ class ForecastCache:
         """Take in what waits, one step for each reading; unsound where the order is broken."""
         waiting, kept.waiting, kept.count = kept.waiting, [], 0
         for news in waiting:
-            for name, since in _changes_in(body for _, body in news.events):
+            for name, since in changes_in(body for _, body in news.events):
                 kept.changes.setdefault(name, []).append(since)
-            if _renewals_in(body for _, body in news.events):
+            if renewals_in(body for _, body in news.events):
                 # Of another structure from here on: only what follows is read again.
                 kept.sound = False
             if any(TOLD in body for _, body in news.events):
@@ -318,7 +284,7 @@ class ForecastCache:
             if not len(news.states) or not kept.sound or kept.rows is None:
                 continue
             numbers = [number for number, _, _ in news.runs]
-            first = numbers[0] << _SHIFT | int(news.states["sequence"][0])
+            first = numbers[0] << SHIFT | int(news.states["sequence"][0])
             past = _past(twin, news.states, news.bodies)
             try:
                 if first <= kept.last:
@@ -334,12 +300,12 @@ class ForecastCache:
             kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
 
     def _wanted(self, kept: _Kept, twin: Twin) -> LearningInput | None:
-        """Which lesson the readings so far call for; None where there are none."""
+        """Make the learning input that the readings so far call for; None without readings."""
         rows = kept.rows
         if rows is None:
             return None
-        last = _mark(rows, kept.changes, kept.told.known, self._refresh)
-        return _learning_input(twin, rows, last, kept.changes, kept.told.known)
+        last = learning_mark(rows, kept.changes, kept.told.known, self._refresh)
+        return learning_input_of(twin, rows, last, kept.changes, kept.told.known)
 
     def _renew(self, twin_id: str, kept: _Kept) -> None:
         """Read the newest part of the history, and learn where it calls for it.
@@ -353,7 +319,7 @@ class ForecastCache:
             with kept.lock:
                 # What has been told is in the history, and is read from it.
                 self._absorb(kept, twin)
-                if kept.sound and kept.lesson == self._wanted(kept, twin):
+                if kept.sound and kept.learnt_from == self._wanted(kept, twin):
                     return
                 kept.waiting.clear()
                 kept.count = 0
@@ -362,31 +328,31 @@ class ForecastCache:
                 return
             found, changes = self._since_renewal(twin_id, found)
             told = self._told_of(twin, twin_id, found)
-            rows = _Rows.of(found.number, found.states)
-            last = _mark(rows, changes, told.known, self._refresh)
-            lesson = _learning_input(twin, rows, last, changes, told.known)
-            outlooks = kept.outlooks
-            if lesson != kept.lesson:
-                outlooks = self._learn(twin, found, last, lesson)
-            prospect = _forecast_state(twin, found, last, outlooks, told.known)
+            rows = NewestRows.of(found.number, found.states)
+            last = learning_mark(rows, changes, told.known, self._refresh)
+            learnt_from = learning_input_of(twin, rows, last, changes, told.known)
+            laws = kept.laws
+            if learnt_from != kept.learnt_from:
+                laws = self._learn(twin, found, last, learnt_from)
+            prospect = _forecast_state(twin, found, last, laws, told.known)
             with kept.lock:
-                kept.lesson, kept.outlooks, kept.prospect = lesson, outlooks, prospect
+                kept.learnt_from, kept.laws, kept.prospect = learnt_from, laws, prospect
                 kept.rows, kept.changes, kept.told = rows, changes, told
                 kept.last = int(rows.keys[-1])
                 kept.unit = found.boots[found.number[-1]][1]
                 kept.sound, kept.asked = True, False
                 kept.answers.clear()
                 # What came while it was learnt; what is in the history already is passed over.
-                kept.waiting = [behind(one, kept.last) for one in kept.waiting]
+                kept.waiting = [update_behind(one, kept.last) for one in kept.waiting]
                 self._absorb(kept, twin)
 
     def _learn(
-        self, twin: Twin, found: History, last: int, lesson: LearningInput
+        self, twin: Twin, found: History, last: int, learnt_from: LearningInput
     ) -> LearntLaws:
         known = _past_until(twin, found, last + 1)
         process = twin.registration.forecast.process
         learnt: LearntLaws = self._run(
-            learn, known, process, dict(lesson.suspected), dict(lesson.known)
+            learn, known, process, dict(learnt_from.suspected), dict(learnt_from.known)
         )
         return learnt
 
@@ -404,7 +370,7 @@ class ForecastCache:
         if rows and until != (None, None):
             last_ns = int(states["t_ns"].max()) if until[0] is None else until[0]
             last = float(states["slow_time"].max()) if until[1] is None else until[1]
-            events = [e for e in events if _is_by(e, last_ns, last)]
+            events = [e for e in events if happened_by(e, last_ns, last)]
         if not events:
             return _ToldEvents((), {})
         names = _past(twin, states[-1:], found.bodies[-1:])
@@ -421,9 +387,9 @@ class ForecastCache:
         These are slow times after which each quantity was told to have gone elsewhere.
         """
         bodies = [row.body for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)]
-        found = _cut(found, _renewals_in(bodies))
+        found = since_last_renewal(found, renewals_in(bodies))
         changes: dict[str, list[float]] = {}
-        for name, since in _changes_in(bodies):
+        for name, since in changes_in(bodies):
             changes.setdefault(name, []).append(since)
         return found, changes
 
@@ -468,109 +434,11 @@ class ForecastCache:
                 pass
 
 
-def behind(news: TwinUpdate, last: Key) -> TwinUpdate:
-    """Give what of some news comes after a place in the history; its events in any case."""
-    keys = [
-        number << _SHIFT | sequence
-        for (number, _, _), sequence in zip(
-            news.runs, news.states["sequence"].tolist(), strict=True
-        )
-    ]
-    rows = [row for row, key in enumerate(keys) if key > last]
-    return news._replace(
-        states=news.states[rows],
-        runs=[news.runs[row] for row in rows],
-        bodies=[news.bodies[row] for row in rows] if news.bodies else (),
-    )
-
-
-def _is_by(event: AssetEvent, t_ns: int, slow_time: float) -> bool:
-    """Whether an event happened by a moment."""
-    if event.slow_time is not None:
-        return event.slow_time <= slow_time
-    return (event.happened_ns or 0) <= t_ns
-
-
-def _mark(
-    rows: _Rows, changes: Mapping[str, list[float]], known: KnownEvents, refresh: int
-) -> int:
-    """Find the reading up to which it is learnt: the last whose number `refresh` divides.
-
-    After a change of the model it is learnt anew as soon as some readings have followed; while
-    there are too few before the mark, up to the last.
-    """
-    count = len(rows.keys)
-    marks = np.flatnonzero((rows.keys & _SEQUENCE) % refresh == 0)
-    last = int(marks[-1]) if len(marks) else -1
-    begun = rows.times.min()
-    every = (*changes.values(), *jump_times(known).values())
-    since = [at for each in every for at in each if at >= begun]
-    followed = np.searchsorted(rows.times, since, side="right")[:, None] - 1 + np.array(_AFTER)
-    last = int(np.max(followed[followed < count], initial=last))
-    return last if np.count_nonzero(rows.valid[: last + 1]) >= FEWEST else count - 1
-
-
-def _learning_input(
-    twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]], known: KnownEvents
-) -> LearningInput:
-    within = float(rows.times.min()), float(rows.times[last])
-    suspected = _sudden_changes(changes, *within)
-    told = {
-        name: tuple(e for e in each if within[0] <= e.time < within[1])
-        for name, each in known.items()
-    }
-    learnt_with = tuple((name, each) for name, each in sorted(told.items()) if each)
-    return LearningInput(twin.registration, int(rows.keys[last]), suspected, learnt_with)
-
-
-def _sudden_changes(
-    changes: Mapping[str, list[float]], first: float, until: float
-) -> SuddenChanges:
-    told = {
-        name: sorted({at for at in each if first <= at < until})
-        for name, each in changes.items()
-    }
-    return tuple((name, tuple(each)) for name, each in sorted(told.items()) if each)
-
-
-def _changes_in(bodies: Iterable[str]) -> list[tuple[str, float]]:
-    """Quantity and slow time of each change of the model among some events."""
-    found = []
-    for text in bodies:
-        if CHANGED in text:
-            body = json.loads(text)
-            if body["kind"] == CHANGED:
-                found.append((body["details"]["quantity"], body["details"]["since"]))
-    return found
-
-
-def _renewals_in(bodies: Iterable[str]) -> list[float]:
-    """Slow times of the first readings of renewed structures among some events."""
-    found = []
-    for text in bodies:
-        if RENEWED in text:
-            body = json.loads(text)
-            if body["kind"] == RENEWED:
-                found.append(body["slow_time"])
-    return found
-
-
-def _cut(found: History, renewals: list[float]) -> History:
-    """Keep a history from the last reading that is the first of a renewed structure."""
-    firsts = np.flatnonzero(np.isin(found.states["slow_time"], renewals))
-    if not firsts.size:
-        return found
-    kept = slice(int(firsts[-1]), None)
-    return found._replace(
-        states=found.states[kept], number=found.number[kept], bodies=found.bodies[kept]
-    )
-
-
 def _forecast_state(
-    twin: Twin, found: History, last: int, outlooks: LearntLaws, known: KnownEvents
+    twin: Twin, found: History, last: int, laws: LearntLaws, known: KnownEvents
 ) -> ForecastState | None:
     """Take in the readings up to the mark, then those behind it one after the other."""
-    prospect = forecast_state_of(_past_until(twin, found, last + 1), outlooks, known)
+    prospect = forecast_state_of(_past_until(twin, found, last + 1), laws, known)
     if prospect is None:
         return None
     later = slice(last + 1, None)
@@ -579,7 +447,7 @@ def _forecast_state(
         return advance(prospect, _past(twin, found.states[later], bodies))
     except ValueError:
         # Some of them are of an earlier time: all of them in order.
-        return forecast_state_of(_past_until(twin, found, len(found.states)), outlooks, known)
+        return forecast_state_of(_past_until(twin, found, len(found.states)), laws, known)
 
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:

@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 
 from twin_server.estimate import RiskOrder, Twin, past_of, past_of_elements, risk_answer
 from twin_server.persist import History, Store
+from twin_server.pipeline.analysis.learning_input import LOOK_BACK
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.workers.processes import Workers
 from twin_server.registration.twin import Registration
 
-from .forecast_cache import LOOK_BACK, ForecastCache
+from .forecast_cache import ForecastCache
 
 MOST_KEPT = 500
 """Answers that are kept, those asked for last: some 60 kB each."""

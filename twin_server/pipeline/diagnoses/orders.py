@@ -29,7 +29,8 @@ from twin_server.persist import DiagnosisRow, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.rows import address
 from twin_server.pipeline.monitoring.gap import GapMonitor
-from twin_server.registration.twin import Covariates, Registration
+from twin_server.registration.nominal import Covariates
+from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 from twin_server.settings import DiagnoseSettings, GapSettings
 

@@ -8,6 +8,7 @@ then is anything acknowledged, published or shown.
 import collections
 import concurrent.futures
 import contextlib
+import functools
 import json
 import logging
 import threading
@@ -16,8 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 from slowtime_schemas.asset_events import AssetEvent
-from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Fatigue, Features, Health, Virtual
+from slowtime_schemas.messages import Features, Health, Virtual
 from slowtime_schemas.streams import (
     ASSET_EVENT,
     FATIGUE,
@@ -40,18 +40,17 @@ from twin_server.collect import (
     Holding,
     Reception,
     Refusals,
-    RepeatedFeatures,
-    Run,
     SensorWatch,
-    contest_reading,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
-from twin_server.persist import HOUR_NS, EventRow, FatigueRow, Store, StoreError, WriteBatch
+from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
+from .accepted import acknowledged_range, contest_repeated
+from .assessed import AssessedMessages
 from .estimation import (
     EMPTY_ESTIMATE,
     estimate_next,
@@ -77,19 +76,13 @@ from .rows import (
     told_event,
     twin_row,
 )
-from .state_publisher import ACK_EVERY_S, AcknowledgedRange, StatePublisher
+from .state_publisher import ACK_EVERY_S, StatePublisher
 from .updates import UpdateListener
 
 logger = logging.getLogger(__name__)
 
-MOST_INCLUDED = 10_000
-"""Features of before that are taken into a digest; an agent compares as many of a boot."""
-
 MOST_RECALLED = 10_000
 """Events of before that are looked through for what was told of a sensor."""
-
-VIRTUAL_KEPT = 12
-"""Windows of virtual quantities that are remembered of a twin; recordings hold all."""
 
 T = TypeVar("T")
 Answered = tuple[EdgeQuery, Sequence[Holding] | None, bool]
@@ -135,7 +128,7 @@ class Pipeline:
             self.counts,
             settings.pipeline.states_per_batch,
             self._precedence,
-            self._proof,
+            functools.partial(acknowledged_range, store),
         )
         self.failing: str = ""
         # A pipeline without a bus is fed from recordings, of which nobody is told.
@@ -143,7 +136,7 @@ class Pipeline:
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
-        self._virtual: dict[tuple[str, str], collections.deque[Virtual]] = {}
+        self._assessed = AssessedMessages(store)
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
@@ -443,7 +436,8 @@ class Pipeline:
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         self._account.disbelieve(received.disbelieved)
-        self._take_assessed(received.assessed)
+        if kept := self._assessed.take(received.assessed, self._twins):
+            self.counts["fatigue"] += kept
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
             self._hear_of_sensors([health for health, replayed in healths if not replayed])
@@ -451,30 +445,9 @@ class Pipeline:
             self._take_told(told)
         return received.misdated
 
-    def _take_assessed(self, messages: Sequence[Fatigue | Virtual]) -> None:
-        """Keep fatigue, and remember the latest virtual quantities; of twins only."""
-        rows = []
-        for message in messages:
-            key = message.site, message.asset
-            if key not in self._twins:
-                continue  # sums come again, once there is a twin
-            if isinstance(message, Virtual):
-                windows = self._virtual.setdefault(key, collections.deque(maxlen=VIRTUAL_KEPT))
-                windows.append(message)
-                continue
-            rows.append(
-                FatigueRow(
-                    message.twin_id, message.boot, message.t_ns // HOUR_NS, message.sequence,
-                    message.t_ns, encode(message),
-                )
-            )  # fmt: skip
-        if rows:
-            self.store.add_fatigue(rows)
-            self.counts["fatigue"] += len(rows)
-
     def virtual(self, twin_id: str) -> list[Virtual]:
         """Latest windows of virtual quantities, since this server began."""
-        return list(self._virtual.get(address(twin_id), ()))
+        return self._assessed.virtual(address(twin_id))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
         """Make events of what live sensors do; of twins only, since events are theirs."""
@@ -524,7 +497,7 @@ class Pipeline:
 
     def _conclude(self, change: Change) -> None:
         """Estimate, make durable, and only then tell anybody."""
-        self._compare(change)
+        contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
         self._voice.owe(change.touched)
@@ -557,54 +530,6 @@ class Pipeline:
         self._twins = twins
         self._count(change, cut)
         self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
-
-    def _proof(self, run: Run) -> AcknowledgedRange:
-        """Give what to acknowledge of a run, with the digest of what its agent still holds.
-
-        After a start the digest of a run begins where its history ends, and says nothing of
-        what the agent is about to delete; and what an agent holds of an earlier boot may end
-        before the history does, if another agent has made that.
-        """
-        first, last = run.held_from, run.held_to
-        run.held_from = run.held_to = -1
-        if 0 <= first <= last < run.next - 1:
-            part = Run(run.site, run.asset, run.boot, stretch=last + 1)
-            part.extend(self._accepted(run, max(first, last + 1 - MOST_INCLUDED), last))
-            if part.stretch <= last:
-                return AcknowledgedRange(last, part.stretch, part.digest)
-        elif 0 <= first < run.stretch:
-            begin = max(first, run.stretch - MOST_INCLUDED)
-            run.extend(self._accepted(run, begin, run.stretch - 1))
-        if run.last == run.next - 1 >= run.stretch:
-            return AcknowledgedRange(run.last, run.stretch, run.digest)
-        return AcknowledgedRange(run.next - 1, None, 0)
-
-    def _accepted(self, run: Run, first: int, last: int) -> list[tuple[int, bytes]]:
-        rows = self.store.messages(
-            f"{run.site}.{run.asset}", (run.number, first - 1), last + 1 - first
-        )
-        return [
-            (row.sequence, row.message)
-            for row in rows
-            if row.number == run.number and row.sequence <= last
-        ]
-
-    def _compare(self, change: Change) -> None:
-        """Hold what came again against what was kept: it may come from another agent."""
-        repeated: dict[Run, list[RepeatedFeatures]] = {}
-        for one in change.repeated:
-            repeated.setdefault(one.run, []).append(one)
-        for run, again in repeated.items():
-            first, last = min(r.sequence for r in again), max(r.sequence for r in again)
-            kept = dict(self._accepted(run, first, min(last, first + MOST_INCLUDED)))
-            kept |= {o.features.sequence: o.payload for o in change.ordered if o.run is run}
-            other = next(
-                (r for r in again if kept.get(r.sequence, r.payload) != r.payload), None
-            )
-            if other is None:
-                continue
-            one_ns, other_ns = decoded(kept[other.sequence]).t_ns, decoded(other.payload).t_ns
-            contest_reading(run, other.sequence, one_ns, other_ns, change)
 
     def _count(self, change: Change, cut: WriteBatch) -> None:
         self.counts["batches"] += 1
@@ -755,7 +680,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
-        self._virtual.pop(key, None)
+        self._assessed.forget(key)
         self._sensors.forget(*key)
         self._account.forget(*key)
         self._voice.reset(twin_id)

@@ -11,7 +11,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
-from twin_server.serve.models import twins as models
+from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
 
 from .twin_path import TwinId
 
@@ -109,7 +109,7 @@ def routes(
     @api.post(
         "/twins/{twin_id}/diagnoses",
         status_code=202,
-        response_model=models.DiagnosisModel,
+        response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
     def order(twin_id: TwinId, registration: Known, order: DiagnosisOrder) -> Response:
@@ -124,7 +124,7 @@ def routes(
 
     @api.get(
         "/twins/{twin_id}/diagnoses",
-        response_model=models.DiagnosisList,
+        response_model=DiagnosisList,
         responses=_PROBLEMS,
     )
     def list_diagnoses(twin_id: TwinId, registration: Known) -> Response:
@@ -133,7 +133,7 @@ def routes(
 
     @api.get(
         "/twins/{twin_id}/diagnoses/{number}",
-        response_model=models.DiagnosisModel,
+        response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
     def one_diagnosis(twin_id: TwinId, number: Number, registration: Known) -> Response:
@@ -143,7 +143,7 @@ def routes(
     @api.delete(
         "/twins/{twin_id}/diagnoses/{number}",
         status_code=202,
-        response_model=models.DiagnosisModel,
+        response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
     def cancel(twin_id: TwinId, number: Number, registration: Known) -> Response:
@@ -184,7 +184,7 @@ def routes(
 
     @api.post(
         "/twins/{twin_id}/diagnoses/{number}/adopt",
-        response_model=models.DiagnosisModel,
+        response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
     async def adopt(twin_id: TwinId, number: Number, registration: Known) -> Response:
@@ -199,7 +199,7 @@ def routes(
 
     @api.post(
         "/twins/{twin_id}/diagnoses/{number}/undo",
-        response_model=models.DiagnosisModel,
+        response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
     async def undo(twin_id: TwinId, number: Number, registration: Known) -> Response:
@@ -212,7 +212,7 @@ def routes(
 
         return await changing.run(done)
 
-    @api.get("/twins/{twin_id}/gap", response_model=models.GapModel, responses=_PROBLEMS)
+    @api.get("/twins/{twin_id}/gap", response_model=GapModel, responses=_PROBLEMS)
     def gap(twin_id: TwinId, registration: Known) -> Response:
         """How far the free run of the twin's model is from what arrives.
 

@@ -17,7 +17,7 @@ from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models import twins as models
+from twin_server.serve.models.forecasts import ForecastModel
 from twin_server.settings import ServeSettings
 
 from .twin_path import TwinId
@@ -69,9 +69,7 @@ def routes(
 
     Known = Annotated[Registration, Depends(known)]
 
-    @api.get(
-        "/twins/{twin_id}/forecast", response_model=models.ForecastModel, responses=_PROBLEMS
-    )
+    @api.get("/twins/{twin_id}/forecast", response_model=ForecastModel, responses=_PROBLEMS)
     async def forecast(
         request: Request,
         twin_id: TwinId,

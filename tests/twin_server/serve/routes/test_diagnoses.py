@@ -3,7 +3,7 @@
 import pytest
 
 from twin_server.persist import DiagnosisRow, SqliteStore
-from twin_server.serve.models import twins as models
+from twin_server.serve.models.diagnoses import DiagnosisModel, GapModel
 from twin_server.settings import DiagnoseSettings, GapSettings
 
 ENTERS, LEAVES = 1_000, 2_000
@@ -27,7 +27,7 @@ def done(server, **order):
 
 @pytest.mark.long
 def test_friction_opens_the_gap_and_what_is_adopted_closes_it_until_it_is_undone(learnt):
-    usual = models.GapModel.model_validate(learnt.gap())
+    usual = GapModel.model_validate(learnt.gap())
     assert usual.state == "watching"
     assert usual.expected is not None
     assert usual.limit is not None
@@ -79,7 +79,7 @@ def test_what_is_adopted_is_part_of_the_registration_and_undone_leaves_no_trace(
 
 def test_a_diagnosis_tells_how_far_it_has_come_and_gives_its_files(learnt):
     answer = learnt.post("/diagnoses", {"raw": {"duration_s": 12.0}, "quick": True})
-    job = models.DiagnosisModel.model_validate(answer.json())
+    job = DiagnosisModel.model_validate(answer.json())
     assert answer.headers["location"] == f"{learnt.twin}/diagnoses/{job.number}"
     stage = "refitting coulomb at element j2"
     assert learnt.until(lambda: learnt.one(job.number)["stage"] == stage)
