@@ -24,6 +24,7 @@ from slowtime.signals.recursion import at_rest, butterworth, chebyshev, filtered
 from .spikes import REACH, bridged, usual_deviation, without_spikes
 
 CHUNK = 256
+"""Samples over which the usual deviation of a spike test is taken."""
 
 Marked = tuple[Block, Int[np.ndarray, "_ 2"]]
 """A block, and for each of its rows how many samples were missing and how many were spikes."""

@@ -1,4 +1,4 @@
-r"""How far a model's free run is from what arrived, and whether that is further than ever.
+r"""Measures the gap between a model's free run and a record, and learns its usual size.
 
 The gap of a record is the error of the free run over the scatter of the measurement, averaged
 over sensors; the initial state is that which the first fifth of the record says. Its logarithm
@@ -34,11 +34,16 @@ from slowtime_services.files import Record
 from slowtime_services.models import description_of, model_file_of
 
 IN_A_ROW = 2
-"""Records beyond the limit, or within it again, that are believed."""
+"""Records in a row beyond the limit, or within it again, that change the state."""
+
 START = 0.2
-"""Share of a record from which its initial state is taken."""
+"""Share of a record from which its initial state is estimated [1]."""
+
 _WORST = 1e3
+"""Gap at which larger ones are cut off [1], so that a diverging run stays a number."""
+
 _SPREADS, _MEANS = 4_000, 40
+"""Nodes of the grid over spreads and means by which `limit_factor` integrates."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -80,7 +85,7 @@ class GapBaseline:
 
 
 def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> GapSample:
-    """Find the gap of each model on one record.
+    """Compute the gap of each model on one record.
 
     Parameters
     ----------
@@ -103,7 +108,19 @@ def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()
 
 
 def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -> str:
-    """Fit a model's constants to records, within the tolerance that it states."""
+    """Fit a model's constants to records, within the tolerance that it states.
+
+    Parameters
+    ----------
+    model
+        A model file as JSON.
+    effects
+        Installed parts that hold kinds of effect beside the catalogue's.
+
+    Returns
+    -------
+    The fitted model file as JSON.
+    """
     plant = _plant(model, effects)
     fit = refit(plant, tuple(_trial(plant, record) for record in records))
     values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
@@ -111,7 +128,15 @@ def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -
 
 
 def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> GapBaseline:
-    """Learn what is usual from gap and level of records."""
+    """Learn the usual gap from records on which nothing has changed.
+
+    Parameters
+    ----------
+    readings
+        Gap [1] and level of each record [unit of the measurement].
+    between_false_alarms
+        Records between two false alarms, on average.
+    """
     logs = np.log([max(gap, 1e-12) for gap, _ in readings])
     mean, spread = float(logs.mean()), max(float(logs.std(ddof=1)), 0.02)
     factor = limit_factor(len(logs), between_false_alarms)
@@ -122,7 +147,14 @@ def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) 
 
 @functools.lru_cache(maxsize=32)
 def limit_factor(count: int, between: float) -> float:
-    """How many spreads, learnt from `count` readings, the limit is above their mean.
+    """Return how many spreads the limit is above the mean of `count` readings.
+
+    Parameters
+    ----------
+    count
+        Readings from which mean and spread were learnt.
+    between
+        Records between two false alarms, on average.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Has the model changed? Each change of a twin is watched for a level that goes elsewhere.
+"""Detects sudden changes of the level of a twin's estimates.
 
 A process is learnt from the readings so far, and now and then anew; `evolution.jumps` asks of
 each reading whether a rival with a jump before one of the last ones is likelier. Once it is,
@@ -27,6 +27,7 @@ _GROWN = 1.5
 """By how much there must be more readings before the process is learnt anew."""
 
 _NO_NOISE = 1e-9
+"""Least standard deviation of a reading [1]: keeps weights finite."""
 
 ANYWHERE = 1.0
 """How far a relative change may go by an event that was told [1]: all that there is."""

@@ -35,8 +35,11 @@ LEVEL = 0.95
 """Probability of every interval."""
 
 _QUANTILE = float(ndtri(0.5 + 0.5 * LEVEL))
-_ANY_DAMPING = 0.02  # stands where none is known, with an sd that lets nothing hang on it
+_ANY_DAMPING = 0.02
+"""Nominal damping ratio where none is known [1]; `_UNKNOWN` keeps it from mattering."""
+
 _UNKNOWN = 1e3
+"""Relative standard deviation of a nominal damping ratio that is not known [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -1,13 +1,18 @@
-"""Whether a device has changed its rate for good."""
+"""Detects that a device has changed its sampling rate for good."""
 
 import statistics
 
 WINDOW_S = 5.0
+"""Length of a window over which the rate is measured [s]."""
+
 IN_A_ROW = 3
+"""Windows in a row that must agree on another rate."""
+
 ALIKE = 0.02
-"""Windows that differ by less agree with each other."""
+"""Relative difference within which windows agree with each other [1]."""
 
 DIGITS = 3
+"""Significant digits of the rate that is given."""
 
 
 class RateWatch:

@@ -1,4 +1,4 @@
-"""The first epochs teach what the structure is like, and the model is moved there."""
+"""Learns the baseline of each mode from the first epochs, and moves the model there."""
 
 import contextlib
 import dataclasses
@@ -14,8 +14,8 @@ from slowtime.evolution.structures.measured import gap
 from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
 from twin_server.estimate.elements.memory import Baseline, Memory, ModeSamples, Reference
+from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import Model
-from twin_server.registration.twin import Covariates
 
 from .mode_matching import (
     aligned,
@@ -27,14 +27,42 @@ from .mode_matching import (
 )
 from .observed_modes import ObservedMode
 
-MOST_GROUPS = 64
-_UNMODELLED_FREQUENCY = 0.002
-_UNMODELLED_SHAPE = 0.02
-_TURNED = 0.1
-_UNLIKE = 0.3
-_GATE = 10.0
-_MOST_UNCERTAIN = 0.1
-_CLEARLY = 1.5
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class LearningLimits:
+    """Thresholds of baseline learning; chosen, without a recorded study of their trade-off.
+
+    Parameters
+    ----------
+    most_modes
+        Modes that are gathered at most, which bounds memory.
+    unmodelled_frequency
+        Relative standard deviation of a frequency that no parameters of the model explain [1].
+    unmodelled_shape
+        Likewise of a component of a shape of norm 1 [1].
+    shape_misfit
+        1 - MAC a channel that costs 1/2 when learnt modes are paired with the model's [1].
+    unlike_mac
+        MAC below which a learnt mode is none of the model's [1].
+    gate
+        Cost at and above which a learnt mode is not paired with one of the model's [1].
+    most_relative_sd
+        Relative standard deviation of a frequency from which a mode is left out [1].
+    clear_scatter
+        Scatter over standard deviation above which the scatter counts [1].
+    """
+
+    most_modes: int = 64
+    unmodelled_frequency: float = 0.002
+    unmodelled_shape: float = 0.02
+    shape_misfit: float = 0.1
+    unlike_mac: float = 0.3
+    gate: float = 10.0
+    most_relative_sd: float = 0.1
+    clear_scatter: float = 1.5
+
+
+LIMITS = LearningLimits()
 
 
 def gather(
@@ -44,7 +72,19 @@ def gather(
     slow_time: float = 0.0,
     covariates: Sequence[float] | None = None,
 ) -> Memory:
-    """Add the modes of one epoch to what is learnt from; without any it teaches nothing."""
+    """Add the modes of one epoch to those that are learnt from.
+
+    Parameters
+    ----------
+    modes
+        Modes of the epoch; without any, nothing changes.
+    boot
+        The edge's run, within which its names of modes last.
+    slow_time
+        Slow time of the epoch [unit of the boot].
+    covariates
+        Covariates of the epoch, each in its unit; None for a twin without.
+    """
     if not modes:
         return memory
     pairs = match(memory.references, modes, boot)
@@ -58,7 +98,7 @@ def gather(
             lesson if mode is None else _added(lesson, mode, reference, slow_time, covariates)
         )
     fresh = [mode for j, mode in enumerate(modes) if j not in pairs.values()]
-    for mode in fresh[: MOST_GROUPS - len(references)]:
+    for mode in fresh[: LIMITS.most_modes - len(references)]:
         references.append(new_reference(mode, boot))
         lessons.append(_added(ModeSamples(), mode, references[-1], slow_time, covariates))
     return dataclasses.replace(
@@ -72,7 +112,7 @@ def gather(
 
 
 def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> bool:
-    """Whether what was gathered is as much as the registration asks for."""
+    """Whether as many epochs were gathered as the registration asks for."""
     if wanted is None:
         return memory.learnt_from >= learn_epochs
     span = memory.until - memory.since
@@ -80,10 +120,10 @@ def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> b
 
 
 def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> Memory:
-    """Make a baseline of what was gathered; without one, learning begins anew.
+    """Make baselines of the gathered modes; without any, learning begins anew.
 
-    Modes that fewer than half of the epochs have shown are left out, those that are none of
-    the model's, and those of which no law of covariates can be learnt.
+    Modes are left out where fewer than half of the epochs have shown them, where they match no
+    mode of the model, or where no law of covariates can be learnt of them.
     """
     groups = []
     for reference, lesson in zip(memory.references, memory.lessons, strict=True):
@@ -91,7 +131,7 @@ def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> 
             continue
         with contextlib.suppress(NotLearntError):
             groups.append((reference, _baseline(lesson, wanted)))
-    groups = [group for group in groups if group[1].relative_sd < _MOST_UNCERTAIN]
+    groups = [group for group in groups if group[1].relative_sd < LIMITS.most_relative_sd]
     pairs = _partners([baseline for _, baseline in groups], model)
     if not pairs:
         return Memory(suspicions=memory.suspicions, unit_doubts=memory.unit_doubts)
@@ -126,7 +166,15 @@ def measured_of(
     unmodelled_frequency: float = 0.0,
     unmodelled_shape: float = 0.0,
 ) -> MeasuredModes:
-    """Learnt modes as the estimation of structures takes them, with what no model tells."""
+    """Convert baselines to the measured modes that structures are estimated from.
+
+    Parameters
+    ----------
+    unmodelled_frequency
+        Relative standard deviation that is added to each frequency in quadrature [1].
+    unmodelled_shape
+        Standard deviation that is added to each component of a shape in quadrature [1].
+    """
     frequency = np.array([one.frequency_hz for one in baselines])
     relative = np.array(
         [math.hypot(one.relative_sd, unmodelled_frequency) for one in baselines]
@@ -186,7 +234,7 @@ def _added(
 def _jump(
     lesson: ModeSamples, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
 ) -> tuple[float, int]:
-    """How far a shape is from the one before, in squared sds, and over how many components.
+    """Return the squared distance from the shape before [sd²], and its degrees of freedom.
 
     A structure that drifts while it is learnt hardly moves from one epoch to the next.
     """
@@ -234,18 +282,18 @@ def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
 
 
 def _steps(frequency: Float[np.ndarray, " epoch"], sd: Float[np.ndarray, " epoch"]) -> float:
-    """How far a frequency steps from one epoch to the next, over what its sds say."""
+    """Return the robust scatter of steps between epochs over their standard deviation [1]."""
     far = np.diff(frequency) / np.hypot(sd[1:], sd[:-1])
     return 1.4826 * float(np.median(np.abs(far)))
 
 
 def _scatter(ratio: float) -> float:
-    """Take scatter over standard deviation seriously only where it is clearly above 1."""
-    return ratio if ratio > _CLEARLY else 1.0
+    """Return scatter over standard deviation where it is clearly above 1, else 1."""
+    return ratio if ratio > LIMITS.clear_scatter else 1.0
 
 
 def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
-    """Which learnt mode is which of the model's, before the model is moved."""
+    """Pair learnt modes with the model's, before the model is moved."""
     modes = model.whole.modes(np.zeros(len(model.whole.names)))
     reach = np.sqrt(np.sum((modes.log_frequency_slope * model.tolerance) ** 2, axis=1))
     gains = np.zeros((len(baselines), len(reach)))
@@ -257,21 +305,21 @@ def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
             for j in range(len(reach)):
                 alike, channels = channel_mac(np.array(one.shape), columns[:, j])
                 own = max(channels - 1, 0)
-                cost[j] += 0.5 * own * (1.0 - alike) / _TURNED
-                cost[j] += _GATE * (alike < _UNLIKE and own > 0)
-        gains[i] = _GATE - cost
+                cost[j] += 0.5 * own * (1.0 - alike) / LIMITS.shape_misfit
+                cost[j] += LIMITS.gate * (alike < LIMITS.unlike_mac and own > 0)
+        gains[i] = LIMITS.gate - cost
     return dict(best_pairs(gains))
 
 
 def _moved(
     model: Model, baselines: Sequence[Baseline]
 ) -> tuple[tuple[float, ...], tuple[int, ...]]:
-    """Where in the model the structure is, and which of its modes each learnt one is."""
+    """Estimate the model's parameters, and the mode number of each baseline."""
     measured = measured_of(
         baselines,
         model,
-        unmodelled_frequency=_UNMODELLED_FREQUENCY,
-        unmodelled_shape=_UNMODELLED_SHAPE,
+        unmodelled_frequency=LIMITS.unmodelled_frequency,
+        unmodelled_shape=LIMITS.unmodelled_shape,
     )
     theta = estimate(model.whole, measured, model.tolerance, starts=0).theta
     modes = gap(model.whole, measured, theta, np.full(len(theta), 0.05)).pairs

@@ -38,8 +38,8 @@ from slowtime_schemas.messages import Features
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
 from twin_server.estimate.elements.memory import Baseline, Memory
 from twin_server.history import states as st
+from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import Model
-from twin_server.registration.twin import Covariates
 
 from .baseline_learning import conclude, gather, is_enough
 from .mode_matching import aligned, match, update_reference
@@ -59,7 +59,10 @@ QUANTILE = float(ndtri(0.975))
 """Half of a 95 % interval, in standard deviations."""
 
 _MOST_CHANGED = 2
-_FAR = 0.3  # shift of a frequency at which the model loses its meaning
+"""Parameters that one hypothesis lets change at most."""
+
+_FAR = 0.3
+"""Relative shift of a frequency from which estimates are beyond the recommended range [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

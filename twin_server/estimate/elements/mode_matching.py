@@ -1,4 +1,4 @@
-r"""Which mode of this epoch is which of those followed.
+r"""Matches the modes of an epoch with the modes that are followed.
 
 The edge's name of a mode counts within one of its boots. Where there is none, or it is new, a
 pair costs
@@ -21,36 +21,78 @@ from twin_server.estimate.elements.memory import Reference
 
 from .observed_modes import ObservedMode
 
-_WANDERS = 0.02
-_TURNS = 0.05
-_GATE = 8.0
-_FOREIGN = 0.2
-_GROWTH = 0.1
-_MOST_GROWN = 4.0
-_LEARNS = 0.3
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class MatchingLimits:
+    """Thresholds of mode matching; chosen, without a recorded study of their trade-off.
+
+    Parameters
+    ----------
+    frequency_drift
+        Standard deviation of ln f from one epoch to the next, :math:`s_w` [1].
+    shape_drift
+        1 - MAC that a mode's shape changes by from one epoch to the next, :math:`m_w` [1].
+    gate
+        Cost at and above which two modes are not paired [1].
+    foreign_mac
+        MAC below which a mode under the same name is taken for another one [1].
+    growth_per_miss
+        Growth of both drifts for each epoch in which the mode was not seen [1].
+    most_growth
+        Greatest factor of that growth [1].
+    learning_rate
+        Weight of the newest epoch in the reference [1].
+    """
+
+    frequency_drift: float = 0.02
+    shape_drift: float = 0.05
+    gate: float = 8.0
+    foreign_mac: float = 0.2
+    growth_per_miss: float = 0.1
+    most_growth: float = 4.0
+    learning_rate: float = 0.3
+
+
+LIMITS = MatchingLimits()
 
 
 def match(
     references: Sequence[Reference], modes: Sequence[ObservedMode], boot: str
 ) -> dict[int, int]:
-    """Find for each reference the place of its mode in `modes`; none for those not seen.
+    """Match references with the modes of an epoch.
 
     Parameters
     ----------
     boot
         The edge's run, within which its names of modes last.
+
+    Returns
+    -------
+    For each reference that was seen, its place → that of its mode in `modes`.
     """
     pairs = _by_name(references, modes, boot)
     left = [i for i in range(len(references)) if i not in pairs]
     free = [j for j in range(len(modes)) if j not in pairs.values()]
     gains = np.array(
-        [[_GATE - _cost(references[i], modes[j], boot) for j in free] for i in left]
+        [[LIMITS.gate - _cost(references[i], modes[j], boot) for j in free] for i in left]
     ).reshape(len(left), len(free))
     return pairs | {left[i]: free[j] for i, j in best_pairs(gains)}
 
 
 def best_pairs(gains: Float[np.ndarray, "row column"]) -> list[tuple[int, int]]:
-    """Pairs of the best assignment as a whole; none that gains nothing."""
+    """Return the pairs of the assignment with the greatest total gain.
+
+    Pairs that gain nothing are left out.
+
+    Parameters
+    ----------
+    gains
+        Gain of each pair of row and column [1].
+
+    Returns
+    -------
+    Row and column of each pair.
+    """
     if not gains.size:
         return []
     rows, columns = linear_sum_assignment(-np.maximum(gains, 0.0))
@@ -62,13 +104,13 @@ def best_pairs(gains: Float[np.ndarray, "row column"]) -> list[tuple[int, int]]:
 
 
 def update_reference(reference: Reference, mode: ObservedMode | None, boot: str) -> Reference:
-    """Carry a reference on by one epoch."""
+    """Update a reference by its mode of one epoch; None where it was not seen."""
     if mode is None:
         return dataclasses.replace(reference, missed=reference.missed + 1)
     away = np.log(mode.frequency_hz / reference.frequency_hz)
     shape = _turned(reference.shape, mode)
     return Reference(
-        float(reference.frequency_hz * np.exp(_LEARNS * away)),
+        float(reference.frequency_hz * np.exp(LIMITS.learning_rate * away)),
         shape,
         boot,
         mode.identity,
@@ -76,14 +118,28 @@ def update_reference(reference: Reference, mode: ObservedMode | None, boot: str)
 
 
 def new_reference(mode: ObservedMode, boot: str) -> Reference:
-    """Follow a mode from now on."""
+    """Make the reference of a mode that is followed from now on."""
     return Reference(mode.frequency_hz, _floats(mode.shape), boot, mode.identity)
 
 
 def channel_mac(
     one: Float[np.ndarray, " channel"], other: Float[np.ndarray, " channel"]
 ) -> tuple[float, int]:
-    """MAC of two real shapes over the channels that both have, and how many those are."""
+    """Return the modal assurance criterion (MAC) of two real shapes.
+
+    Parameters
+    ----------
+    one, other
+        Components [1]; NaN for channels that a shape does not have.
+
+    Returns
+    -------
+    MAC over the channels that both have [1], and the number of these.
+
+    References
+    ----------
+    Allemang and Brown, A correlation coefficient for modal vector analysis, IMAC 1982.
+    """
     both = np.isfinite(one) & np.isfinite(other)
     a, b = one[both], other[both]
     power = float(a @ a) * float(b @ b)
@@ -93,7 +149,17 @@ def channel_mac(
 def aligned(
     shape: Float[np.ndarray, " channel"], to: Float[np.ndarray, " channel"]
 ) -> tuple[Float[np.ndarray, " channel"], float]:
-    """Shape with the sign and size of another over the channels that both have; its factor."""
+    """Scale a shape to the sign and norm of another over the channels that both have.
+
+    Parameters
+    ----------
+    shape, to
+        Components [1]; NaN for channels that a shape does not have.
+
+    Returns
+    -------
+    The scaled shape, and the absolute factor [1].
+    """
     both = np.isfinite(shape) & np.isfinite(to)
     size = float(np.linalg.norm(to[both]) / max(float(np.linalg.norm(shape[both])), 1e-300))
     factor = size if float(shape[both] @ to[both]) >= 0.0 else -size
@@ -114,7 +180,7 @@ def _by_name(
         shape = modes[j].shape
         if shape is not None and reference.shape is not None:
             alike, channels = channel_mac(np.array(reference.shape), shape)
-            if channels > 1 and alike < _FOREIGN:
+            if channels > 1 and alike < LIMITS.foreign_mac:
                 continue
         pairs[i] = j
     return pairs
@@ -127,15 +193,17 @@ def _cost(reference: Reference, mode: ObservedMode, boot: str) -> float:
         and reference.missed == 0
         and reference.identity != mode.identity
     )
-    grown = min(1.0 + _GROWTH * reference.missed, _MOST_GROWN)
+    grown = min(1.0 + LIMITS.growth_per_miss * reference.missed, LIMITS.most_growth)
     away = np.log(mode.frequency_hz / reference.frequency_hz)
-    cost = 0.5 * float(away**2) / ((_WANDERS * grown) ** 2 + mode.relative_sd**2)
-    cost += 0.5 * _GATE * named_otherwise
+    cost = 0.5 * float(away**2) / ((LIMITS.frequency_drift * grown) ** 2 + mode.relative_sd**2)
+    cost += 0.5 * LIMITS.gate * named_otherwise
     if mode.shape is None or mode.shape_sd is None or reference.shape is None:
         return cost
     alike, channels = channel_mac(np.array(reference.shape), mode.shape)
     noise = float(np.nansum(mode.shape_sd**2))
-    return cost + 0.5 * max(channels - 1, 0) * (1.0 - alike) / (_TURNS * grown + noise)
+    return cost + 0.5 * max(channels - 1, 0) * (1.0 - alike) / (
+        LIMITS.shape_drift * grown + noise
+    )
 
 
 def _turned(known: tuple[float, ...] | None, mode: ObservedMode) -> tuple[float, ...] | None:
@@ -146,7 +214,7 @@ def _turned(known: tuple[float, ...] | None, mode: ObservedMode) -> tuple[float,
         return _floats(mode.shape)
     old = np.array(known)
     new, _ = aligned(mode.shape, old)
-    mixed = np.where(np.isfinite(old), old + _LEARNS * (new - old), new)
+    mixed = np.where(np.isfinite(old), old + LIMITS.learning_rate * (new - old), new)
     mixed = np.where(np.isfinite(mixed), mixed, old)
     norm = float(np.sqrt(np.nansum(mixed**2)))
     return _floats(mixed / norm) if norm > 0.0 else known

@@ -57,6 +57,7 @@ class LearntLaw(NamedTuple):
 LearntLaws: TypeAlias = dict[str, LearntLaw]
 
 _PATHS, _POINTS = 2000, 80
+"""Futures that are drawn for crossing times, and instants of each."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

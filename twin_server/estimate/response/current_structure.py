@@ -30,7 +30,11 @@ ALONE = "mass"
 """The node of a twin of one mode without a model."""
 
 _LEAST = 1e-4
-_RIGID = 1e-10  # as `ParametricStructure.modes` leaves them out
+"""Damping ratio below which none is taken to be claimed or measured [1]."""
+
+_RIGID = 1e-10
+"""Square of a frequency over the greatest one below which a motion is rigid [1]; the same as in
+`ParametricStructure.modes`."""
 
 
 class UnknownStructureError(ValueError):

@@ -36,6 +36,7 @@ MOST_OF_EFFECTS = 400_000
 """Samples in all draws of a structure that is not linear, each of which takes longer."""
 
 DRAWS, FEWEST_DRAWS = 400, 20
+"""Structures that are drawn by default, and the fewest that give quantiles."""
 
 _NEAR = 0.5
 """Part of its nominal frequency that a twin is taken to have kept, before it is looked at."""

@@ -9,6 +9,7 @@ from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
 from .packed import is_sound, read_header, samples_of
 
 MOST_LINE_BYTES = 2**20
+"""Bytes of a line, beyond which it is garbage."""
 MOST_WAITING_BYTES = 2**16
 """Longest frame whose length stands in its header: a false one would hold up those after it."""
 

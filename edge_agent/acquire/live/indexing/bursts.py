@@ -1,11 +1,15 @@
-"""Whether much comes at once, after a pause: something on the way has held it back."""
+"""Detects bursts: samples that were held back on the way and arrive at once after a pause."""
 
 import collections
 
 PAUSE_S = 0.25
+"""Pause that a burst may follow, at least [s]."""
+
 SPACINGS = 8
+"""Pause that a burst may follow, at least, in spacings of what arrives at once."""
+
 MADE_UP, WITHIN = 0.5, 0.25
-"""A burst makes up for this part of a pause within this part of its length."""
+"""A burst makes up for this part of a pause within this part of its length [1]."""
 
 
 class Bursts:
