@@ -38,8 +38,8 @@ from slowtime_services.bus import ZenohBus
 from twin_server import __main__ as twin_process
 from twin_server.persist import FeatureRow, RunRow, SqliteStore, WriteBatch, open_store
 from twin_server.pipeline import Pipeline
-from twin_server.registration.twin import (Registration)
 from twin_server.registration.nominal import Nominal
+from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
 from .load import ORIGIN_NS, Senders

@@ -1,4 +1,4 @@
-"""Where live samples come from: a URL, what its messages hold, and how much is borne.
+"""The URL of a live sensor, the layout of its messages, and its limits.
 
 A URL says where and, after `?`, what: ``mqtt://pi@10.0.0.2/bridge/accel?channels=x,y,z&counter=n``.
 """

@@ -1,4 +1,4 @@
-"""What a message or a line of a sensor holds: channels, counter and stamp, and where each is.
+"""The layouts of sensor messages: channels, counter and stamp, and the place of each.
 
 A layout is declared, never guessed. It is a table of TOML or JSON::
 

@@ -1,4 +1,4 @@
-"""The only file that knows the order: acquire, condition, extract, publish.
+"""Runs the stages of the edge in their order: acquire, condition, extract, assess, publish.
 
 `Edge` is the three pure stages as one, so that a recording can be run through it without any
 clock or bus; `listen` is the loop that nothing stops but the end of its source; `rerun` makes

@@ -163,8 +163,8 @@ def _serve(
     limits = settings.serve
     hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
     pipeline.listen(LiveUpdates(hub))
-    lookout = ModelChangeMonitor(pipeline, store)
-    pipeline.listen(lookout)
+    change_monitor = ModelChangeMonitor(pipeline, store)
+    pipeline.listen(change_monitor)
     if traces is not None:
         pipeline.listen(FeatureTraces(pipeline, traces, clock or SystemClock()))
     alarms = Alarms(pipeline, store, clock)
@@ -173,7 +173,7 @@ def _serve(
     allow_files(limits.max_connections + OTHER_FILES)
     workers = WorkerProcesses(limits.workers, limits.work_timeout_s)
     workers.warm()
-    lane = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
+    queue = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
@@ -189,8 +189,8 @@ def _serve(
     )
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
-        largest_recording=settings.recordings.max_bytes, lane=lane, alarming=alarms,
-        compositing=compositions,
+        largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
+        composite_service=compositions,
         events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
     door_of = guard.around(app)
@@ -209,7 +209,7 @@ def _serve(
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
     orders.start()
-    lookout.start()
+    change_monitor.start()
     knowledge.prospects.start()
     notifier.start()
     door.start()
@@ -228,12 +228,12 @@ def _serve(
             pass
     finally:
         server.should_exit = True
-        lane.close()
+        queue.close()
         workers.close()
         door.join(settings.shutdown_s + 1.0)
         recordings.stop()
         orders.stop()
-        lookout.stop()
+        change_monitor.stop()
         knowledge.prospects.stop()
         notifier.stop(settings.shutdown_s)
         pipeline.stop()

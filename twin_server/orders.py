@@ -1,4 +1,4 @@
-"""What is asked of a twin: diagnoses and simulations, and what it has adopted of the former."""
+"""Orders of diagnoses and simulations, and the diagnosis that a twin has adopted."""
 
 import datetime
 from typing import Annotated, Any, Literal, Self

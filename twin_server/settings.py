@@ -1,4 +1,4 @@
-"""What a twin server can be told: one frozen class, from a file, the environment and flags.
+"""Settings of a twin server, from a file, the environment and flags.
 
 A flag overrules the environment (``SLOWTIME_TWIN_*``, nested with ``__``), which overrules the
 file named by `config` (TOML or JSON). Units are in the names.

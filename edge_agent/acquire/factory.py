@@ -1,4 +1,4 @@
-"""The source that the settings name."""
+"""Opens the source that the settings name."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""What a source of samples is, and how one that is not live keeps pace."""
+"""The protocol of a source of samples, and the pace of sources that are not live."""
 
 import threading
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Stress at one point → cycles and Miner's sum since the boot began."""
+"""Counts stress cycles at one point, and sums their damage by Miner's rule."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The stage: blocks to virtual quantities, stresses to damage, and a message now and then."""
+"""The assess stage: virtual quantities of blocks, fatigue of stresses, and their messages."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""A virtual sensor over blocks: begun anew after a gap, told at a bounded rate."""
+"""Runs a virtual sensor over blocks; it begins anew after a gap."""
 
 import dataclasses
 

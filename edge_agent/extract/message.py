@@ -1,4 +1,4 @@
-"""What was read of a span of samples → the message that says so."""
+"""Makes the features message of a span of samples."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""One window in, all its modes out: with shapes, kinds, and identities that last.
+"""Reads all modes of one window, and tracks each through the windows.
 
 Modes are identified from all channels together and handed to a tracker, which says which of
 them are modes of the windows before. A window that could not be read is no evidence that a mode

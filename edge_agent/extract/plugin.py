@@ -1,4 +1,4 @@
-"""One window in, what an identifier of one's own, in its own process, makes of it out."""
+"""Reads one window by an installed identifier, in a process of its own."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""What the two ways of reading a window share: what goes in, what comes out, what is kept."""
+"""The window, reading and memory that all readers of windows share."""
 
 import dataclasses
 import math

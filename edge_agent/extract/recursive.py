@@ -1,4 +1,4 @@
-"""Blocks of a stream in; all its modes as they are known by then out, one message a hop.
+"""Identifies the modes of a stream recursively, one message each hop.
 
 Nothing is gathered: products and spectral matrices of the stream so far are kept, and fade with
 age, so that neither memory nor the work of a second grows. Successive messages share most of

@@ -1,4 +1,4 @@
-"""One window in, its first mode out."""
+"""Reads the lowest clear mode from one window."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The stage: windows gathered, each of them read, one message for each.
+"""The extract stage: gathers windows, reads each, and makes one message of it.
 
 Where nothing could be identified a message has no modes and a flag that says why.
 """

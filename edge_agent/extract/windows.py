@@ -1,4 +1,4 @@
-"""Blocks in, windows out: an epoch, or a stretch of `window_s` of a continuous stream."""
+"""Gathers blocks to windows: an epoch, or a stretch of `window_s` of a continuous stream."""
 
 import dataclasses
 

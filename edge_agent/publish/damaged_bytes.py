@@ -1,4 +1,4 @@
-"""Damaged bytes of a spool: kept in files of their own, and which features were in them."""
+"""Keeps damaged bytes of a spool in files, and which features were in them."""
 
 import logging
 from pathlib import Path

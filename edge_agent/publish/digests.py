@@ -1,4 +1,4 @@
-"""Whether what the twin has accepted under this boot is what this agent has made.
+"""Compares digests of one boot's features with those the twin accepted.
 
 Another agent may send under the same asset and boot: a device that was cloned, or a boot id
 that was fixed and used twice. Then an acknowledgement of its features must not clear ours.

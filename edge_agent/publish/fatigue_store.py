@@ -1,4 +1,4 @@
-"""The newest fatigue message of each boot, on disk: sums since the boot began.
+"""Keeps the newest fatigue message of each boot on disk.
 
 The sums only grow, so that the newest message of a boot holds all that earlier ones said: a
 twin that takes the newest of each boot counts each cycle once, however often it is told.

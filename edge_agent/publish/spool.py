@@ -1,4 +1,4 @@
-"""Features on disk until the twin has them for good: appended, checked, bounded.
+"""Spools features on disk until the twin has acknowledged them.
 
 A folder of segment files, each of one boot. A file is named by the boot's place among all, by
 its name and by its first sequence; no clock that was set back changes that place. What is in it

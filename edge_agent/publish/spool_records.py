@@ -1,4 +1,4 @@
-"""Records of a spool segment: packed, read back, and found again behind damage.
+"""Packs records of a spool segment, and finds sound records behind damage.
 
 A segment holds eight bytes of mark, then records of
 

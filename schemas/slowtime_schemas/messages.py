@@ -1,4 +1,4 @@
-"""What travels between edge and twin, each message with the version it is at now."""
+"""The messages between edge and twin, each with its current version."""
 
 import math
 from typing import Annotated, ClassVar, Literal

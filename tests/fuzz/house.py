@@ -58,8 +58,8 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
         assert knowledge.counts().get("failed_batches", 0) == 0
         app = create_app(
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
-            alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=CompositeRegistry(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            composite_service=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         headers = {"Authorization": f"Bearer {word}"}
         yield guarded(settings).around(app), app.openapi(), headers

@@ -1,4 +1,4 @@
-"""The account of what each boot of each edge has sent: in any order in, in one order out.
+"""The account of the features that each boot of each edge has sent, and of those missing.
 
 Features of a boot are numbered from 0. They are let through in that order, boot after boot; one
 that comes early is held, one that comes twice refused. What is missing is asked for again (see

@@ -1,4 +1,4 @@
-"""Asks edges for what is missing, until the account is whole."""
+"""Asks edges for missing features until the account is complete."""
 
 import concurrent.futures
 import json
@@ -42,7 +42,7 @@ class Backfill:
         self._wants, self._take, self._settle = wants, take, settle
         self._stop = threading.Event()
         self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="healer", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="backfill", daemon=True)
         # A frozen edge answers nothing until the timeout; the others shall not wait for it.
         self._askers = concurrent.futures.ThreadPoolExecutor(4, "ask")
         self.asked = 0

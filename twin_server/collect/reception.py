@@ -1,4 +1,4 @@
-"""Bytes from the bus in; features and health that can be believed out, the rest refused."""
+"""Decodes and validates messages from the bus; refuses those that cannot be believed."""
 
 import functools
 from collections.abc import Iterable

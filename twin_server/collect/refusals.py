@@ -1,4 +1,4 @@
-"""What is refused is counted by its reason, and told, but not a million times."""
+"""Counts refused messages by reason, and logs them at a bounded rate."""
 
 import logging
 import threading

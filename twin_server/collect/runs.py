@@ -1,4 +1,4 @@
-"""The nouns of the account: one boot's run, one asset's line of runs, what to ask for."""
+"""The run of one boot, the runs of one asset, and the changes that follow from messages."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What edges tell of sensors in `Health` → notices: silent, back, restarted, samples lost.
+"""Makes notices of what edges report of live sensors: silent, back, restarted, samples lost.
 
 The watch does no I/O and has no clock: seconds are arguments. What it has told before is read
 from the history, so that a server that starts again neither repeats nor misses anything.

@@ -1,4 +1,4 @@
-"""What a person says of a composite: its members, how they make it fail, how they depend."""
+"""The registration of a composite: its members, their gates and their dependence."""
 
 from typing import Annotated, Any, Literal, Self, TypeAlias
 

@@ -1,4 +1,4 @@
-"""Composites among twins: what may be a member of what, and the tree of twins below one."""
+"""The trees that composites form over twins, checked for cycles and size."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping

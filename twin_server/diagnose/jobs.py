@@ -26,7 +26,10 @@ GRACE_S = 2.0
 """For a process that was told to stop, until it is killed."""
 
 _LONGEST = 2_000
+"""Characters of an error that are kept."""
+
 _EVERY_S = 0.05
+"""Interval at which a running process is looked at [s]."""
 
 
 class QueueFullError(RuntimeError):

@@ -1,4 +1,4 @@
-"""A diagnosis with effects of one's own, which cost nothing but themselves.
+"""Runs a diagnosis with plug-in effects in a process that can be ended.
 
 Each installed part is tried in a process of its own, and left out where it fails. A diagnosis
 with those that passed is made in another process, a part of the time long; where it ends
@@ -20,6 +20,7 @@ from slowtime_services.installed_effects import sound_parts
 from .task import REPORT, Task, write_task
 
 LOOK_S = 0.1
+"""Interval at which the process is looked at [s]."""
 
 
 class PluginRun(NamedTuple):

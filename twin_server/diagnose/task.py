@@ -1,4 +1,4 @@
-"""The folder of a diagnosis: what it is told, and what it leaves."""
+"""The task of a diagnosis and its outcome, as files in its folder."""
 
 from pathlib import Path
 from typing import Literal, NamedTuple

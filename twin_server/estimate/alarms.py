@@ -1,4 +1,4 @@
-"""What a person is told: alarms and changes of validity, once each, not once a reading.
+"""Raises and clears alarms, and changes of validity, from several readings in a row.
 
 A belief is changed only when several readings in a row speak against it, and an alarm ends only
 when it is as certain that the limit is no longer passed as it once was that it was.

@@ -1,4 +1,4 @@
-"""What the estimation of one twin remembers from one batch to the next; small, and text."""
+"""The memory of the estimation of one twin between batches, as JSON."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""Features messages become arrays: what estimation needs of them, a column each."""
+"""Converts features messages to arrays, one column for each quantity."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""What the epochs of a twin of elements have told, as states, details and notices."""
+"""Converts the epochs of a twin of elements to states, details and notices."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Features of many twins in, their states out, all at once.
+"""Estimates the states of many twins from their next features, all at once.
 
 A state depends on nothing but the twin's registration and its features in order: not on the
 clock, not on when they arrived, not on how the stream was cut into batches.

@@ -1,4 +1,4 @@
-"""What is worth an event, as estimation says it."""
+"""The notice by which estimation asks for an event."""
 
 from typing import Any, Literal, NamedTuple
 

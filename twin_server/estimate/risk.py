@@ -1,4 +1,4 @@
-"""A twin's forecast and its limit states in; failure probability, survival and hazard out."""
+"""Computes failure probability, survival and hazard from forecast and limit states."""
 
 import dataclasses
 import math

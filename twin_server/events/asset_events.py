@@ -1,4 +1,4 @@
-"""What people tell of an asset: as it is ordered, as it is kept, and as a sentence."""
+"""Events of assets: as ordered, as kept, and as a sentence."""
 
 from collections.abc import Iterable
 from typing import Annotated, Any, NamedTuple, Self

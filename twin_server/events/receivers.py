@@ -1,4 +1,4 @@
-"""Who may be told of events: receivers, declared by an operator in the server's settings.
+"""Receivers of events, declared by an operator in the server's settings.
 
 A registration names a receiver and cannot say more of it: no request makes the server call an
 address, or read a file, that an operator has not written down here.

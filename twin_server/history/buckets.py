@@ -1,4 +1,4 @@
-"""Consecutive states as buckets: of each quantity mean, extremes and where they are.
+"""Buckets of consecutive states: mean, extremes and their places for each quantity.
 
 A bucket of buckets is made like a bucket of states, so that a pyramid of them tells what a
 million states show at the cost of a few hundred. The arrays are kept byte by byte (see
@@ -51,6 +51,8 @@ QUANTITY = np.dtype(
 _LEAST = {"min": 0, "lo": 2}
 _GREATEST = {"max": 1, "hi": 3}
 _NO_KEY = -1
+"""Key of an extreme where there is none."""
+
 _PER_BUCKET = 4
 """States that show the extremes of one quantity in one bucket."""
 

@@ -1,4 +1,4 @@
-"""States and events as JSON: the form in which REST, the page and the bus give them away.
+"""Renders states and events as JSON for REST, the page and the bus.
 
 Written by hand from columns, since a history of a thousand points is asked for often and a
 general encoder takes ten times as long; tests hold it against the messages' schemas.

@@ -1,4 +1,4 @@
-"""What a twin knows after each features message: one row of numbers each, many rows an array.
+"""States of a twin after each features message, as rows of a structured array.
 
 The array is what estimation fills, persistence keeps byte by byte and REST answers from; its
 layout is therefore part of the database's format (see `LAYOUT`).

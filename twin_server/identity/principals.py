@@ -1,4 +1,4 @@
-"""Who asks: a name, a scope, the sites it reaches, until when."""
+"""The principal of a request: name, scope, sites and expiry."""
 
 import dataclasses
 import enum

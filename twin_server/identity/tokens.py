@@ -1,4 +1,4 @@
-"""Tokens in a file: made once, shown once, kept as keyed hashes, expired or revoked at once.
+"""A file of tokens: each shown once, kept as a keyed hash, expired or revoked at once.
 
 A token is 256 random bits behind a number by which it is found. The file holds its HMAC-SHA256
 under a key that lies in a file of its own, so that neither file alone lets anybody test a

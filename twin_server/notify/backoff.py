@@ -1,4 +1,4 @@
-"""How long to wait between attempts: doubled each time, and shortened by chance.
+"""The delay before the next attempt: doubled each time, with random jitter.
 
 Chance keeps many messages that failed together from being tried together; it is drawn from
 the seed, the message and the number of the attempt, so that the same run has the same pauses.

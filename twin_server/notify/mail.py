@@ -1,4 +1,4 @@
-"""Events by mail: one message each, which mail programs tell doubles of by its Message-ID."""
+"""Sends events by mail, one message each, with a Message-ID that identifies duplicates."""
 
 import smtplib
 from email.message import EmailMessage
@@ -10,6 +10,7 @@ from .message import Message, NotDeliveredError, connection_error_text, credenti
 from .webhook import tls
 
 _LONGEST_SUBJECT = 150
+"""Characters of a subject, beyond which it is cut."""
 
 
 class Email:

@@ -1,4 +1,4 @@
-"""A delivery as its receiver reads it, and what all kinds of sending share."""
+"""The message of a delivery, and what all senders share."""
 
 import json
 import socket

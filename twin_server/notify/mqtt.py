@@ -1,4 +1,4 @@
-"""Events by MQTT: one message each on a topic of its twin, with quality of service 1 or 2.
+"""Publishes events by MQTT: one message each, with quality of service 1 or 2.
 
 The driver, paho-mqtt, is an extra of the package and is imported only where a receiver asks.
 """
@@ -14,6 +14,7 @@ from .message import Message, NotDeliveredError, connection_error_text, credenti
 from .webhook import tls
 
 _STEP_S = 0.05
+"""Time that the network loop waits at once [s]."""
 
 
 class Mqtt:

@@ -1,4 +1,4 @@
-"""Events to an installed part of one's own, in its own process."""
+"""Sends events to an installed plug-in, in a process of its own."""
 
 from slowtime_services.plugin_process import PluginProcess
 from slowtime_services.plugins import PluginError, find

@@ -1,4 +1,4 @@
-"""Threads that send to one receiver: a few of its own, so that it delays nobody else."""
+"""The threads that send to one receiver, so that a slow receiver delays no other."""
 
 import logging
 import queue
@@ -41,7 +41,7 @@ class ReceiverQueue:
     Parameters
     ----------
     tell
-        Told each outcome, by the threads of the lane.
+        Told each outcome, by the threads of the queue.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Kinds of receivers: settings in, what sends to them out."""
+"""Makes the sender of each declared receiver."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol

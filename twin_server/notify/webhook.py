@@ -1,4 +1,4 @@
-"""Events by HTTP: one POST each, signed, to the address that an operator has declared.
+"""Sends events by HTTP: one signed POST each to an address that an operator declared.
 
 No redirection is followed and no proxy of the environment is used: the request goes to that
 address or nowhere. Of the answer only the status is read.
@@ -20,6 +20,7 @@ from .message import Message, NotDeliveredError, connection_error_text
 from .webhook_signature import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
+"""Longest wait that a receiver may ask for [s]."""
 
 
 class Webhook:

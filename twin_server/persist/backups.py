@@ -1,4 +1,4 @@
-"""Copies of a database while it is written, and their way back."""
+"""Backs up a database while it is written, and restores a backup."""
 
 import contextlib
 import os

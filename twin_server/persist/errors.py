@@ -1,4 +1,4 @@
-"""What can be wrong with a store."""
+"""Exceptions of the store."""
 
 
 class WrongStoreError(RuntimeError):

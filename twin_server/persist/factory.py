@@ -1,4 +1,4 @@
-"""A path or a URL in, a store out."""
+"""Opens the store that a path or a URL names."""
 
 from pathlib import Path
 from typing import Literal

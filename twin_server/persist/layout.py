@@ -1,4 +1,4 @@
-"""Layout of the SQLite file: how it is made, brought up to date, and looked through.
+"""Makes, migrates and verifies the layout of the database file.
 
 Beside the checksums of rows, triggers keep a tally of each table, how many rows it has and the
 sum of their checksums, so that a row that has vanished is noticed as well.
@@ -61,7 +61,7 @@ LACKING: dict[int, tuple[Table, ...]] = {
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
 }
 """Tables that a database of a version before lacks."""
-_AT_ONCE = 2_000
+
 
 Tell = Callable[[str, int], None]
 

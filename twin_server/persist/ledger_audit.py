@@ -1,4 +1,4 @@
-"""Compares a database with its ledger: finds rows changed, inserted, deleted or moved.
+"""Compares a database with its ledger, and finds rows changed, inserted, deleted or moved.
 
 Checksums of rows detect decay, but a forger can recompute them. The forger cannot sign a head,
 because the key is not in the database. Rows accepted after the last head are not covered yet.
@@ -37,6 +37,7 @@ _FEATURES, _ANEW, _DELETED = (
 )
 _LOW = (1 << SHIFT) - 1
 _AT_ONCE = 1_000
+"""Rows that are read at once."""
 
 
 @dataclasses.dataclass

@@ -1,4 +1,4 @@
-"""The store in SQL that SQLite and PostgreSQL both speak; connections are theirs."""
+"""The store in the SQL that SQLite and PostgreSQL share, without their connections."""
 
 import abc
 import contextlib

@@ -1,4 +1,4 @@
-"""Alarms as people meet them: which there are, who has acknowledged them, whom they reached."""
+"""Alarms of all twins: which are raised, who acknowledged them, whom they reached."""
 
 import json
 import threading

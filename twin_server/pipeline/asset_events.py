@@ -1,4 +1,4 @@
-"""Orders to record events of assets in; what was recorded, and what is asked, out."""
+"""Checks and records events of assets, and lists them with open questions."""
 
 import json
 from collections.abc import Sequence

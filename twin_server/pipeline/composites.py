@@ -1,4 +1,4 @@
-"""Composites in memory, with their registrations in the store behind them."""
+"""Registers composites, and keeps the latest registration of each in memory."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""A span for each features message, from its arrival until it is durable."""
+"""Reports a trace span for each features message, from its arrival until it is durable."""
 
 from slowtime_services.clock import Clock
 from slowtime_services.tracing import Made, Traces

@@ -1,4 +1,4 @@
-"""What pipeline and store know together, as those who serve it ask for it."""
+"""Answers the requests of the serve stage from store, pipeline and analysis."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Recordings that the server keeps: taken in once they are sound, and played to its twins."""
+"""Keeps uploaded recordings that are sound, and replays them to the twins of the server."""
 
 import asyncio
 import contextlib

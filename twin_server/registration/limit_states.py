@@ -1,4 +1,4 @@
-"""Limit states of a twin in its registration: what fails, under which load, how often."""
+"""Limit states of a twin: what fails, under which load, how often."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The model of a registration as arrays: what may change in it, and what each channel sees."""
+"""The model of a registration as arrays: parameters, and what channels measure."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""What a person wants to be told of a twin: limits, and when they are reached."""
+"""Limits, alarms and thresholds of a twin, and the settings of its forecast."""
 
 from typing import Annotated, Literal, NamedTuple, Self
 

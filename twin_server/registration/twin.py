@@ -1,4 +1,4 @@
-"""What a person says of a twin: which of its properties may change, and from what."""
+"""The registration of a twin: nominal model, what may change, alarms and decisions."""
 
 import functools
 import json

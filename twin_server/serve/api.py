@@ -96,32 +96,34 @@ def create_app(
     knowledge: Knowledge,
     hub: Hub,
     settings: ServeSettings,
-    ordering: DiagnosisService | None = None,
-    keeping: RecordingService | None = None,
+    diagnosis_service: DiagnosisService | None = None,
+    recording_service: RecordingService | None = None,
     *,
     largest_recording: int = 0,
-    lane: ComputeQueue | None = None,
-    alarming: AlarmService | None = None,
+    queue: ComputeQueue | None = None,
+    alarm_service: AlarmService | None = None,
     events: AssetEventService | None = None,
-    compositing: CompositeService | None = None,
+    composite_service: CompositeService | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
     Parameters
     ----------
-    keeping, largest_recording
+    recording_service, largest_recording
         Of recordings; without it, none are known of.
-    lane
+    queue
         Where it is waited for what takes long; by default one as the settings say.
-    alarming
+    alarm_service
         Of alarms and their deliveries; without it, alarms are events only.
     events
         Of repairs and inspections; without it, none can be recorded.
-    compositing
+    composite_service
         Of composites; without it, there are none.
     """
-    if lane is None:
-        lane = ComputeQueue(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
+    if queue is None:
+        queue = ComputeQueue(
+            settings.workers, settings.max_waiting, settings.max_waiting_of_one
+        )
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -131,37 +133,39 @@ def create_app(
         redoc_url=None,
     )
     problems.install(app)
-    larger = {"/api/v1/recordings/": largest_recording} if keeping is not None else {}
+    larger = {"/api/v1/recordings/": largest_recording} if recording_service is not None else {}
     app.add_middleware(BodyQueue, streamed="/api/v1/recordings/")
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)
     changing = BoundedThreads(2)
     app.include_router(
-        _twins(knowledge, hub, settings, known, changing, compositing), prefix="/api/v1"
+        _twins(knowledge, hub, settings, known, changing, composite_service), prefix="/api/v1"
     )
-    app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
-    app.include_router(plans.routes(knowledge, known, lane), prefix="/api/v1")
-    app.include_router(risks.routes(knowledge, known, lane), prefix="/api/v1")
-    app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
-    all_composites = dict if compositing is None else compositing.all
+    app.include_router(forecasts.routes(knowledge, settings, known, queue), prefix="/api/v1")
+    app.include_router(plans.routes(knowledge, known, queue), prefix="/api/v1")
+    app.include_router(risks.routes(knowledge, known, queue), prefix="/api/v1")
+    app.include_router(simulations.routes(knowledge, known, queue), prefix="/api/v1")
+    all_composites = dict if composite_service is None else composite_service.all
     app.include_router(
         exports.routes(knowledge, known, settings.max_exports, all_composites),
         prefix="/api/v1",
     )
     app.include_router(fatigue.routes(knowledge, known), prefix="/api/v1")
-    if ordering is not None:
-        app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
-    if alarming is not None:
-        app.include_router(alarms.routes(alarming, known), prefix="/api/v1")
+    if diagnosis_service is not None:
+        app.include_router(
+            diagnoses.routes(diagnosis_service, known, changing), prefix="/api/v1"
+        )
+    if alarm_service is not None:
+        app.include_router(alarms.routes(alarm_service, known), prefix="/api/v1")
     if events is not None:
         app.include_router(asset_events.routes(events, known), prefix="/api/v1")
-    if compositing is not None:
+    if composite_service is not None:
         app.include_router(
-            composites.routes(knowledge, compositing, known, lane), prefix="/api/v1"
+            composites.routes(knowledge, composite_service, known, queue), prefix="/api/v1"
         )
-    if keeping is not None:
-        app.include_router(recordings.routes(keeping), prefix="/api/v1")
-    app.include_router(_operations(knowledge, hub, settings, lane, alarming))
+    if recording_service is not None:
+        app.include_router(recordings.routes(recording_service), prefix="/api/v1")
+    app.include_router(_operations(knowledge, hub, settings, queue, alarm_service))
     app.include_router(session())
     app.include_router(_page())
     document(app)
@@ -174,7 +178,7 @@ def _twins(
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
     changing: BoundedThreads,
-    compositing: CompositeService | None,
+    composite_service: CompositeService | None,
 ) -> APIRouter:
     api = APIRouter(tags=["twins"])
     listing, reading = BoundedThreads(2), BoundedThreads(2)
@@ -224,7 +228,7 @@ def _twins(
     ) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
         release_body_slot(request.scope)
-        if compositing is not None and twin_id in compositing.all():
+        if composite_service is not None and twin_id in composite_service.all():
             raise ProblemError(
                 409,
                 "is-a-composite",
@@ -272,8 +276,8 @@ def _twins(
             names = registration.structure().free if elements else ()
             return points(objects, chapter.bands, chapter.units[-1], names)
 
-        few = max_points <= MANY_POINTS
-        body = await (run_in_threadpool(told) if few else reading.run(told))
+        is_short = max_points <= MANY_POINTS
+        body = await (run_in_threadpool(told) if is_short else reading.run(told))
         return Response(body, media_type=JSON)
 
     @api.get("/twins/{twin_id}/modes", response_model=ModesModel, responses=_PROBLEMS)
@@ -343,15 +347,15 @@ def _operations(
     knowledge: Knowledge,
     hub: Hub,
     settings: ServeSettings,
-    lane: ComputeQueue,
-    alarming: AlarmService | None,
+    queue: ComputeQueue,
+    alarm_service: AlarmService | None,
 ) -> APIRouter:
     """Make the routes of those who watch the server: none waits for what the others ask."""
     api = APIRouter(tags=["operations"])
     troubles = CoalescedCall(knowledge.troubles, "readyz")
     counted = CoalescedCall(
         lambda: exposition(
-            knowledge, hub.count, hub.dropped, settings.max_measured, lane, alarming
+            knowledge, hub.count, hub.dropped, settings.max_measured, queue, alarm_service
         ),
         "metrics",
     )

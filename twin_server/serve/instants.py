@@ -1,4 +1,4 @@
-"""Moments as a client writes them: RFC 3339, nanoseconds, or slow time."""
+"""Parses instants of requests: RFC 3339, nanoseconds, or slow time."""
 
 import datetime
 import math

@@ -1,4 +1,4 @@
-"""What the door asks of the house behind it."""
+"""The protocol by which the serve stage reads twins, histories and forecasts."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

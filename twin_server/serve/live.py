@@ -26,7 +26,11 @@ from .knowledge import Knowledge
 logger = logging.getLogger(__name__)
 
 PING_S = 10.0
+"""Interval of comments that keep a stream open [s]."""
+
 STUCK_S = 15.0
+"""Time after which a client that takes nothing is cut off [s]."""
+
 SHIFT = 40
 """A key is number << SHIFT | sequence, as in the history."""
 

@@ -1,4 +1,4 @@
-"""The OpenAPI document: what FastAPI writes, and what the door asks and answers."""
+"""Adds security schemes and refusals to the OpenAPI document that FastAPI writes."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""A span for each request, where traces are asked for."""
+"""Reports a trace span for each HTTP request."""
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 

@@ -1,4 +1,4 @@
-"""What is counted of a live sensor, and told in `Health`."""
+"""Counters of a live sensor, which `Health` reports."""
 
 from collections.abc import Mapping
 

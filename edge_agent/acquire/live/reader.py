@@ -1,4 +1,4 @@
-"""The thread that reads: packets in, batches in a bounded queue; it ends when it is told to."""
+"""Reads packets in a thread, and puts their batches into a bounded queue."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""The schemes of live sources: which class reads each, what it needs, how its URL looks."""
+"""The registry of URL schemes of live sources."""
 
 import dataclasses
 import importlib

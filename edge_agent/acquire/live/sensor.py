@@ -1,4 +1,4 @@
-"""A live sensor as a source: reader thread, queue, places, blocks with their times."""
+"""A live sensor as a source of blocks: reader thread, queue, indices and times."""
 
 import logging
 import threading
@@ -30,6 +30,8 @@ from .timestamps import Timing
 logger = logging.getLogger(__name__)
 
 IDLE_S = 0.1
+"""Time that the queue is waited for before silence is looked at [s]."""
+
 STEADY_NS = 1_000_000_000
 """A clock that is set back by more has been set back."""
 

@@ -1,4 +1,4 @@
-"""The tables of docs/live.md, out of the registry of schemes and the names of counters."""
+"""Writes the tables of docs/live.md from the registry of schemes and the counters."""
 
 import re
 import sys

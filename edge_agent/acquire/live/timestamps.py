@@ -1,4 +1,4 @@
-"""Arrivals or stamps of numbered samples → the time of each, and the true rate."""
+"""Estimates the time of each sample and the true rate from arrivals or stamps."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What `slowtime diagnose` writes for machines: ``report.json``."""
+"""The machine-readable report of a diagnosis: ``report.json``."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""What `slowtime identify --out` writes: the modes of a whole record, or window by window."""
+"""The modes file that `slowtime identify --out` writes: of a record, or window by window."""
 
 from typing import Annotated, ClassVar, Literal
 

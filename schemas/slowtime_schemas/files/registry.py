@@ -1,4 +1,4 @@
-"""The registry of files that others script against, as `streams` is of messages."""
+"""The registry of files with frozen schemas, as `streams` is of messages."""
 
 from typing import Any, ClassVar, Protocol
 

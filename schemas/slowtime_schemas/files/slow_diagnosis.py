@@ -1,4 +1,4 @@
-"""What a diagnosis in slow time writes for machines: ``report.json`` of `--history`."""
+"""The machine-readable report of a diagnosis in slow time: ``report.json`` of `--history`."""
 
 from typing import Annotated, ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""What a person is told of covariates: their law, and what they do not explain."""
+"""Sentences about covariates: their law, and changes that they do not explain."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What is normal of a frequency, and what its watch remembers, as numbers and text."""
+"""Stored forms of the learnt normal behaviour of a frequency, and of its watch."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""Readings of the training span, from which is learnt what is normal; a bounded number."""
+"""A bounded number of training readings, from which normal behaviour is learnt."""
 
 import dataclasses
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a twin of elements remembers from one epoch to the next; numbers and text."""
+"""The memory of a twin of elements between epochs, as numbers and text."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""One epoch's modes as arrays: frequencies, and shapes as displacements over the channels."""
+"""Converts the modes of one epoch to frequencies and displacement shapes over the channels."""
 
 import dataclasses
 import math
@@ -18,7 +18,8 @@ MOST_UNCERTAIN = 0.1
 LEAST_SD = 1e-9
 """Of a frequency, relative, or of a component of a shape: nobody knows them better."""
 
-_FEWEST = 2  # channels below which a shape says nothing
+_FEWEST = 2
+"""Channels that a shape must have, at least."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

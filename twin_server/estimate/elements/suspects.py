@@ -1,4 +1,4 @@
-"""From hypotheses on what has changed to words: "j2", or "j1 or j4" where nobody can tell."""
+"""Names the elements that have changed: "j2", or "j1 or j4" where data cannot tell."""
 
 import dataclasses
 import math

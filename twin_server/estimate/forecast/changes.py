@@ -1,4 +1,4 @@
-"""Where a twin is heading: its states in, bands over future slow times out."""
+"""Forecasts the changes of a twin: bands over future slow times, and crossing times."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Events that people have told → what they do to the forecast of each quantity of a twin."""
+"""Places events that people told in a history, by the quantity that they change."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias

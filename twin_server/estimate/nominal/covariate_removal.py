@@ -1,4 +1,4 @@
-"""Readings of a twin of one mode, freed of what temperature and load do to them."""
+"""Removes the effect of temperature and load from the readings of a twin of one mode."""
 
 import dataclasses
 import math

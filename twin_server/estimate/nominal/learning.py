@@ -1,4 +1,4 @@
-"""The nominal model of a twin, learnt from the first epochs in which its mode was found."""
+"""Learns the nominal model of a twin from the first epochs in which its mode was found."""
 
 import dataclasses
 import math

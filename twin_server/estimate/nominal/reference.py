@@ -1,4 +1,4 @@
-"""What each reading is compared with: given beforehand, or learnt from the first epochs."""
+"""Finds the nominal model that each reading is compared with, given or learnt."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A plan as REST gives it: amounts, bands, times, and the sentences about them."""
+"""Renders a plan as REST gives it: amounts, bands, times and sentences."""
 
 import datetime
 from typing import Any

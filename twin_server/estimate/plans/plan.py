@@ -1,4 +1,4 @@
-"""A twin's forecast and its owner's costs in; a plan with options side by side out."""
+"""Computes a maintenance plan from the forecast of a twin and its owner's costs."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A plan in words: what to do, by when and why, and what would change it."""
+"""Writes a plan in words: what to do, by when and why, and what would change it."""
 
 import dataclasses
 import datetime
@@ -20,6 +20,8 @@ assert set(ITEM_WORDS) == set(ITEMS)
 UNITS = {"slow_time": "", "s": "s", "h": "h", "d": "days", "month": "months", "year": "years"}
 
 CHANGES_SHOWN = 3
+"""Costs that are named, by whose change the plan would be another."""
+
 FAR = 20.0
 """Break-even costs beyond so many times the given cost, or below its inverse, are not told."""
 

@@ -1,4 +1,4 @@
-"""What is believed of a structure today, from its states and the beliefs of its forecast."""
+"""Estimates the current structure of a twin from its states and the laws of its forecast."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""A twin of today and an order in; what it would do under the load, with bands, out."""
+"""Simulates the current structure of a twin under a load, with bands."""
 
 import dataclasses
 import math

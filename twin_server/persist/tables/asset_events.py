@@ -1,4 +1,4 @@
-"""What people have told of assets: a table of its own, written with the events that say so."""
+"""The table of events of assets."""
 
 from collections.abc import Iterable
 from typing import Any

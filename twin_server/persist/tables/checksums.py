@@ -1,4 +1,4 @@
-"""Every row carries a checksum of what it says: damage is noticed where the row is read.
+"""The tables with their columns, and the checksum of each row by which damage is noticed.
 
 CRC-32 finds each change of up to 32 bits in a row, and misses one in four billion of others.
 """

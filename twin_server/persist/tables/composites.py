@@ -1,4 +1,4 @@
-"""Composites as they were registered: a table to which rows are only added."""
+"""The table of composites, to which registrations are only appended."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Deliveries and acknowledgements: tables of their own, written with the events they follow."""
+"""The tables of deliveries and acknowledgements, written with the events they follow."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The details of twins of elements: a table beside the features, empty for all other twins."""
+"""The table of the details of twins of elements; empty for all other twins."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -12,6 +12,7 @@ from .checksums import DETAILS, damaged, seal
 from .search import SHIFT, whole
 
 _ASKED = 500
+"""Keys that one query names at most; SQLite before 3.32 allows 999 parameters."""
 
 
 def insert_details(writer: Any, rows: Iterable[DetailRow]) -> None:

@@ -1,4 +1,4 @@
-"""Diagnoses and what they found: a table of their own, beside the history."""
+"""The table of diagnoses and their results."""
 
 import zlib
 from typing import Any, NamedTuple

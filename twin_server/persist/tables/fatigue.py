@@ -1,4 +1,4 @@
-"""Fatigue messages: a table of their own, the newest of each boot and hour."""
+"""The table of fatigue messages: the newest of each boot and hour."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from .checksums import FATIGUE, opened
 
 HOUR_NS = 3_600 * 10**9
+"""One hour [ns]."""
 
 
 class FatigueRow(NamedTuple):

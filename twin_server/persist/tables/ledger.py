@@ -31,6 +31,8 @@ logger = logging.getLogger(__name__)
 
 _LOW = (1 << SHIFT) - 1
 _AT_ONCE = 2_000
+"""Rows that are chained at once while a ledger is built."""
+
 _NOTHING = hashlib.sha256().digest()
 
 

@@ -1,4 +1,4 @@
-"""A pyramid over each boot's states: buckets of 8, 64, 512 … sequences, kept as they fill.
+"""A pyramid of buckets over each boot's states: 8, 64, 512 … sequences, kept as they fill.
 
 A bucket is written in the transaction that fills it, out of those of the level below, so that
 each state costs the same however long the history is. What has not filled yet is read from the
@@ -24,6 +24,8 @@ TOP = 7
 """Highest level; each of its buckets has 2^21 sequences."""
 
 _AT_ONCE = 4_096
+"""Features that are held in memory at once while buckets are built."""
+
 _LOW = (1 << SHIFT) - 1
 
 

@@ -1,4 +1,4 @@
-"""Where in the order of a boot a time lies, found by halving: no index is kept for it."""
+"""Finds the features of a time span within a boot by bisection, without an index."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from .checksums import RUNS, opened
 
 SHIFT = 40
+"""Bits of the sequence in a feature id; the boot number is above them."""
 
 
 class Span(NamedTuple):

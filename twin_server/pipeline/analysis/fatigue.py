@@ -1,4 +1,4 @@
-"""Fatigue messages of all boots → damage of each point, its course, and the time that is left.
+"""Adds up the fatigue of all boots of a twin: damage, its course and the remaining life.
 
 A message says what has come since its boot began. The newest of each boot therefore counts, and
 the boots add up: a message that comes twice, late or after others changes nothing.

@@ -144,7 +144,7 @@ class ForecastCache:
 
     def start(self) -> None:
         """Begin to learn anew behind the work."""
-        self._thread = threading.Thread(target=self._work, name="prospects", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="forecasts", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""Plans of the twins that are asked for, kept until their next reading."""
+"""Computes maintenance plans of twins on request, and keeps them until their next reading."""
 
 import collections
 import threading

@@ -1,4 +1,4 @@
-"""Risk of the twins that are asked for, kept until their next reading."""
+"""Computes the risk of twins on request, and keeps it until their next reading."""
 
 import collections
 import threading

@@ -1,4 +1,4 @@
-"""A twin and an order in; what it would do under the load, as REST gives it, out."""
+"""Simulates the current structure of a twin under an ordered load, and renders the answer."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -26,6 +26,7 @@ from twin_server.serve import ProblemError
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 _ROUND = 7
+"""Significant digits of the numbers of an answer."""
 
 
 class Simulations:

@@ -1,4 +1,4 @@
-"""A twin's kept features in; its history as a diagnosis in slow time wants it out."""
+"""Writes the kept features of a twin as the input file of a diagnosis in slow time."""
 
 from collections.abc import Sequence
 from pathlib import Path

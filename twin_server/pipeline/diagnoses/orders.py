@@ -1,4 +1,4 @@
-"""Orders of diagnoses in, jobs and what became of them out; adopted and undone."""
+"""Queues ordered diagnoses, keeps their results, and adopts or reverts augmented models."""
 
 import contextlib
 import dataclasses

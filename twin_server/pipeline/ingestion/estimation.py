@@ -1,4 +1,4 @@
-"""From features in order to what is written: states, checkpoints, details and events."""
+"""Estimates features in order, and prepares the states, checkpoints and events to write."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple

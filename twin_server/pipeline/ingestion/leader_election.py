@@ -1,4 +1,4 @@
-"""Which twin server of a bus speaks: the one that was there first.
+"""Elects one twin server of a bus to publish: the one that announced itself first.
 
 Two servers that acknowledge would let edges delete what only one of them has. Each announces
 itself by a liveliness token; its name is greater than those it finds, so that all agree on who
@@ -21,10 +21,11 @@ from slowtime_services.clock import Clock
 logger = logging.getLogger(__name__)
 
 _LONGEST_HOST = 30
+"""Characters of the host name in a liveliness token."""
 
 
 class LeaderElection:
-    """Whether this twin server is the first on its bus.
+    """Decides whether this twin server is the first on its bus.
 
     Parameters
     ----------

@@ -119,15 +119,15 @@ class Pipeline:
         self._lock = threading.RLock()
         self._handles: list[Handle] = []
         self._worker: threading.Thread | None = None
-        self._healer: Backfill | None = None
+        self._backfill: Backfill | None = None
         self.counts: collections.Counter[str] = collections.Counter()
-        self._precedence = LeaderElection(bus, self._clock)
-        self._voice = StatePublisher(
+        self._election = LeaderElection(bus, self._clock)
+        self._publisher = StatePublisher(
             bus,
             self._clock,
             self.counts,
             settings.pipeline.states_per_batch,
-            self._precedence,
+            self._election,
             functools.partial(acknowledged_range, store),
         )
         self.failing: str = ""
@@ -143,18 +143,18 @@ class Pipeline:
             signer = Signer.read(settings.ledger.key)
             every_s = settings.ledger.every_s
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, every_s, self._voice.say
+                store, self._clock, signer, every_s, self._publisher.say
             )
         self._load()
 
     def start(self) -> None:
         """Begin to work, and to listen where there is a bus."""
         self._worker = threading.Thread(target=self._work, name="twin", daemon=True)
-        self._precedence.start()
+        self._election.start()
         self._worker.start()
         if self._bus is None:
             return
-        self._healer = Backfill(
+        self._backfill = Backfill(
             self._bus, self.settings.healing, self._wants, self._take_answers, self._settle
         )
         self._handles = [
@@ -167,20 +167,20 @@ class Pipeline:
             self._bus.watch(alive_key("*", "*"), self._see),
             self._bus.answer(request_key("*", "*", "registration"), self._answer_registrations),
         ]
-        self._healer.start()
+        self._backfill.start()
 
     def stop(self) -> None:
         """Listen no more, finish what has arrived, and end."""
         for handle in self._handles:
             handle.close()
         self._handles.clear()
-        if self._healer is not None:
-            self._healer.stop()
+        if self._backfill is not None:
+            self._backfill.stop()
         self._inbox.close()
         if self._worker is not None:
             self._worker.join()
             self._worker = None
-        self._precedence.stop()
+        self._election.stop()
 
     @property
     def working(self) -> bool:
@@ -259,7 +259,7 @@ class Pipeline:
 
     def listen(self, listener: UpdateListener) -> None:
         """Tell `listener` what is new, from now on."""
-        self._voice.listen(listener)
+        self._publisher.listen(listener)
 
     def call(self, function: Callable[[], T]) -> T:
         """Do something between two batches, and wait for it."""
@@ -296,7 +296,7 @@ class Pipeline:
     @property
     def trouble(self) -> str:
         """What another twin server on the bus keeps this one from; empty without one."""
-        return self._precedence.trouble
+        return self._election.trouble
 
     @property
     def waiting(self) -> int:
@@ -317,7 +317,7 @@ class Pipeline:
     def tallies(self) -> dict[str, int]:
         """Give what others have counted for the pipeline."""
         return {
-            "asked": self._healer.asked if self._healer else 0,
+            "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
         }
 
@@ -344,7 +344,7 @@ class Pipeline:
     def _work(self) -> None:
         limit = self.settings.pipeline.batch_messages
         while True:
-            wait_s = ACK_EVERY_S if self._voice.owes else 0.25
+            wait_s = ACK_EVERY_S if self._publisher.owes else 0.25
             samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
@@ -352,9 +352,9 @@ class Pipeline:
                 real = [sample for sample in samples if sample is not None]
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
-                self._guarded(self._precedence.step)
-                self._guarded(self._voice.acknowledge)
-                self._guarded(lambda: self._voice.announce_all(self._twins))
+                self._guarded(self._election.step)
+                self._guarded(self._publisher.acknowledge)
+                self._guarded(lambda: self._publisher.announce_all(self._twins))
                 self._guarded(self._sign_ledger)
             if self._inbox.closed and not samples and not self._calls:
                 self._guarded(lambda: self._sign_ledger(at_once=True))
@@ -411,7 +411,7 @@ class Pipeline:
         account.restore(runs.values(), following)
         for twin_id in alive:
             account.watch(*address(twin_id), alive=True)
-        self._voice.forget_owed()
+        self._publisher.forget_owed()
         self._account, self._twins = account, twins
         self._units = {row.number: row.slow_time_unit for row in rows}
         self._stale = False
@@ -500,7 +500,7 @@ class Pipeline:
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
-        self._voice.owe(change.touched)
+        self._publisher.owe(change.touched)
         if not (
             change.ordered or change.touched or change.lost or change.held or change.rivals
         ):
@@ -529,7 +529,7 @@ class Pipeline:
         numbers = self.store.write(cut)
         self._twins = twins
         self._count(change, cut)
-        self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
+        self._publisher.tell(change.ordered, fresh, self._units, cut.events, numbers)
 
     def _count(self, change: Change, cut: WriteBatch) -> None:
         self.counts["batches"] += 1
@@ -560,8 +560,8 @@ class Pipeline:
             try:
                 self._conclude_answers(answered)
             finally:
-                if self._healer is not None:
-                    self._healer.wake()
+                if self._backfill is not None:
+                    self._backfill.wake()
 
     def _conclude_answers(self, answered: Sequence[Answered]) -> None:
         """Settle at once, or by halves: what cannot be worked does not stop the others."""
@@ -615,10 +615,10 @@ class Pipeline:
         )
         numbers = self.store.write(cut)
         self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
-        self._voice.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
+        self._publisher.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
         for row in asset_events:
             key = ASSET_EVENT.key(*address(row.twin))
-            self._voice.say(key, row.body.encode(), ASSET_EVENT.encoding)
+            self._publisher.say(key, row.body.encode(), ASSET_EVENT.encoding)
 
     def _record(self, told: AssetEvent) -> AssetEventRow:
         row, event = asset_event_row(told), told_event(told)
@@ -663,17 +663,17 @@ class Pipeline:
         else:
             twin = reestimate(self.store, key, registration, event)
         self._twins[key] = twin
-        self._voice.announce(key, twin)
-        self._voice.reset(twin_id)
+        self._publisher.announce(key, twin)
+        self._publisher.reset(twin_id)
         return before is None
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Say how twins are registered to somebody who asks; in a thread of the bus."""
-        if self._precedence.first is not None:
+        if self._election.first is not None:
             return  # the first twin server answers
         for key, twin in list(self._twins.items()):
             if matches(query.key, request_key(*key, "registration")):
-                yield REGISTRATION.key(*key), self._voice.registration(key, twin)
+                yield REGISTRATION.key(*key), self._publisher.registration(key, twin)
 
     def _delete(self, twin_id: str) -> bool:
         key = address(twin_id)
@@ -683,5 +683,5 @@ class Pipeline:
         self._assessed.forget(key)
         self._sensors.forget(*key)
         self._account.forget(*key)
-        self._voice.reset(twin_id)
+        self._publisher.reset(twin_id)
         return existed

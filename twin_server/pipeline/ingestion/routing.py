@@ -1,4 +1,4 @@
-"""Which events leave the house, and to whom: events → deliveries, kept in the same transaction.
+"""Selects the receivers of each event, and makes deliveries that are kept with it.
 
 Only what is live leaves: nothing of a replay, of a record or, unless the settings say so, of a
 simulation. What follows from readings that were old on arrival does not either; an alarm among

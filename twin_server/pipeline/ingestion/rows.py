@@ -1,4 +1,4 @@
-"""Nouns of one stage into nouns of the next: rows, events, addresses."""
+"""Converts accounts, states and notices of the stages to rows of the store, and back."""
 
 import json
 from typing import Any

@@ -1,4 +1,4 @@
-"""All that the twin says: on the bus, and to those who listen; only of what is durable."""
+"""Publishes durable states and events on the bus, acknowledges runs and informs listeners."""
 
 import collections
 import json
@@ -27,11 +27,14 @@ from .updates import TwinUpdate, UpdateListener
 logger = logging.getLogger(__name__)
 
 ACK_EVERY_S = 0.1
+"""Interval at which runs are acknowledged, at least [s]."""
+
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
+"""Interval at which registrations are announced [s]."""
 
 
 class AcknowledgedRange(NamedTuple):
-    """Up to where a run is acknowledged, and the digest of what that is from `first` on."""
+    """Last acknowledged sequence of a run, and the digest of its features from `first` on."""
 
     sequence: int
     first: int | None
@@ -39,13 +42,13 @@ class AcknowledgedRange(NamedTuple):
 
 
 class StatePublisher:
-    """Publishes, acknowledges, announces, and tells listeners.
+    """Publishes states and events, acknowledges runs, announces registrations.
 
     Parameters
     ----------
     bus
         None for a pipeline that is fed by hand.
-    precedence
+    election
         Whether another twin server speaks on this bus.
     prove
         Says what to acknowledge of a run.
@@ -61,11 +64,11 @@ class StatePublisher:
         clock: Clock,
         counts: collections.Counter[str],
         states_per_batch: int,
-        precedence: LeaderElection,
+        election: LeaderElection,
         prove: Callable[[Run], AcknowledgedRange],
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
-        self._precedence, self._prove = precedence, prove
+        self._election, self._prove = election, prove
         self._states_per_batch = states_per_batch
         self._listeners: list[UpdateListener] = []
         self._owed: dict[Run, None] = {}
@@ -141,7 +144,7 @@ class StatePublisher:
         now = time.monotonic()
         if not self._owed or now - self._acknowledged_s < ACK_EVERY_S:
             return
-        if not self._precedence.acknowledges:
+        if not self._election.acknowledges:
             return
         self._acknowledged_s = now
         runs, self._owed = self._owed, {}
@@ -185,7 +188,7 @@ class StatePublisher:
         self._publish(key, payload, encoding)
 
     def _publish(self, key: str, payload: bytes, encoding: str) -> None:
-        if self._bus is None or self._precedence.first is not None:
+        if self._bus is None or self._election.first is not None:
             return
         try:
             self._bus.publish(key, payload, encoding=encoding)

@@ -1,4 +1,4 @@
-"""What a batch has brought, and who wants to hear of it."""
+"""The update of one twin after a batch, and the protocol of those who listen to updates."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -8,7 +8,7 @@ from twin_server.history.states import States
 
 
 class TwinUpdate(NamedTuple):
-    """What a batch has brought of one twin, once it is durable."""
+    """Durable states and events of one twin after a batch."""
 
     twin_id: str
     states: States
@@ -20,12 +20,12 @@ class TwinUpdate(NamedTuple):
 
 
 class UpdateListener(Protocol):
-    """Somebody who wants to know what is new; called by the working thread, must not wait."""
+    """Receives the updates of twins in the working thread, and must not wait."""
 
     def tell(self, news: TwinUpdate) -> None:
-        """Hear what is new of one twin."""
+        """Take the update of one twin."""
         ...
 
     def reset(self, twin_id: str) -> None:
-        """Hear that a twin's history has been made anew, or has gone."""
+        """Note that a twin's history has been rewritten or deleted."""
         ...

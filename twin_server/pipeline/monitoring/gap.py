@@ -1,4 +1,4 @@
-"""Asks edges for a few raw samples now and then, and holds models against them.
+"""Compares models with raw samples that are asked from edges at intervals.
 
 What it learns is kept as an event, so that a server that starts again goes on from it.
 """
@@ -34,7 +34,7 @@ from twin_server.settings import GapSettings
 logger = logging.getLogger(__name__)
 
 PATIENCE_S = 120.0
-"""For one comparison, the first of which compiles."""
+"""Time that one comparison may take [s]; the first one compiles."""
 
 LEARNT = "gap_learnt"
 
@@ -43,7 +43,7 @@ State = Literal["off", "waiting", "learning", "watching", "disagreeing"]
 
 @dataclasses.dataclass(slots=True)
 class _TwinGap:
-    """What is known of one twin.
+    """State of the comparison of one twin.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class _TwinGap:
 
 
 class GapMonitor:
-    """A thread that compares.
+    """Thread that measures the gap of each model at intervals.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class GapMonitor:
         self._raw_samples, self._make = raw_samples, workers or _one_process
         self._effects = effects
         self._workers: concurrent.futures.Executor | None = None
-        self._minds: dict[str, _TwinGap] = {}
+        self._gaps: dict[str, _TwinGap] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="gap", daemon=True)
@@ -114,7 +114,7 @@ class GapMonitor:
         """Tell how far the twin's models are from what arrives."""
         twin = self._pipeline.twin(twin_id)
         with self._lock:
-            mind = self._minds.get(twin_id)
+            mind = self._gaps.get(twin_id)
             readings = [] if mind is None else list(mind.kept)
         registration = None if twin is None else twin.registration
         state = self._state(registration, mind)
@@ -165,7 +165,7 @@ class GapMonitor:
         """Compare one twin once, where there is something new."""
         twin = self._pipeline.twin(twin_id)
         if twin is None or not _comparable(twin.registration):
-            self._minds.pop(twin_id, None)
+            self._gaps.pop(twin_id, None)
             return
         if not self._pipeline.is_alive(twin_id):
             return
@@ -217,7 +217,7 @@ class GapMonitor:
 
     def _of(self, twin_id: str, nominal: ModelFile) -> _TwinGap:
         key = hashlib.sha256(nominal.model_dump_json().encode()).hexdigest()[:16]
-        mind = self._minds.get(twin_id)
+        mind = self._gaps.get(twin_id)
         if mind is not None and mind.key == key:
             return mind
         mind = _TwinGap(key, collections.deque(maxlen=self._settings.kept))
@@ -229,7 +229,7 @@ class GapMonitor:
                 mind.usual = measuring.GapBaseline(**body["details"]["usual"])
                 break
         with self._lock:
-            self._minds[twin_id] = mind
+            self._gaps[twin_id] = mind
         return mind
 
     def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:

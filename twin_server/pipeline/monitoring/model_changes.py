@@ -1,4 +1,4 @@
-"""Looks out for jumps in what twins estimate, beside the work, and says so by an event.
+"""Detects sudden changes in the estimates of all twins, and reports each by an event.
 
 What it holds follows from the history: a server that starts again reads the newest part of it.
 To look costs more than to estimate. It takes half of the time at most, none while features
@@ -29,12 +29,13 @@ LATE = 8
 
 WAITING = 20_000
 """States that wait to be looked at; where there are more, they are read from the history."""
-MINDS = 2000
+MOST_WATCHED = 2000
 """Twins of which is kept what to expect, those looked at last; of others it is learnt anew."""
 BUSY = 200
 """Messages that wait to be taken in, from which nothing else is done."""
 
 _PAUSE_S = 0.5
+"""Interval at which the thread looks for work [s]."""
 
 
 def was_told(
@@ -56,7 +57,7 @@ def _renewals(bodies: Iterable[str]) -> list[float]:
 
 
 class ModelChangeMonitor:
-    """A thread that hears what is new of each twin.
+    """Thread that looks for sudden changes in the updates of each twin.
 
     Parameters
     ----------
@@ -71,18 +72,18 @@ class ModelChangeMonitor:
         self._missed: set[str] = set()
         self._gone: set[str] = set()
         self._changed = threading.Condition()
-        self._minds: dict[str, dict[str, ChangeDetector]] = {}
+        self._detectors: dict[str, dict[str, ChangeDetector]] = {}
         self._seen: dict[str, float] = {}
         self._events: dict[str, list[AssetEvent]] = {}
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="lookout", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="model-changes", daemon=True)
 
     def start(self) -> None:
-        """Begin to look out."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Look out no more."""
+        """Stop the thread."""
         self._stop.set()
         with self._changed:
             self._changed.notify_all()
@@ -125,7 +126,7 @@ class ModelChangeMonitor:
             self._missed.discard(twin_id)
             self._gone.discard(twin_id)
         if gone:
-            self._minds.pop(twin_id, None)
+            self._detectors.pop(twin_id, None)
             self._seen.pop(twin_id, None)
             self._events.pop(twin_id, None)
         return twin_id, news, missed and not gone
@@ -140,7 +141,7 @@ class ModelChangeMonitor:
                 self._hear(*turn)
             except Exception:
                 if not self._stop.is_set():
-                    self._minds.pop(turn[0], None)
+                    self._detectors.pop(turn[0], None)
                     logger.exception("%s could not be watched; going on.", turn[0])
             self._stop.wait(time.thread_time() - began_s)
             while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
@@ -153,18 +154,18 @@ class ModelChangeMonitor:
         wanted = twin.registration.forecast
         odds = wanted.readings_between_false_alarms
         if odds is None or wanted.process == "repeating":
-            self._minds.pop(twin_id, None)
+            self._detectors.pop(twin_id, None)
             return
-        known = self._minds.pop(twin_id, None)
+        known = self._detectors.pop(twin_id, None)
         if any(TOLD in body for news in every for _, body in news.events) or not all(
             come_after(news.states, self._events.get(twin_id, ())) for news in every
         ):
             # An event was told, or stands elsewhere among the readings now: all is read again.
             missed = True
         # Behind all others: those first that have not been looked at for longest.
-        self._minds[twin_id] = {} if known is None else known
-        while len(self._minds) > MINDS:
-            self._minds.pop(next(iter(self._minds)))
+        self._detectors[twin_id] = {} if known is None else known
+        while len(self._detectors) > MOST_WATCHED:
+            self._detectors.pop(next(iter(self._detectors)))
         if known is None or missed:
             self._look_back(twin_id, odds)
             return
@@ -199,7 +200,7 @@ class ModelChangeMonitor:
         self._events[twin_id] = events
         states = found.states
         known = known_of(events, states["t_ns"], states["slow_time"], past)
-        self._minds[twin_id] = {
+        self._detectors[twin_id] = {
             name: ChangeDetector(odds, tuple(times))
             for name, times in jump_times(known).items()
         }
@@ -220,7 +221,7 @@ class ModelChangeMonitor:
 
         A series begins anew at each of the slow times `renewed`: that jump was announced.
         """
-        mind, found = self._minds[twin_id], []
+        mind, found = self._detectors[twin_id], []
         for name, one in past.items():
             series = mind.setdefault(name, ChangeDetector(odds))
             readings = zip(

@@ -1,4 +1,4 @@
-"""What the processes that compute have loaded, and compiled, before they are asked."""
+"""Loads and compiles in a worker process what forecasts need, before the first call."""
 
 import contextlib
 import gc
@@ -12,6 +12,7 @@ from twin_server.estimate.forecast.changes import Past
 from .processes import WARMED
 
 _COUNT = 40
+"""Readings of the history that is forecast to compile what forecasts need."""
 
 
 def warm() -> None:

@@ -1,4 +1,4 @@
-"""What takes a processor for long is computed in processes of their own, which may be ended.
+"""Runs functions that compute for long in processes that can be ended.
 
 A thread that computes would keep the interpreter from the event loop and from the features that
 arrive. The processes are forked from one that has loaded all they need, so that one which was

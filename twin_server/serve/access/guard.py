@@ -1,4 +1,4 @@
-"""The door: every request is told who asks, or refused before anything of it is read."""
+"""ASGI middleware that authenticates and authorizes each request before it is read."""
 
 import asyncio
 import ipaddress

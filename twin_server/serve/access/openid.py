@@ -24,9 +24,17 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 LARGEST = 2**20
+"""Bytes that are read of a document of the provider, at most."""
+
 REMEMBERED = 2_000
+"""Verified tokens that are remembered, the newest."""
+
 REMEMBERED_S = 60.0
+"""Time for which a verified token is remembered [s]."""
+
 KEYS_LAST_S = 600.0
+"""Age at which the keys of the provider are fetched again [s]."""
+
 PAUSE_S = 30.0
 
 

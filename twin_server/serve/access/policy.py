@@ -1,4 +1,4 @@
-"""Which route wants whom: one line a route, and what has none is for an admin of all sites.
+"""The scope and sites that each route requires; unknown ones require an admin of all sites.
 
 A new route is added here, with the least scope that will do, and to `docs/access.md` by the
 command that its test prints.

@@ -1,4 +1,4 @@
-"""How often somebody may ask: a bucket of tokens each, in memory that does not grow."""
+"""Limits the rate of requests of each caller by a token bucket, in bounded memory."""
 
 from collections import OrderedDict
 from collections.abc import Callable

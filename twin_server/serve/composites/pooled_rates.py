@@ -1,4 +1,4 @@
-"""Drift rates of like members, pooled: histories in, rates of each and of the fleet out."""
+"""Pools the drift rates of like members of a composite."""
 
 import math
 from collections.abc import Sequence

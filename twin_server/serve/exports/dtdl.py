@@ -26,6 +26,8 @@ Node = dict[str, Any]
 
 CONTEXT = ["dtmi:dtdl:context;3", QUANTITIES]
 LONGEST_ID = 128
+"""Characters of a model identifier, as DTDL v3 allows them."""
+
 _MEMBERS = "Twins and other composites."
 _PARTS = ("value", "sd", "lo", "hi")
 _OF = {

@@ -1,4 +1,4 @@
-"""Files that are made while they are given: few at once, and a piece at a time."""
+"""Streams files while they are made, a few at a time."""
 
 import threading
 from collections.abc import AsyncIterator, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""A history as a table, a page at a time: memory is that of a page, not of the history.
+"""Writes a history as CSV or Parquet page by page, in the memory of one page.
 
 One row a state, in order. Numbers are written so that they read back to the last bit; what is
 not estimated is empty in CSV and null in Parquet.

@@ -1,4 +1,4 @@
-"""A request body larger than allowed is refused before it is read."""
+"""Refuses request bodies above a size before they are read."""
 
 import contextlib
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
-"""Bodies are read whole before they are looked at, and looked at one at a time.
+"""Reads request bodies whole, and lets one at a time be validated.
 
-To check twenty thousand numbers takes milliseconds of the event loop. Behind a turnstile they
+To check twenty thousand numbers takes milliseconds of the event loop. Behind this queue they
 are taken between the turns of all others: eighty large bodies at once delay nobody by more
 than one.
 """
@@ -9,7 +9,7 @@ import asyncio
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-KEY = "slowtime.turnstile"
+KEY = "slowtime.body_queue"
 
 LARGE = 4_096
 """Bytes of a body from which on looking at it is felt by others."""

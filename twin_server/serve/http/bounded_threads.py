@@ -1,4 +1,4 @@
-"""A few threads for what may take long, so that the many stay free for what does not."""
+"""A bounded number of threads for slow requests, so that the rest stay free."""
 
 import asyncio
 from collections.abc import Callable

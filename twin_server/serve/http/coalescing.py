@@ -1,4 +1,4 @@
-"""One answer for all who ask at the same time, found in a thread of its own."""
+"""Computes one answer for all who ask the same question at the same time."""
 
 import asyncio
 import concurrent.futures

@@ -1,4 +1,4 @@
-"""Requests that compute wait in a line of their own, of bounded length; all others pass by.
+"""Queues requests that compute, with a bounded length, apart from all others.
 
 What is asked twice at once is computed once. A line that is full is said to be, with 503 and
 `Retry-After`, before anything is computed. Who leaves the line is forgotten, and what nobody

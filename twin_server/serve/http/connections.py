@@ -1,4 +1,4 @@
-"""Connections with limits that uvicorn has not: of time, of size, and how many of one address.
+"""Limits the time, size and number of connections, which uvicorn does not limit.
 
 Who begins a request and does not go on with it, trickles a body or does not take the answer is
 cut off; who opens many connections and says nothing on them loses the oldest of these to who

@@ -1,4 +1,4 @@
-"""The shape of what is asked and answered about alarms and their deliveries."""
+"""Requests and answers about alarms and their deliveries."""
 
 from typing import Annotated, Any, Literal
 

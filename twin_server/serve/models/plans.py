@@ -1,4 +1,4 @@
-"""The shape of plans, for the OpenAPI document."""
+"""Answers about maintenance plans."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""What REST says of the risk of a twin."""
+"""Answers about the risk of a twin."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""The shape of every answer, for the OpenAPI document; the answers themselves are rendered."""
+"""Answers about twins: their states, modes and raised alarms."""
 
 from typing import Any, Literal
 

@@ -1,4 +1,4 @@
-"""Alarms at the door: listed, acknowledged, tried, and where they have got to."""
+"""Routes of alarms: list, acknowledge, test, and the state of their deliveries."""
 
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Annotated, Any, Protocol
@@ -54,7 +54,7 @@ class AlarmService(Protocol):
 
 
 def routes(
-    alarming: AlarmService, known: Callable[[str], Awaitable[Registration]]
+    alarm_service: AlarmService, known: Callable[[str], Awaitable[Registration]]
 ) -> APIRouter:
     """Make the routes.
 
@@ -71,7 +71,7 @@ def routes(
     @api.get("/twins/{twin_id}/alarms", response_model=models.AlarmList, responses=_PROBLEMS)
     def list_alarms(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
         """Alarms among the newest events: which hold still, and who has acknowledged them."""
-        return _json({"id": twin_id, "alarms": alarming.alarms(twin_id, limit)})
+        return _json({"id": twin_id, "alarms": alarm_service.alarms(twin_id, limit)})
 
     @api.get(
         "/twins/{twin_id}/alarms/deliveries",
@@ -80,7 +80,7 @@ def routes(
     )
     def deliveries(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
         """Whom events have reached: what waits, was delivered or given up; last errors."""
-        return _json(alarming.deliveries(twin_id, limit))
+        return _json(alarm_service.deliveries(twin_id, limit))
 
     @api.post(
         "/twins/{twin_id}/alarms/test",
@@ -93,7 +93,7 @@ def routes(
     ) -> Response:
         """Send a test alarm to the receivers of the twin's routes, or to one of them."""
         by = principal_of(request.scope).name
-        return _json(alarming.test(twin_id, order.receiver, by), 202)
+        return _json(alarm_service.test(twin_id, order.receiver, by), 202)
 
     @api.post(
         "/twins/{twin_id}/alarms/{event_id}/acknowledge",
@@ -110,7 +110,7 @@ def routes(
         """Say that somebody has taken note of an alarm; it reminds nobody any more."""
         name = principal_of(request.scope).name
         by = order.by or name
-        return _json(alarming.acknowledge(twin_id, event_id, by, name, order.note))
+        return _json(alarm_service.acknowledge(twin_id, event_id, by, name, order.note))
 
     return api
 

@@ -1,4 +1,4 @@
-"""Repairs, replacements, inspections and notes at the door: recorded, listed, answered."""
+"""Routes of events of assets: record and list repairs, replacements, inspections and notes."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Protocol
@@ -97,7 +97,7 @@ class AssetEventService(Protocol):
 
 
 def routes(
-    keeping: AssetEventService, known: Callable[[str], Awaitable[Registration]]
+    asset_event_service: AssetEventService, known: Callable[[str], Awaitable[Registration]]
 ) -> APIRouter:
     """Make the routes.
 
@@ -130,7 +130,7 @@ def routes(
         """
         name = principal_of(request.scope).name
         told, new = await recording.run(
-            lambda: keeping.record(twin_id, registration, order, name)
+            lambda: asset_event_service.record(twin_id, registration, order, name)
         )
         return _json(told, 201 if new else 200)
 
@@ -141,7 +141,7 @@ def routes(
     )
     async def recorded(twin_id: TwinId, registration: Known) -> Response:
         """List what people have recorded, and the questions whether something was repaired."""
-        return _json(await recording.run(lambda: keeping.listed(twin_id)))
+        return _json(await recording.run(lambda: asset_event_service.listed(twin_id)))
 
     return api
 

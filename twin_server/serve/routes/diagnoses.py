@@ -1,4 +1,4 @@
-"""Diagnoses at the door: ordered, listed, read, cancelled, adopted and undone."""
+"""Routes of diagnoses: order, list, read, cancel, adopt and undo."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
@@ -76,7 +76,7 @@ class DiagnosisService(Protocol):
 
 
 def routes(
-    ordering: DiagnosisService,
+    diagnosis_service: DiagnosisService,
     known: Callable[[str], Awaitable[Registration]],
     changing: BoundedThreads,
 ) -> APIRouter:
@@ -94,9 +94,9 @@ def routes(
     Known = Annotated[Registration, Depends(known)]
 
     def there(twin_id: str, number: int) -> dict[str, Any]:
-        found = ordering.one(twin_id, number)
+        found = diagnosis_service.one(twin_id, number)
         if found is None:
-            numbers = [str(one["number"]) for one in ordering.all_of(twin_id)[:20]]
+            numbers = [str(one["number"]) for one in diagnosis_service.all_of(twin_id)[:20]]
             raise ProblemError(
                 404,
                 "no-such-diagnosis",
@@ -118,7 +118,7 @@ def routes(
         From raw samples that the edge has now, from recordings, or, with `clock: slow`, from
         the twin's history and the covariates beside it.
         """
-        number = ordering.order(twin_id, registration, order)
+        number = diagnosis_service.order(twin_id, registration, order)
         where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
         return _json(there(twin_id, number), 202, Location=where)
 
@@ -129,7 +129,7 @@ def routes(
     )
     def list_diagnoses(twin_id: TwinId, registration: Known) -> Response:
         """All diagnoses of a twin, the newest first."""
-        return _json({"diagnoses": ordering.all_of(twin_id)})
+        return _json({"diagnoses": diagnosis_service.all_of(twin_id)})
 
     @api.get(
         "/twins/{twin_id}/diagnoses/{number}",
@@ -149,7 +149,7 @@ def routes(
     def cancel(twin_id: TwinId, number: Number, registration: Known) -> Response:
         """Cancel a diagnosis that waits or runs; what it has found by then is lost."""
         found = there(twin_id, number)
-        if not ordering.cancel(number):
+        if not diagnosis_service.cancel(number):
             raise ProblemError(
                 409,
                 "ended-already",
@@ -170,7 +170,7 @@ def routes(
         report, each with its heading and what it shows in words, as Plotly takes them.
         """
         found = there(twin_id, number)
-        content = ordering.file(number, name) if name in FILES else None
+        content = diagnosis_service.file(number, name) if name in FILES else None
         if content is None:
             allowed = ", ".join(FILES) if found["state"] == "done" else "none yet"
             raise ProblemError(
@@ -192,7 +192,7 @@ def routes(
 
         def done() -> Response:
             there(twin_id, number)
-            ordering.adopt(twin_id, registration, number)
+            diagnosis_service.adopt(twin_id, registration, number)
             return _json(there(twin_id, number))
 
         return await changing.run(done)
@@ -207,7 +207,7 @@ def routes(
 
         def done() -> Response:
             there(twin_id, number)
-            ordering.undo(twin_id, registration, number)
+            diagnosis_service.undo(twin_id, registration, number)
             return _json(there(twin_id, number))
 
         return await changing.run(done)
@@ -219,7 +219,7 @@ def routes(
         `nominal` without, `in_use` with what was adopted; both over the scatter of the
         measurement, averaged over sensors.
         """
-        return _json(ordering.gap(twin_id))
+        return _json(diagnosis_service.gap(twin_id))
 
     return api
 

@@ -1,4 +1,4 @@
-"""Where a twin is heading, at the door: bands, and when thresholds are reached."""
+"""Routes of forecasts: bands of each quantity, and the times of reaching thresholds."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -54,7 +54,7 @@ def routes(
     knowledge: Knowledge,
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
-    lane: ComputeQueue,
+    queue: ComputeQueue,
 ) -> APIRouter:
     """Make the routes.
 
@@ -62,7 +62,7 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    lane
+    queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
@@ -115,7 +115,7 @@ def routes(
             return to_json(_forecast(knowledge, twin_id, horizon, count, asked, moment))
 
         # Of one twin one at a time: what the first has learnt is there for the others.
-        body = await lane.run(
+        body = await queue.run(
             request,
             foretold,
             group=twin_id,

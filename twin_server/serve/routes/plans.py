@@ -1,4 +1,4 @@
-"""What to do with a twin's structure, and where a fleet's inspection teams go, at the door."""
+"""Routes of the maintenance plan of a twin, and of the inspection plan of a fleet."""
 
 import math
 from collections.abc import Awaitable, Callable, Iterable
@@ -40,7 +40,7 @@ Budget = Annotated[
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], queue: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 
@@ -48,7 +48,7 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    lane
+    queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
@@ -62,7 +62,7 @@ def routes(
         Of the registration's `costs` and `decision`, and of the forecast after the last
         reading; `docs/maintenance_plan.md` describes how.
         """
-        body = await lane.run(
+        body = await queue.run(
             request,
             lambda: to_json(knowledge.plan(twin_id)),
             group=("plan", twin_id),
@@ -90,7 +90,7 @@ def routes(
             return to_json(fleet_answer(knowledge, ids, teams * visits, window_d, budget))
 
         share = ("fleet", tuple(ids), teams, visits, window_d, budget)
-        body = await lane.run(request, told, group="fleet plan", share=share)
+        body = await queue.run(request, told, group="fleet plan", share=share)
         return Response(body, media_type="application/json")
 
     return api

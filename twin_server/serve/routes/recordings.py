@@ -1,4 +1,4 @@
-"""Recordings at the door: listed, taken in, given out, played, deleted.
+"""Routes of recordings: list, upload, download, replay and delete.
 
 A recording may hold several sites; who asks sees those of which all sites are theirs.
 """
@@ -131,16 +131,16 @@ class RecordingService(Protocol):
         ...
 
 
-def routes(keeping: RecordingService) -> APIRouter:
+def routes(recording_service: RecordingService) -> APIRouter:
     """Make the routes."""
     api = APIRouter(tags=["recordings"])
-    few = BoundedThreads(2)  # a file of which nothing is known yet is read to its end
+    threads = BoundedThreads(2)  # a file of which nothing is known yet is read to its end
 
     def reaches(request: Request) -> Reaches:
         return principal_of(request.scope).reaches
 
     async def told(request: Request, status: int = 200) -> Response:
-        found = await few.run(lambda: keeping.listed(reaches(request)))
+        found = await threads.run(lambda: recording_service.listed(reaches(request)))
         return Response(to_json(found), status, media_type="application/json")
 
     @api.get("/recordings", response_model=RecordingList, responses=_PROBLEMS)
@@ -169,19 +169,19 @@ def routes(keeping: RecordingService) -> APIRouter:
 
         One of that name that is there already is never replaced.
         """
-        await keeping.take(name, request.stream(), reaches(request))
+        await recording_service.take(name, request.stream(), reaches(request))
         return await told(request, 201)
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
     async def give(name: Name, request: Request) -> FileResponse:
         """Give a recording as it is."""
-        path = await few.run(lambda: keeping.path(name, reaches(request)))
+        path = await threads.run(lambda: recording_service.path(name, reaches(request)))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     @api.delete("/recordings/{name}", response_model=RecordingList, responses=_PROBLEMS)
     async def delete(name: Name, request: Request) -> Response:
         """Delete a recording: for good."""
-        await few.run(lambda: keeping.delete(name, reaches(request)))
+        await threads.run(lambda: recording_service.delete(name, reaches(request)))
         return await told(request)
 
     @api.post(
@@ -196,13 +196,13 @@ def routes(keeping: RecordingService) -> APIRouter:
         One at a time. Where none of its twins is registered yet, they are registered as they
         were recorded.
         """
-        await few.run(lambda: keeping.play(name, order.speed, reaches(request)))
+        await threads.run(lambda: recording_service.play(name, order.speed, reaches(request)))
         return await told(request, 202)
 
     @api.delete("/recordings/{name}/replay", response_model=RecordingList, responses=_PROBLEMS)
     async def stop(name: Name, request: Request) -> Response:
         """End the replay of a recording; what was played stays."""
-        await few.run(lambda: keeping.stop_playing(name, reaches(request)))
+        await threads.run(lambda: recording_service.stop_playing(name, reaches(request)))
         return await told(request)
 
     return api

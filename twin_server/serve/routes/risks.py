@@ -1,4 +1,4 @@
-"""How probable failure is, at the door."""
+"""Routes of the failure probability of a twin."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated
@@ -26,7 +26,7 @@ Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], queue: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 
@@ -34,7 +34,7 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    lane
+    queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
@@ -56,7 +56,7 @@ def routes(
         Of the registration's `limit_states`, and of the forecast after the last reading;
         `docs/risk.md` describes how.
         """
-        body = await lane.run(
+        body = await queue.run(
             request,
             lambda: to_json(knowledge.risk(twin_id, horizon)),
             group=("risk", twin_id),

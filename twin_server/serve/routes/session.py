@@ -1,4 +1,4 @@
-"""A token for the page: kept by the browser in a cookie that no script can read."""
+"""Routes of the page's session, whose token the browser keeps in an HTTP-only cookie."""
 
 import time
 
@@ -10,6 +10,7 @@ from twin_server.identity.principals import principal_of
 from twin_server.serve.access.guard import COOKIE
 
 LONGEST_S = 30 * 86_400
+"""Longest life of the cookie [s]: 30 days."""
 
 
 class SessionModel(BaseModel):

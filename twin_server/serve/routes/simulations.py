@@ -1,4 +1,4 @@
-"""What a twin would do under a load, at the door."""
+"""Routes of simulations of a twin under a load."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
@@ -120,7 +120,7 @@ class SimulationModel(BaseModel):
 
 
 def routes(
-    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: ComputeQueue
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], queue: ComputeQueue
 ) -> APIRouter:
     """Make the routes.
 
@@ -128,7 +128,7 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    lane
+    queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
@@ -147,7 +147,7 @@ def routes(
         """
         await run_in_threadpool(knowledge.check, twin_id, order)
         release_body_slot(request.scope)
-        answer = await lane.run(
+        answer = await queue.run(
             request,
             lambda: knowledge.simulate(twin_id, order),
             group=SIMULATIONS,

@@ -1,4 +1,4 @@
-"""The twin in a path: what it may be called, and how it is registered, or that it is not."""
+"""The twin id in a path, checked, and the registration it names."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Messages and lines → batches, by a declared layout."""
+"""Decodes messages and lines to batches by a declared layout."""
 
 import json
 from collections.abc import Callable, Sequence

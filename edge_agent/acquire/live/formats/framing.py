@@ -1,4 +1,4 @@
-"""Byte streams without borders → lines or frames; what is between them is garbage."""
+"""Finds lines and frames in byte streams; bytes between them are garbage."""
 
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable

@@ -1,4 +1,4 @@
-"""Scans of Linux industrial I/O: how one is packed, by the type strings of its elements.
+"""The packing of scans of Linux industrial I/O, by the type strings of their elements.
 
 ``le:s20/32>>4`` is little-endian, signed, 20 bits in 32, after a shift to the right by 4.
 """

@@ -1,4 +1,4 @@
-"""Binary frames → batches, and the checksums that tell a frame from garbage."""
+"""Decodes binary frames and verifies their checksums."""
 
 import binascii
 import functools

@@ -1,4 +1,4 @@
-"""Samples with their places, in about their order → runs of samples without a gap."""
+"""Assembles indexed samples to runs without gaps, and counts those that are late or lost."""
 
 import collections
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Batches after a pause, by a counter that may have wrapped in it → how often it has.
+"""Decides after a pause how often a counter has wrapped.
 
 A counter of M samples tells a gap up to a multiple of M. Of the candidates that are left, no
 sample may have come before it was taken, which bounds the gap from above; and what came late

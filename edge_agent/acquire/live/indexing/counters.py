@@ -1,4 +1,4 @@
-"""Batches with a counter → the index of each sample, however narrow the counter is."""
+"""Indexes the samples of batches by a counter of any width."""
 
 import collections
 import logging

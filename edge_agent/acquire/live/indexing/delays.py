@@ -1,4 +1,4 @@
-"""Arrivals of numbered samples → the highest number that a sample could have by now."""
+"""Bounds the index of a sample by arrival times, since none arrives before it was taken."""
 
 import collections
 import itertools

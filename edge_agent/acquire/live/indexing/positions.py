@@ -1,4 +1,4 @@
-"""Batches with counters or stamps → the index of each sample since the stream began.
+"""Indexes the samples of batches by counters, stamps or arrival order.
 
 An index counts lost samples too. Where a device has begun anew, indices go on by the time that
 has passed, so that what follows is never joined to what came before.

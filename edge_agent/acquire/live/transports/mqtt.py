@@ -17,8 +17,14 @@ from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 CONNECT_S = 10.0
+"""Time that the broker has for its answer to a connection [s]."""
+
 KEEP_ALIVE_S = 15
+"""Interval of the keep-alive of MQTT [s]."""
+
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 
 

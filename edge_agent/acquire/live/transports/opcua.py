@@ -19,6 +19,8 @@ from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
 
 POLL_S = 0.1
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 QUEUE = 1_000
 """Values of a variable that the server keeps between two messages."""
 

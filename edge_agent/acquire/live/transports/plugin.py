@@ -1,4 +1,4 @@
-"""A source of one's own: packets that an installed part yields in a process of its own."""
+"""Reads packets from an installed plug-in, in a process of its own."""
 
 import contextlib
 import threading

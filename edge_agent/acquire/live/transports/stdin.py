@@ -12,7 +12,10 @@ from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 AT_ONCE = 65_536
+"""Bytes that are read at once, at most."""
+
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
 
 
 class StandardInput:

@@ -12,6 +12,8 @@ from slowtime_services.clock import Clock
 from .tcp import POLL_S, Address, address_of
 
 LARGEST = 65_535
+"""Bytes of the largest datagram of UDP over IPv4, header included."""
+
 KERNEL_BYTES = 4 * 2**20
 """Of the socket's buffer: what comes while this process waits for a processor."""
 

@@ -18,6 +18,8 @@ from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 MOST_BYTES = 64 * 2**20
 """That wait between a thread of the bus and the reader."""
 

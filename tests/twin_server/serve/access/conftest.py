@@ -87,7 +87,7 @@ def door(tmp_path_factory):
         hub = Passing(9, 99, 9)
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
-            alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=CompositeRegistry(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            composite_service=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

@@ -64,10 +64,11 @@ def in_a_loop(test):
 
 @in_a_loop
 async def test_what_is_asked_by_many_at_once_is_computed_once():
-    lane, work = ComputeQueue(2, 10, 10), Works()
+    queue, work = ComputeQueue(2, 10, 10), Works()
     callers = [Caller() for _ in range(50)]
     asked = [
-        asyncio.create_task(lane.run(c.request, work, group="a", share="same")) for c in callers
+        asyncio.create_task(queue.run(c.request, work, group="a", share="same"))
+        for c in callers
     ]
     await begun(work)
     callers[0].left.set()
@@ -75,40 +76,40 @@ async def test_what_is_asked_by_many_at_once_is_computed_once():
         await asked[0]
     work.go_on.set()
     assert [await one for one in asked[1:]] == [1] * 49
-    assert lane.waiting == lane.running == 0
-    lane.close()
+    assert queue.waiting == queue.running == 0
+    queue.close()
 
 
 @in_a_loop
 async def test_a_full_line_is_said_to_be_at_once_and_empties():
-    lane, work = ComputeQueue(1, 3, 2), Works()
-    first = asyncio.create_task(lane.run(Caller().request, work, group="a"))
+    queue, work = ComputeQueue(1, 3, 2), Works()
+    first = asyncio.create_task(queue.run(Caller().request, work, group="a"))
     await begun(work)
     waiting = [
-        asyncio.create_task(lane.run(Caller().request, work, group=g)) for g in ("a", "a", "b")
+        asyncio.create_task(queue.run(Caller().request, work, group=g)) for g in ("a", "a", "b")
     ]
-    await until(lambda: lane.waiting == 3)
+    await until(lambda: queue.waiting == 3)
     for group, why in (("c", "3 requests wait"), ("a", "2 of this kind")):
         with pytest.raises(ProblemError) as refused:
-            await lane.run(Caller().request, work, group=group)
+            await queue.run(Caller().request, work, group=group)
         assert refused.value.status == 503
         assert why in refused.value.detail
         assert refused.value.headers["Retry-After"] == "5"
     work.go_on.set()
     assert sorted([await first, *[await one for one in waiting]]) == [1, 2, 3, 4]
-    assert lane.counts["refused"] == 2
-    lane.close()
+    assert queue.counts["refused"] == 2
+    queue.close()
 
 
 @in_a_loop
 async def test_whom_nobody_waits_for_is_forgotten_or_ended():
-    lane, work = ComputeQueue(1, 100, 100), Works()
+    queue, work = ComputeQueue(1, 100, 100), Works()
     callers = [Caller() for _ in range(20)]
     asked = [
-        asyncio.create_task(lane.run(c.request, work, group=n)) for n, c in enumerate(callers)
+        asyncio.create_task(queue.run(c.request, work, group=n)) for n, c in enumerate(callers)
     ]
     await begun(work)
-    await until(lambda: lane.waiting == 19)
+    await until(lambda: queue.waiting == 19)
     for caller in callers[:-1]:
         caller.left.set()
     for one in asked[:-1]:
@@ -118,41 +119,42 @@ async def test_whom_nobody_waits_for_is_forgotten_or_ended():
     work.go_on.set()
     assert await asked[-1] == 2
     assert (work.count, work.saw) == (2, [1])
-    assert lane.counts["abandoned"] == 19
-    lane.close()
+    assert queue.counts["abandoned"] == 19
+    queue.close()
 
 
 @in_a_loop
 async def test_of_one_twin_one_at_a_time_and_one_place_is_kept_for_what_is_light():
-    lane, heavy, light = ComputeQueue(2, 100, 100), Works(), Works()
+    queue, heavy, light = ComputeQueue(2, 100, 100), Works(), Works()
     slow = [
-        asyncio.create_task(lane.run(Caller().request, heavy, group=g)) for g in ("a", "b", "a")
+        asyncio.create_task(queue.run(Caller().request, heavy, group=g))
+        for g in ("a", "b", "a")
     ]
     await begun(heavy)
     quick = [
-        asyncio.create_task(lane.run(Caller().request, light, group="c", light=True))
+        asyncio.create_task(queue.run(Caller().request, light, group="c", light=True))
         for _ in range(2)
     ]
     await begun(light)
-    assert (lane.running, heavy.count, light.count) == (2, 1, 1)
+    assert (queue.running, heavy.count, light.count) == (2, 1, 1)
     light.go_on.set()
     assert sorted([await one for one in quick]) == [1, 2]
     assert heavy.count == 1
     heavy.go_on.set()
     assert sorted([await one for one in slow]) == [1, 2, 3]
-    lane.close()
+    queue.close()
 
 
 @in_a_loop
 async def test_what_fails_fails_for_all_who_wait_and_for_nobody_else():
-    lane, work = ComputeQueue(1, 10, 10), Works()
+    queue, work = ComputeQueue(1, 10, 10), Works()
 
     def fail():
         work()
         raise ProblemError(409, "not-known-yet", "Not yet.")
 
     asked = [
-        asyncio.create_task(lane.run(Caller().request, fail, group="a", share=1))
+        asyncio.create_task(queue.run(Caller().request, fail, group="a", share=1))
         for _ in range(3)
     ]
     await begun(work)
@@ -160,8 +162,8 @@ async def test_what_fails_fails_for_all_who_wait_and_for_nobody_else():
     for one in asked:
         with pytest.raises(ProblemError, match="Not yet"):
             await one
-    assert await lane.run(Caller().request, lambda: "sound", group="a", share=1) == "sound"
-    lane.close()
+    assert await queue.run(Caller().request, lambda: "sound", group="a", share=1) == "sound"
+    queue.close()
 
 
 @in_a_loop

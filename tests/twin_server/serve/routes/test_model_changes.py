@@ -117,7 +117,7 @@ def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
 def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
     unhurried, eventually, monkeypatch
 ):
-    monkeypatch.setattr(model_changes, "MINDS", 1)
+    monkeypatch.setattr(model_changes, "MOST_WATCHED", 1)
     server = unhurried("beam", "mast")
     for twin in (TWIN, TWIN.replace("beam", "mast")):
         assert eventually(lambda twin=twin: told(server, twin))
