@@ -218,7 +218,7 @@ def new_boot(clock: Clock) -> str:
 
 @contextlib.contextmanager
 def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
-    """Say health and, less often, about, from a thread of its own."""
+    """Publish health and, less often, `About`, from a thread of its own."""
     over = threading.Event()
 
     def beat() -> None:
@@ -242,7 +242,7 @@ def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
 
 
 def _about(settings: EdgeSettings) -> dict[str, object]:
-    """Tell what decides the features; no addresses, no secrets."""
+    """Make the `About` message: the settings that decide the features, without secrets."""
     return {
         "processing": settings.processing.model_dump(mode="json"),
         "input": settings.input.model_dump(mode="json", exclude=PRIVATE),

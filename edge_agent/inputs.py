@@ -133,7 +133,7 @@ class LiveInput(Frozen):
 
     @property
     def parameters(self) -> dict[str, str]:
-        """What stands behind `?`: parameters of the transport."""
+        """Parameters of the transport, behind `?` of the URL."""
         return dict(parse_qsl(urlsplit(self.source).query, keep_blank_values=True))
 
     @property

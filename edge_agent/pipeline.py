@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class EdgeState:
-    """What the stages remember."""
+    """States of the stages."""
 
     condition: Segment | None
     extract: ExtractState
@@ -88,7 +88,7 @@ class Edge:
 
 
 class WorkTime:
-    """What the work costs, and what it may cost: the time from one window to the next.
+    """Measures the work for a window against the time between windows.
 
     Counters of `Health`: ``busy_ms`` in all, ``window_busy_ms`` for the last window,
     ``window_busy_max_ms`` for the dearest, ``window_period_ms`` from the window before to the

@@ -11,11 +11,11 @@ from slowtime_services.clock import Clock
 
 @runtime_checkable
 class Source(Protocol):
-    """Where samples come from."""
+    """A source of blocks of samples."""
 
     @property
     def time_base(self) -> TimeBase:
-        """Whose clock stamps the blocks."""
+        """The kind of clock that stamps the blocks."""
         ...
 
     @property

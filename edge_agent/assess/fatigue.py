@@ -13,7 +13,7 @@ from slowtime_schemas.messages import CurveOfMessage, FatiguePoint
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class CycleCount:
-    """What was counted at a point.
+    """Cycles and damage that were counted at a point.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ AssessMessage = Fatigue | Virtual
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class AssessState:
-    """What the stage remembers: running sensors, counts, and how many messages it has made."""
+    """State of the stage: running sensors, cycle counts, and the number of messages made."""
 
     running: RunningSensor | None = None
     counted: Mapping[str, CycleCount] = dataclasses.field(default_factory=dict)
@@ -107,7 +107,7 @@ class Assess:
         return state, tuple(messages)
 
     def finish(self, state: AssessState) -> tuple[AssessState, tuple[AssessMessage, ...]]:
-        """Tell fatigue as it is at the end of the stream."""
+        """Make the fatigue message at the end of the stream."""
         if state.told_ns is None or state.latest_ns == state.told_ns:
             return state, ()
         return self._tell(state)

@@ -91,7 +91,7 @@ def _standing_out(
     scales: Scales,
     threshold: float,
 ) -> Which:
-    """Where the deviation is beyond its like, and the largest of three."""
+    """Mark samples whose deviation is beyond the usual one, and the largest of three."""
     size = np.abs(_deviation(windows))
     found: Which = size > threshold * scales[:, None]
     if not found.any():

@@ -40,7 +40,7 @@ class Window:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ModeReading:
-    """What a window said, words on why it said nothing, and on what to doubt of it."""
+    """The modes of a window, the reasons where there are none, and flags of doubt."""
 
     modes: tuple[Mode, ...] = ()
     method: str = "none"
@@ -51,7 +51,7 @@ class ModeReading:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Memory:
-    """What is kept of the windows read so far.
+    """Memory of the windows read so far.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ HIGHEST_SHARE = 0.45
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Hop:
-    """What has come since the last message.
+    """Samples since the last message.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Hop:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """What is kept of a stream.
+    """State of the recursive identification of a stream.
 
     Parameters
     ----------

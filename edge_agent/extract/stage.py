@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ExtractState:
-    """What the stage remembers: where it is in its count, what it read, and a window begun."""
+    """State of the stage: message count, memory of the reader, and the begun window."""
 
     sequence: int = 0
     memory: Memory = dataclasses.field(default_factory=Memory)
@@ -211,7 +211,7 @@ class Extract:
         return SingleModeReader(self.settings, self.settings.method)
 
     def _position(self, block: Block, start_ns: int) -> float:
-        """Where a window is among the others: its epoch's number, or so many hops."""
+        """Return the position of a window: the number of its epoch, or of hops."""
         if block.epoch is not None:
             return float(block.epoch)
         return start_ns / 1e9 / (self.settings.hop_s or self.settings.window_s)

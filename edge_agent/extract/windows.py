@@ -37,7 +37,7 @@ class Stretch:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Gathered:
-    """What has come of a window so far."""
+    """The part of a window that has arrived."""
 
     latest: Block
     stretches: tuple[Stretch, ...]

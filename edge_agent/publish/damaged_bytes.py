@@ -13,7 +13,7 @@ MOST_BYTES = 16 * 2**20
 
 
 class DamagedBytes:
-    """What is damaged in the segments of one spool.
+    """Damaged bytes of the segments of one spool.
 
     The damaged bytes of a segment are copied to ``SEGMENT.OFFSET.damaged`` beside it, for
     whoever wants to look at them; the segment itself is left as it is until the twin has
@@ -34,7 +34,7 @@ class DamagedBytes:
 
     @property
     def features(self) -> int:
-        """How many features were found to be damaged since the spool was opened."""
+        """Number of features found damaged since the spool was opened."""
         return self._features
 
     def found(self, segment: Path, boot: str, data: bytes, damage: Damage) -> None:

@@ -30,7 +30,7 @@ LEFT_BEHIND = "a later boot had begun before it could be asked for; the edge kee
 
 
 class Account:
-    """What has been had of every asset, and what is missing.
+    """The features that every asset has sent, and those that are missing.
 
     Parameters
     ----------
@@ -222,14 +222,14 @@ class Account:
 
     @property
     def holes(self) -> int:
-        """How many boots are missing something now."""
+        """Number of boots with missing features."""
         return sum(
             1 for line in self._unsettled for run in line.runs if run.missing() is not None
         )
 
     @property
     def held(self) -> int:
-        """How many features are held out of order."""
+        """Number of features held out of order."""
         return sum(len(run.held) for line in self._unsettled for run in line.all_runs())
 
     @property

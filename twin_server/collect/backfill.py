@@ -52,7 +52,7 @@ class Backfill:
         self._thread.start()
 
     def wake(self) -> None:
-        """Look now what to ask: where one hole was, the next may be."""
+        """Look for queries now: where one range was missing, the next may be."""
         self._wake.set()
 
     def stop(self) -> None:

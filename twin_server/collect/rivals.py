@@ -42,7 +42,7 @@ def contest_reading(
 
 
 def tell_agents_apart(run: Run, health: Health, change: Change) -> None:
-    """Tell the agents of a boot apart by when they began."""
+    """Distinguish the agents of a boot by their start times; contest it where there are two."""
     if health.uptime_s <= 0:
         return
     began_ms = health.t_ns // 10**6 - round(health.uptime_s * 1e3)
@@ -89,7 +89,7 @@ def look_for_rivals(
 
 
 def _told_apart(sequence: int, one_ns: int, other_ns: int) -> str:
-    """Say what distinguishes two readings that came under one sequence."""
+    """Describe the difference of two readings under one sequence."""
     if one_ns == other_ns:
         return f"reading {sequence} came twice, with different content"
     return (

@@ -26,7 +26,7 @@ class Arrival(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """What an edge says it holds of one boot."""
+    """The features of one boot that an edge reports to hold."""
 
     boot: str
     first: int
@@ -155,7 +155,7 @@ class Run:
         self.tries = self.delays = 0
 
     def progress(self, now_s: float) -> None:
-        """Something came: ask on at once, with new patience."""
+        """Ask on at once, with new patience, since features came."""
         self.tries = self.delays = 0
         self.since_s, self.due_s = now_s, now_s
 
@@ -236,7 +236,7 @@ class AssetRuns:
         return now_s - since >= settings.absent_patience_s
 
     def want(self, now_s: float, settings: BackfillSettings) -> tuple[EdgeQuery | None, bool]:
-        """Say what to ask now, and whether there is anything to ask now or later."""
+        """Return the query to make now, and whether there is one now or later."""
         uneasy = False
         if self.busy:
             return None, True
@@ -318,7 +318,7 @@ class RepeatedFeatures(NamedTuple):
 
 @dataclasses.dataclass(slots=True)
 class Change:
-    """What follows from some messages, to be made durable at once.
+    """The changes that follow from messages, to be made durable at once.
 
     Parameters
     ----------

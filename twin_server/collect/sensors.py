@@ -50,7 +50,7 @@ def _nothing(site: str, asset: str) -> Iterable[Mapping[str, Any]]:
 
 
 class SensorWatch:
-    """What is known of the live sensors of all edges.
+    """Watches the live sensors of all edges by their health messages.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class SensorWatch:
         return sensor
 
     def _restarts(self, key: tuple[str, str], sensor: _Sensor) -> Iterable[SensorNotice]:
-        """Tell of each restart of a part of one's own; the agent's pauses bound how often."""
+        """Make a notice of each restart of a plug-in source."""
         restarts = sensor.counters.get(RESTARTS, 0)
         more, sensor.told_restarts = restarts - sensor.told_restarts, restarts
         if more > 0:

@@ -64,7 +64,7 @@ class GapSample:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class GapBaseline:
-    """What was learnt: the gap as it is while nothing changes.
+    """The usual gap of a model, and its limit.
 
     Parameters
     ----------

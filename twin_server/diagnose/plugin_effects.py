@@ -24,7 +24,7 @@ LOOK_S = 0.1
 
 
 class PluginRun(NamedTuple):
-    """What became of a diagnosis with own effects.
+    """Result of a diagnosis with plug-in effects.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
 
 
 class Task(Frozen):
-    """What a diagnosis is told.
+    """Task of a diagnosis: data, model and settings.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Task(Frozen):
 
 
 class Outcome(NamedTuple):
-    """What a diagnosis has found: its files."""
+    """Result files of a diagnosis."""
 
     report: str
     page: bytes

@@ -89,7 +89,7 @@ def _follow(
 def _evidence(
     alarm: Alarm, estimates: Estimates
 ) -> tuple[Bool[np.ndarray, " time"], Bool[np.ndarray, " time"]]:
-    """Where the limit is certainly passed, and where it certainly is not."""
+    """Return where a limit is passed with certainty, and where it is not."""
     value, sd = estimates[:, 0], estimates[:, 1]
     beyond = alarm.below - value if alarm.below is not None else value - (alarm.above or 0.0)
     margin = float(ndtri(alarm.certainty)) * sd

@@ -50,7 +50,7 @@ class Belief:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """All that the next batch needs to know of those before it.
+    """State of the estimation of a twin between batches.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Checkpoint:
 
 
 class Twin(NamedTuple):
-    """What estimation needs to know of one twin."""
+    """Registration and checkpoint of one twin."""
 
     registration: Registration
     checkpoint: Checkpoint

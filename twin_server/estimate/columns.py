@@ -106,7 +106,7 @@ def _truth(message: Features, freed: bool) -> tuple[float, ...]:
 
 
 def without_covariates(truth: Mapping[str, float]) -> Mapping[str, float]:
-    """Tell what a simulator knows, without what temperature does where it tells them apart.
+    """Return the true values of a simulation, without the effect of temperature where known.
 
     Examples
     --------

@@ -29,7 +29,7 @@ QUANTILE = 1.959963984540054
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ElementEstimates:
-    """What some features of one twin have told; one state and one detail for each."""
+    """Estimates of some features of one twin: a state and a detail for each."""
 
     states: States
     details: list[Detail]
@@ -207,7 +207,7 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
 def _doubted_units(
     memory: Memory, features: Sequence[Features], model: Model
 ) -> tuple[Memory, list[Notice]]:
-    """Say which channels' units are in doubt, where that is not what was said last."""
+    """Make the notice of channels whose units are in doubt, where they have changed."""
     notices = []
     for row, message in enumerate(features):
         if all(mode.shape is None for mode in message.modes):
@@ -225,7 +225,7 @@ def _doubted_units(
 
 
 def _of_covariates(registration: Registration, found: TrackedEpochs) -> list[Notice]:
-    """Say what is normal for each mode, once it is learnt, and what is not."""
+    """Make notices of learnt normal behaviour and of changes that covariates do not explain."""
     wanted = registration.covariates
     if wanted is None:
         return []

@@ -44,7 +44,7 @@ _UNKNOWN = 1e3
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Estimated:
-    """What some features have told.
+    """Estimates of some features of many twins.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def _of_each(
     owner: Int[np.ndarray, " time"],
     of: Callable[[Registration], float],
 ) -> Float[np.ndarray, " time"]:
-    """Something of each reading's registration."""
+    """Return one value of the registration of each reading."""
     each: Float[np.ndarray, " time"] = np.array(
         [float(of(twin.registration)) for twin in twins]
     )[owner]

@@ -4,7 +4,7 @@ from typing import Any, Literal, NamedTuple
 
 
 class Notice(NamedTuple):
-    """Something worth an event.
+    """A fact that estimation asks an event for.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ MOST_PAST = 200
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RiskOrder:
-    """All that the risk of one twin is made of.
+    """Input of the risk of one twin.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def _quantity(value: float, lo: float, hi: float) -> dict[str, float]:
 
 
 def _against(name: str, state: LimitState, found: Assessment) -> list[str]:
-    """Say what speaks against trusting a probability."""
+    """Return the reasons against relying on a probability."""
     failed = float(found.failure[-1])
     if state.events is None and 0.0 <= failed < LEAST_PATHS and isinstance(state, Threshold):
         return [

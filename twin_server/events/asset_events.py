@@ -112,7 +112,7 @@ class AssetEventRow(NamedTuple):
 
     @property
     def message(self) -> AssetEvent:
-        """What was told."""
+        """The event as a message."""
         return AssetEvent.model_validate_json(self.body)
 
 
@@ -169,7 +169,7 @@ def effective(events: Iterable[AssetEvent]) -> list[AssetEvent]:
 
 
 def sentence(event: AssetEvent) -> str:
-    """Say what was told, by whom."""
+    """Describe an event and who told it."""
     if event.reverses is not None:
         return f"{event.person} took back the event {event.reverses}.{_text(event)}"
     of = f" of {event.quantity}" if event.quantity is not None else ""

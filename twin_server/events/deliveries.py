@@ -69,7 +69,7 @@ class Delivery(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What a receiver tells doubles by: the event's identity, and which reminder it is."""
+        """Key by which a receiver recognises duplicates: event identity and reminder number."""
         return message_key(self.event, self.reminder)
 
     def reminding(self, now_ns: int) -> "Delivery":
@@ -87,7 +87,7 @@ class Delivery(NamedTuple):
 
 
 class Acknowledgement(NamedTuple):
-    """That somebody has taken note of an alarm.
+    """Acknowledgement of an alarm by a person.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Acknowledgement(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """How many deliveries of a twin to a receiver are in a state, and since when."""
+    """Number of deliveries of a twin to a receiver in one state, and since when."""
 
     twin: str
     receiver: str
@@ -129,7 +129,7 @@ def message_key(event: str, reminder: int) -> str:
 
 
 def identity(event: Mapping[str, Any]) -> str:
-    """Tell an event from all others: 32 hexadecimal digits.
+    """Return the identity of an event: 32 hexadecimal digits.
 
     An event that follows from readings is the same when its estimate comes out otherwise, and
     another one at another reading, of another quantity or with another limit.
@@ -155,7 +155,7 @@ def identity(event: Mapping[str, Any]) -> str:
 
 
 def alarm_key(details: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Tell which alarm of a registration an event is about: quantity, side and limit."""
+    """Return quantity, side and limit of the alarm that an event is about."""
     return tuple(details.get(name) for name in ("quantity", "side", "limit"))
 
 
@@ -165,7 +165,7 @@ def happened_ns(delivery: Delivery) -> int:
 
 
 def subject(delivery: Delivery) -> tuple[Any, ...]:
-    """Tell what lasts: deliveries of the same subject to a receiver say the same thing."""
+    """Return the subject of an event; deliveries of one subject repeat each other."""
     details = json.loads(delivery.body)["details"]
     about = (*alarm_key(details), details.get("mode"))
     return (delivery.twin, delivery.receiver, delivery.kind, *about)

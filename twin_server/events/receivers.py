@@ -133,7 +133,7 @@ class MqttReceiver(_Receiver):
         return self
 
     def topic_of(self, *, site: str, asset: str, kind: str, severity: str) -> str:
-        """Where a message goes."""
+        """Return the topic of a message."""
         return self.topic.format(site=site, asset=asset, kind=kind, severity=severity)
 
 

@@ -114,7 +114,7 @@ class Buckets:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Put buckets behind one another; what some lack is not estimated there."""
+        """Concatenate buckets; a quantity that some lack is not estimated there."""
         width = max((part.quantities.shape[1] for part in parts), default=len(ESTIMATES))
         if not parts:
             return cls(np.zeros(0, HEAD), np.zeros((0, width), QUANTITY))
@@ -257,7 +257,7 @@ def _fill(
     table: Float[np.ndarray, "bucket 3"],
     keys: Int[np.ndarray, " bucket"],
 ) -> None:
-    """Put value, lo and hi of one quantity into buckets of one state each."""
+    """Fill buckets of one state each with value, lo and hi of one quantity."""
     value = table[:, 0]
     there = ~np.isnan(value)
     into["count"], into["sum"] = there, np.where(there, value, 0.0)

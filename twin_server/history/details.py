@@ -1,4 +1,4 @@
-"""What a twin of many elements knows beside its row of numbers: kept as text, given away so.
+"""Details of the states of twins of elements, kept and rendered as JSON text.
 
 The text is the part of the message `TwinState` that such a twin has and others have not, as
 JSON; it is written once, by estimation, and copied from then on.
@@ -11,7 +11,7 @@ from pydantic_core import from_json, to_json
 
 
 class Detail(NamedTuple):
-    """Of one state.
+    """Details of one state.
 
     Parameters
     ----------

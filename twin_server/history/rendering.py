@@ -69,7 +69,7 @@ def points(
     unit: str = "",
     names: Sequence[str] = (),
 ) -> bytes:
-    """Put states together to a history.
+    """Render states, and bands where there are some, as a history.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def _reasons(reasons: int, brief: bool) -> str:
 
 
 def _opening(text: str, most: int = 200) -> str:
-    """As many whole sentences as a message has room for."""
+    """Return as many whole sentences as fit a message."""
     return text if len(text) <= most else text[: text[:most].rindex(". ") + 1]
 
 

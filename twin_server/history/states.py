@@ -102,7 +102,7 @@ _LEVELS: dict[int, tuple[str, ...]] = {}
 
 
 def sentences(reasons: int) -> tuple[str, ...]:
-    """Say in sentences why a state is not valid.
+    """Return sentences on why a state is not valid.
 
     Examples
     --------

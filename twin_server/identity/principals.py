@@ -10,7 +10,7 @@ KEY = "slowtime.principal"
 
 
 class Scope(enum.IntEnum):
-    """What somebody may do; each may what those before it may."""
+    """Scope of a principal; each includes those before it."""
 
     VIEWER = 1
     OPERATOR = 2
@@ -40,7 +40,7 @@ class Scope(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Principal:
-    """Who asks.
+    """An authenticated caller.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Principal:
         return self.reaches(twin_id.partition(".")[0])
 
     def to_dict(self) -> dict[str, Any]:
-        """Tell it to itself."""
+        """Render the principal for its own session."""
         return {
             "name": self.name,
             "scope": self.scope.word,
@@ -84,7 +84,7 @@ NOBODY = Principal("nobody in particular", Scope.VIEWER, frozenset())
 
 
 def principal_of(scope: MutableMapping[str, Any]) -> Principal:
-    """Who asks; everybody, where nobody was asked who they are."""
+    """Return the principal of a request; `EVERYBODY` where access is not restricted."""
     found = scope.get(KEY, EVERYBODY)
     assert isinstance(found, Principal)
     return found

@@ -42,7 +42,7 @@ class RefusedTokenError(Exception):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Token:
-    """What is kept of a token."""
+    """Stored form of a token."""
 
     id: str
     name: str

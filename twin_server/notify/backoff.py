@@ -10,7 +10,7 @@ from twin_server.events.receivers import AlarmSettings
 
 
 def retry_delay_s(settings: AlarmSettings, delivery_id: str, tries: int) -> float:
-    """How long to wait after so many failed attempts [s].
+    """Return the delay after so many failed attempts [s].
 
     Examples
     --------

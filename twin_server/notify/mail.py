@@ -60,7 +60,7 @@ class Email:
         return f"Refused for {', '.join(sorted(refused))}." if refused else ""
 
     def _server(self) -> smtplib.SMTP:
-        """Make what has not connected yet, so that the deadline can see its socket."""
+        """Make an unconnected client, so that the deadline can close its socket."""
         receiver = self._receiver
         if receiver.security == "tls":
             made: smtplib.SMTP = smtplib.SMTP_SSL(

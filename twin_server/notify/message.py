@@ -24,7 +24,7 @@ class NotDeliveredError(Exception):
 
 
 class Message(NamedTuple):
-    """What is sent.
+    """Content of a delivery.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
 
 
 def connection_error_text(error: BaseException) -> str:
-    """Say in words what went wrong with a connection."""
+    """Describe the error of a connection."""
     if isinstance(error, TimeoutError):
         return "it did not answer in time"
     if isinstance(error, ConnectionRefusedError):

@@ -38,7 +38,7 @@ _AFTER_TROUBLE_S = 1.0
 
 
 class DeliveryStore(Protocol):
-    """What the notifier asks of the house."""
+    """Deliveries as the notifier reads and settles them."""
 
     def due(self, receiver: str, now_ns: int, limit: int) -> Sequence[Delivery]:
         """Deliveries that wait and are due, the earliest first."""
@@ -125,7 +125,7 @@ class Notifier:
             logger.exception("What was sent last could not be kept; it will be sent again.")
 
     def wake(self) -> None:
-        """Look at once: something may have become due."""
+        """Look for due deliveries at once."""
         self._wake.set()
 
     def _hear(self, outcome: Outcome) -> None:
@@ -189,7 +189,7 @@ class Notifier:
             self._queues[one.receiver].settled(one)
 
     def _after(self, outcome: Outcome, now_ns: int) -> Delivery:
-        """Tell what one is after an attempt: delivered, waiting for the next, or given up."""
+        """Return a delivery after an attempt: delivered, waiting for the next, or failed."""
         before = outcome.delivery
         tries = before.tries + 1
         if outcome.delivered:
@@ -204,7 +204,7 @@ class Notifier:
         return failed
 
     def _mind(self) -> None:
-        """Look at what is late, and at what has no receiver any more."""
+        """Handle late deliveries, and those without a receiver."""
         now_ns = self._now_ns()
         oldest_ns = now_ns - round(self._settings.max_age_s * 1e9)
         seen: set[tuple[object, ...]] = set()

@@ -19,7 +19,7 @@ _WAITING_OF_EACH = 16
 
 
 class Outcome(NamedTuple):
-    """What became of one attempt.
+    """Outcome of one attempt.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Outcome(NamedTuple):
 
 
 class ReceiverQueue:
-    """All that is being sent to one receiver.
+    """Threads and deliveries of one receiver.
 
     Parameters
     ----------
@@ -85,12 +85,12 @@ class ReceiverQueue:
 
     @property
     def held(self) -> int:
-        """How many have been given to the lane and are not settled."""
+        """Number of deliveries in the queue that are not settled."""
         return len(self._held)
 
     @property
     def room(self) -> int:
-        """How many more it takes."""
+        """Number of deliveries that still fit."""
         return self._most - len(self._held)
 
     def give(self, delivery: Delivery) -> None:

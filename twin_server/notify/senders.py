@@ -37,7 +37,7 @@ KINDS: Mapping[str, Callable[[Any], Sender]] = {
 
 
 def senders_of(settings: AlarmSettings) -> dict[str, Sender]:
-    """Make what sends to each receiver, by its name.
+    """Make the sender of each receiver, by its name.
 
     Raises
     ------

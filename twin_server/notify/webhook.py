@@ -126,5 +126,5 @@ def _socket(
 
 
 def _wait_s(told: str | None) -> float:
-    """How long a receiver asks to be left in peace; dates are not read."""
+    """Return the wait that a receiver asks for [s]; dates are not read."""
     return min(float(told), _LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0

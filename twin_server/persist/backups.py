@@ -43,7 +43,7 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
 
 
 def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None:
-    """Put a backup in the place of a database; what was there is kept aside.
+    """Restore a backup; the database in its place is renamed and kept.
 
     Returns
     -------

@@ -10,4 +10,4 @@ class StoreError(RuntimeError):
 
 
 class DamagedStoreError(WrongStoreError, StoreError):
-    """What is kept is not what was written; the text says what to do."""
+    """Stored data are damaged; the text says what to do."""

@@ -67,7 +67,7 @@ Tell = Callable[[str, int], None]
 
 
 def schema() -> str:
-    """All that makes an empty database."""
+    """Return the statements that make an empty database."""
     text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
     return text + _TALLIES + "".join(_triggers(table) for table in TABLES)
 
@@ -137,7 +137,7 @@ end;
 def damages(
     reader: sqlite3.Connection, tell: Tell | None = None
 ) -> tuple[list[str], dict[str, RollingHash]]:
-    """All that is not as it was written: pages, tables, rows, hashes; empty if all is sound.
+    """Return all damage of pages, tables, rows and hashes; empty if there is none.
 
     And of each twin the hash of its history, which the same pass has rolled.
     """
@@ -237,7 +237,7 @@ def build_levels(writer: Any) -> None:
 
 
 def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
-    """Make what a version before lacked; all at once, or not at all."""
+    """Add the tables that an older version lacks, in one transaction."""
     tables = LACKING[version]
     writer.execute("begin immediate")
     try:

@@ -177,7 +177,7 @@ class _Chain:
         """Whether rows came before others, or all was estimated anew, since the last head."""
 
     def check(self, registration: str | None, found: Audit) -> int:
-        """Say what is wrong; give how many features were held against their entries."""
+        """Check one chain; return how many features were compared with their entries."""
         deleted = self._walk(found)
         vouched = self._leaf.length if self._leaf is not None else 0
         found.vouched += min(vouched, self.end.length)

@@ -90,7 +90,7 @@ class PostgresStore(SqlStore):
             raise
 
     def verify(self, tell: Callable[[str, int], None] | None = None) -> None:
-        """Look through all rows; raise where any is not as it was written.
+        """Verify all rows; raise where one is damaged.
 
         Rows that vanished are the business of PostgreSQL's page checksums: switch them on when
         the cluster is made (``initdb --data-checksums``).

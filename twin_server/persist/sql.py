@@ -245,7 +245,7 @@ class SqlStore(abc.ABC):
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
 
     def count(self, twin_id: str) -> int:
-        """How many features a twin has."""
+        """Count the features of a twin."""
         question = "select count(*) from features where id between ? and ?"
         with self._reading() as reader:
             return sum(

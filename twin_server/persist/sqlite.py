@@ -76,7 +76,7 @@ class SqliteStore(SqlStore):
             raise
 
     def verify(self, tell: Callable[[str, int], None] | None = None) -> None:
-        """Look through everything; raise where anything is not as it was written.
+        """Verify the whole file; raise where anything is damaged.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ def audit_file(
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Say what is wrong with a file, and what to do."""
+    """Describe what is wrong with a file, and what to do."""
     try:
         yield
     except UnicodeDecodeError as error:  # of a message that quotes the file

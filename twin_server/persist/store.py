@@ -1,4 +1,4 @@
-"""What the twin asks of its memory: one narrow interface, so that another can stand behind it.
+"""The interface of the store, behind which SQLite or PostgreSQL stands.
 
 One thread writes, in cuts: all that follows from a batch becomes durable together, or not at
 all. Any thread reads, and sees whole cuts only.
@@ -31,7 +31,7 @@ from .tables.ledger import HeadRow
 
 @dataclasses.dataclass(slots=True)
 class WriteBatch:
-    """All that becomes durable together."""
+    """Rows that become durable in one transaction."""
 
     twins: list[TwinRow] = dataclasses.field(default_factory=list)
     runs: list[RunRow] = dataclasses.field(default_factory=list)
@@ -151,7 +151,7 @@ class Store(Protocol):
         ...
 
     def count(self, twin_id: str) -> int:
-        """How many features a twin has."""
+        """Count the features of a twin."""
         ...
 
     def digest(self, twin_id: str) -> tuple[str, int]:
@@ -219,11 +219,11 @@ class Store(Protocol):
         ...
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
-        """Who has taken note of which alarms of a twin, by the identity of the event."""
+        """Read the acknowledged alarms of a twin, by the identity of the event."""
         ...
 
     def composites(self, composite: str | None = None) -> list[CompositeRow]:
-        """All that was registered of composites, or of one, in order."""
+        """Read the registrations of composites, or of one, in order."""
         ...
 
     def add_composites(self, rows: Sequence[CompositeRow]) -> None:

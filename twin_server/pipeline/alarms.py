@@ -283,12 +283,12 @@ class NotifierTrigger:
         self._wake = wake
 
     def tell(self, news: TwinUpdate) -> None:
-        """Hear what is new of one twin."""
+        """Take the update of one twin."""
         if news.events:
             self._wake()
 
     def reset(self, twin_id: str) -> None:
-        """Hear that a history was made anew, of which nobody is told."""
+        """Ignore that a history was rewritten, of which nobody is notified."""
 
 
 def raised_of(twin: Twin | None) -> list[dict[str, Any]]:
@@ -324,7 +324,7 @@ def _told(made: Acknowledgement | None) -> dict[str, Any] | None:
 
 
 def _trouble(there: bool, name: str, last: Delivery | None) -> str | None:
-    """Say what keeps a receiver from being told; None where the last attempt succeeded."""
+    """Return why deliveries to a receiver fail; None where the last one succeeded."""
     if not there:
         return (
             f"No receiver is called {name}. An operator declares it in the server's settings, "

@@ -14,7 +14,7 @@ class FeatureTraces:
         self._pipeline, self._traces, self._clock = pipeline, traces, clock
 
     def tell(self, news: TwinUpdate) -> None:
-        """Tell of each state that is new."""
+        """Report a span for each new state."""
         now_ns = self._clock.now_ns()
         heard_ns = self._pipeline.heard_ns(news.twin_id) or now_ns
         sequences = news.states["sequence"].tolist()

@@ -66,7 +66,7 @@ class TwinKnowledge:
         return [twin.id for twin in self._store.twins()]
 
     def registration(self, twin_id: str) -> Registration | None:
-        """How a twin is registered; None where there is none."""
+        """Return the registration of a twin; None where there is none."""
         twin = self._pipeline.twin(twin_id)
         return None if twin is None else twin.registration
 
@@ -142,7 +142,7 @@ class TwinKnowledge:
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Where a twin is heading, or was at a moment; None where too little was known."""
+        """Forecast a twin from now or from an instant; None where too little is known."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return None
@@ -156,11 +156,11 @@ class TwinKnowledge:
         return _outlook(forecast_from_state(known[0], ahead, count, thresholds), known[1])
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Tell how probable failure is by each limit state of a twin."""
+        """Return the failure probability of a twin by each of its limit states."""
         return self._assessing.risk(twin_id, horizon)
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
         return self._planning.plan(twin_id, stale=STALE if stale else 0)
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
@@ -170,7 +170,7 @@ class TwinKnowledge:
             self._simulating.check(twin, order)
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
-        """Tell what a twin would do under a load, as JSON."""
+        """Simulate a twin under a load, and return the response as JSON."""
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
         if twin is None or not len(found.states):
@@ -225,7 +225,7 @@ class TwinKnowledge:
         return self._pipeline.delete(twin_id)
 
     def troubles(self) -> list[str]:
-        """Say what keeps this server from its work, in sentences; none where all is well."""
+        """Return sentences on what keeps this server from working; none where all is well."""
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
@@ -247,11 +247,11 @@ class TwinKnowledge:
         return {**self._pipeline.counts, **self._pipeline.tallies(), "callback_errors": errors}
 
     def refused(self) -> Mapping[str, int]:
-        """How often each reason for refusal was given."""
+        """Return the number of refusals for each reason."""
         return self._pipeline.refusals.counts
 
     def gauges(self) -> Mapping[str, Any]:
-        """How things are now."""
+        """Return the gauges of the server."""
         return {**self._pipeline.gauges(), "forecasts_due": self.prospects.due}
 
 

@@ -63,7 +63,7 @@ class _Replay:
 
 
 class Recordings:
-    """What the door asks of recordings.
+    """The recordings of the server, and their replay.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Recordings:
         return {"kept": self._folder is not None, "max_bytes": limit, "recordings": found}
 
     def path(self, name: str, reaches: Reaches) -> Path:
-        """Where one is that may be seen."""
+        """Return the path of a recording that the caller may see."""
         kept = {path.name: path for path in self._paths()}
         found = kept.get(name)
         look = self._look(found) if found else None

@@ -1,4 +1,4 @@
-"""What an owner pays and can do: costs, what counts as failed, repairs and inspections."""
+"""Costs of an owner, the failure limit, and the repairs and inspections that can be ordered."""
 
 from typing import Annotated, Any, Literal, Self
 

@@ -34,7 +34,7 @@ MASS, SPRING = "mass", "spring"
 
 
 class _Named(Frozen):
-    """What every limit state says of itself."""
+    """Fields that all limit states share."""
 
     name: Name
     accepted: Annotated[

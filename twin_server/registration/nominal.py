@@ -124,7 +124,7 @@ class Covariates(Frozen):
 
     @property
     def hinge(self) -> int | None:
-        """Which of `names` is the temperature: as told, or the first that is called so."""
+        """Return the name of the temperature: as given, or the first one called so."""
         called = [name for name in self.names if name.startswith("temperature")]
         name = self.temperature or next(iter(called), None)
         return None if name is None else self.names.index(name)

@@ -30,7 +30,7 @@ class ModelError(ValueError):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Model:
-    """What a twin of elements is told of its structure.
+    """Structure, parameters and channels of a twin of elements, as arrays.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _tolerance(
 def _channels(
     description: Description, parts: Parts
 ) -> tuple[dict[str, Float[np.ndarray, " dof"]], dict[str, Worth]]:
-    """Tell what each channel sees; those on the base, which no mode moves, are left out."""
+    """Return what each channel measures; those on the base are left out: no mode moves it."""
     sees, worth = {}, {}
     for sensor in description.sensors:
         if sensor.node not in parts.names:

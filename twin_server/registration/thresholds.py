@@ -34,7 +34,7 @@ _SHOWN = {
 
 
 def shown(quantity: str) -> tuple[str, str, float]:
-    """Tell what people call a quantity, the unit they read it in, and how many of these one is.
+    """Return the name, display unit and display factor of a quantity.
 
     Examples
     --------

@@ -32,7 +32,7 @@ class Moment(NamedTuple):
 
 
 class MomentError(ValueError):
-    """Something that is no moment."""
+    """Text that is not an instant."""
 
 
 def parse_moment(text: str) -> Moment:

@@ -33,7 +33,7 @@ class HistoryPart(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TwinForecast:
-    """What is expected of a twin; value, sd, lo and hi at each slow time.
+    """Forecast of a twin: value, sd, lo and hi at each slow time.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class TwinForecast:
 
 
 class Knowledge(Protocol):
-    """All that REST, the live stream and the metrics are made of."""
+    """What REST, live stream and metrics read and change of twins."""
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
         ...
 
     def registration(self, twin_id: str) -> Registration | None:
-        """How a twin is registered; None where there is none."""
+        """Return the registration of a twin; None where there is none."""
         ...
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
@@ -121,14 +121,14 @@ class Knowledge(Protocol):
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Where a twin is heading, or was at a moment; None where too little was known."""
+        """Forecast a twin from now or from an instant; None where too little is known."""
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Tell how probable failure is by each limit state of a twin."""
+        """Return the failure probability of a twin by each of its limit states."""
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
         ...
 
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
@@ -148,7 +148,7 @@ class Knowledge(Protocol):
         ...
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
-        """Tell what a twin would do, as JSON; what cannot be run is a `ProblemError`."""
+        """Simulate a twin, and return the response as JSON; refusals are a `ProblemError`."""
         ...
 
     def events(
@@ -170,7 +170,7 @@ class Knowledge(Protocol):
         ...
 
     def troubles(self) -> list[str]:
-        """Say what keeps this server from its work, in sentences; none where all is well."""
+        """Return sentences on what keeps this server from working; none where all is well."""
         ...
 
     def counts(self) -> Mapping[str, int]:
@@ -178,9 +178,9 @@ class Knowledge(Protocol):
         ...
 
     def refused(self) -> Mapping[str, int]:
-        """How often each reason for refusal was given."""
+        """Return the number of refusals for each reason."""
         ...
 
     def gauges(self) -> Mapping[str, Any]:
-        """How things are now."""
+        """Return the gauges of the server."""
         ...

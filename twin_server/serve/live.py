@@ -44,12 +44,12 @@ class Item(NamedTuple):
 
     @classmethod
     def of_state(cls, key: int, text: str) -> "Item":
-        """Tell of a state."""
+        """Make the item of a state."""
         return cls(key, 0, f"event: state\ndata: {text}\n\n")
 
     @classmethod
     def of_event(cls, number: int, body: str) -> "Item":
-        """Tell of an event."""
+        """Make the item of an event."""
         text = to_json(event_object(number, body)).decode()
         return cls(0, number, f"event: event\ndata: {text}\n\n")
 
@@ -145,7 +145,7 @@ class Hub:
         events: Sequence[tuple[int, str]],
         bodies: Bodies = (),
     ) -> None:
-        """Tell what is new of a twin; costs nothing where nobody watches it."""
+        """Pass items of a twin to its clients; costs nothing where there are none."""
         if twin_id not in self._clients:
             return
         # More at once than a client may be behind: it fetches the history again instead.
@@ -162,7 +162,7 @@ class Hub:
         self._hand_over(twin_id, items)
 
     def reset(self, twin_id: str) -> None:
-        """Tell that a twin's history is another one now."""
+        """Tell clients that a twin's history has been rewritten or deleted."""
         if twin_id in self._clients:
             self._hand_over(twin_id, [RESET])
 

@@ -39,7 +39,7 @@ def state_texts(twin_id: str, part: HistoryPart, *, shapes: bool = True) -> Any:
 
 
 def modes_of(knowledge: Knowledge, twin_id: str, at: Moment | None) -> dict[str, Any]:
-    """Put together the modes of a state; of a twin of one mode, the one it follows."""
+    """Render the modes of a state; of a twin of one mode, the one it follows."""
     state = next(map(from_json, state_texts(twin_id, knowledge.latest(twin_id, at))), None)
     if state is None:
         state = from_json(no_state(twin_id, at))

@@ -21,7 +21,7 @@ BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 @runtime_checkable
 class Transport(Protocol):
-    """Something that delivers packets."""
+    """A source of packets."""
 
     is_stream: bool
     """Whether packets are pieces of a stream, with borders to be found in it."""

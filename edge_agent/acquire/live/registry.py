@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class TransportContext(NamedTuple):
-    """What a transport may use besides its settings."""
+    """Clock, bus and twin id that a transport may use besides its settings."""
 
     clock: Clock
     bus: Bus | None = None

@@ -36,7 +36,7 @@ class Timing:
         self._times_ns.append(time_ns)
 
     def read(self) -> ClockReading:
-        """Tell what is known now."""
+        """Return the clock model as of now."""
         if self._indices:
             self._state = self._clock.step(
                 self._state,

@@ -1,4 +1,4 @@
-"""What all messages have in common."""
+"""The base of all messages, and the kinds of clocks."""
 
 from typing import ClassVar, Literal
 

@@ -40,7 +40,7 @@ class NotLearntError(ValueError):
 
 
 class Removed(NamedTuple):
-    """What is known of a frequency's dependence at some covariates.
+    """Effect of some covariates on a frequency, with its standard deviation.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Removed(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Something has entered, or is seen no more."""
+    """Start or end of a change that covariates do not explain."""
 
     holds: bool
     entry: Entry
@@ -73,7 +73,7 @@ class Verdict(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Condition:
-    """What is normal for one frequency, and how it is watched.
+    """Normal behaviour of one frequency under covariates, and the state of its watch.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Condition:
         return table[:, 1:5]
 
     def remove(self, covariates: Float[np.ndarray, " covariate"]) -> Removed:
-        """Tell what a frequency measured at these covariates is off by."""
+        """Return the effect of covariates on a frequency."""
         if not np.isfinite(covariates).all():
             return Removed(math.nan, math.nan, math.nan, math.nan, st.NO_COVARIATE)
         normal = self.normal.read()

@@ -13,7 +13,7 @@ from .condition import Condition, Verdict
 
 
 def learnt(row: int, condition: Condition, wanted: Covariates, mode: int | None) -> Notice:
-    """Say what is normal from now on."""
+    """Make the notice that normal behaviour was learnt."""
     told = told_of(condition, wanted)
     at = ", ".join(f"{name} = {value:.4g}" for name, value in told["reference"].items())
     law = {
@@ -32,7 +32,7 @@ def learnt(row: int, condition: Condition, wanted: Covariates, mode: int | None)
 
 
 def not_learnt(row: int, mode: int | None, why: str) -> Notice:
-    """Say that the training was in vain, and begins anew."""
+    """Make the notice that training failed, and begins anew."""
     return Notice(
         row,
         "normal_not_learnt",
@@ -43,7 +43,7 @@ def not_learnt(row: int, mode: int | None, why: str) -> Notice:
 
 
 def entered(row: int, verdict: Verdict, registration: Registration, mode: int | None) -> Notice:
-    """Say that something has entered that covariates do not explain, or has gone again."""
+    """Make the notice that a change without covariates began, or ended."""
     wanted = registration.covariates
     assert wanted is not None
     names = " and ".join(wanted.names)
@@ -77,7 +77,7 @@ def entered(row: int, verdict: Verdict, registration: Registration, mode: int | 
 def normal_of(
     conditions: Sequence[tuple[int | None, Condition]], registration: Registration
 ) -> list[dict[str, Any]]:
-    """Tell what is normal for each mode, and what has entered that is not, in numbers."""
+    """Render normal behaviour and lasting changes of each mode."""
     wanted = registration.covariates
     if wanted is None:
         return []
@@ -90,7 +90,7 @@ def normal_of(
 
 
 def told_of(condition: Condition, wanted: Covariates) -> dict[str, Any]:
-    """Tell what is normal in numbers."""
+    """Render normal behaviour of one frequency."""
     normal = condition.normal
     return {
         "law": normal.law,
@@ -104,7 +104,7 @@ def told_of(condition: Condition, wanted: Covariates) -> dict[str, Any]:
 
 
 def entry_of(entry: Entry, registration: Registration) -> dict[str, Any]:
-    """Tell what has entered in numbers; as stiffness or mass where only one may change."""
+    """Render a lasting change; as stiffness or mass where only one may change."""
     told: dict[str, Any] = {
         "frequency_change": _named(entry.frequency, entry.frequency_interval),
         "since": entry.since,

@@ -16,7 +16,7 @@ MOST = 1_000
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Training:
-    """What has been gathered of one frequency.
+    """Training readings of one frequency.
 
     Parameters
     ----------

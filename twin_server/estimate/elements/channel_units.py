@@ -29,7 +29,7 @@ DIGITS = 12
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ChannelUnits:
-    """How the channels of a message go into one shape.
+    """Factors by which the channels of a message form one displacement shape.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def channel_units(
 
 
 def units_of(features: Features, model: Model) -> ChannelUnits:
-    """Tell how the channels of a message go into one shape."""
+    """Return the factors by which the channels of a message form one shape."""
     return channel_units(model, features.channels, features.units)
 
 

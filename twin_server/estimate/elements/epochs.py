@@ -67,7 +67,7 @@ _FAR = 0.3
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class EpochEstimate:
-    """What one epoch has told.
+    """Estimates of one epoch.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class EpochEstimate:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TrackedEpochs:
-    """What some epochs have told, and what is remembered of them.
+    """Estimates of some epochs, and the memory after them.
 
     Parameters
     ----------

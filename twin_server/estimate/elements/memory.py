@@ -32,7 +32,7 @@ class Reference:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ModeSamples:
-    """What has been gathered of one mode while learning.
+    """Readings of one mode that were gathered while learning.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class ModeSamples:
 
     @property
     def count(self) -> int:
-        """How many epochs have shown the mode."""
+        """Number of epochs that have shown the mode."""
         return len(self.epochs) if self.training is None else self.training.offered
 
 
@@ -108,7 +108,7 @@ class Suspicion:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Memory:
-    """All that the next epoch needs to know of those before it.
+    """State of a twin of elements between epochs.
 
     Parameters
     ----------

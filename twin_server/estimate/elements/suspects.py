@@ -16,7 +16,7 @@ TOLD = 0.9
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Suspect:
-    """Something that has changed.
+    """One or more parameters of which one has changed.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
-        """Say it to a person.
+        """Describe the suspect in a sentence.
 
         Examples
         --------
@@ -46,7 +46,7 @@ class Suspect:
 
 
 def suspects_of(named: Named) -> tuple[Suspect, ...]:
-    """Say what has changed: what all hypotheses of weight share, then what they differ in."""
+    """Return the changed parameters: first those that all likely hypotheses share."""
     place = {name: i for i, name in enumerate(named.inclusion)}
     rivals = _rivals(named.hypotheses)
     shared = set.intersection(*(set(one.names) for one in rivals))
@@ -68,7 +68,7 @@ def suspects_of(named: Named) -> tuple[Suspect, ...]:
 
 
 def size(name: str, change: float, sd: float) -> str:
-    """Say by how much a parameter has changed.
+    """Describe the size of a change.
 
     Examples
     --------

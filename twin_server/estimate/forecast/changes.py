@@ -39,7 +39,7 @@ _GAP = {"value": math.nan, "sd": math.nan}
 
 
 class LearntLaw(NamedTuple):
-    """What was learnt of one quantity.
+    """Laws learnt of one quantity.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ _PATHS, _POINTS = 2000, 80
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ChangeForecast:
-    """What is expected of a twin.
+    """Forecast of the changes of a twin.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class ChangeForecast:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ForecastState:
-    """All that a forecast needs of a past: as much after many readings as after few.
+    """State from which a forecast is made; its size does not grow with the readings.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, fl
 def _crossings(
     prospect: ForecastState, thresholds: Sequence[Limit], horizon: float
 ) -> tuple[tuple[Limit, RemainingLife], ...]:
-    """Tell of each threshold when it is reached, all of a quantity by the same futures."""
+    """Compute crossing times of thresholds; all of one quantity from the same futures."""
     futures: dict[str, Futures] = {}
     found = []
     for limit in thresholds:

@@ -15,7 +15,7 @@ MOST_UNCERTAIN = 0.2
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LearntEpochs:
-    """What some epochs have taught.
+    """Epochs that were learnt from, and the nominal model where they suffice.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def answer_of_plan(
 
 
 def refusal_of(twin_id: str, reason: str) -> dict[str, Any]:
-    """Say as REST does why there is no plan yet."""
+    """Render the reason why there is no plan yet."""
     nothing = dict.fromkeys(
         ("since", "currency", "time_unit", "seconds", "horizon", "failure", "action")
     )

@@ -38,7 +38,7 @@ class NotPlannableError(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PlanOrder:
-    """All that a plan of one twin is made of.
+    """Input of a plan of one twin.
 
     Parameters
     ----------

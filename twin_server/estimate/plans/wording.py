@@ -58,12 +58,12 @@ class When:
     seconds: float | None
 
     def span(self, time: float) -> str:
-        """Say how long."""
+        """Describe a span of time."""
         word = UNITS[self.unit]
         return f"{time:.3g} {word}" if word else f"{time:.4g} of slow time"
 
     def moment(self, time: float) -> str:
-        """Say when, from now."""
+        """Describe an instant, relative to now."""
         said = self.span(time)
         if self.since_ns is None or self.seconds is None or self.seconds * time < 86400.0:
             return said
@@ -115,7 +115,7 @@ def option_words(option: Option, when: When) -> str:
 
 
 def sentence_of(plan: Plan, currency: str, when: When) -> str:
-    """Say what to do, by when and why, or that it cannot be decided."""
+    """Describe the best option, its time and reason, or that it cannot be decided."""
     ranking = plan.ranking
     if not ranking.is_known and ranking.other is not None:
         return _undecided(plan, currency, when)
@@ -130,7 +130,7 @@ def sentence_of(plan: Plan, currency: str, when: When) -> str:
 
 
 def _due(plan: Plan, when: When) -> str:
-    """By when the best option repairs, where that hangs on what comes."""
+    """Describe the time of a repair that depends on later readings."""
     best, weights = plan.best, plan.futures.weights
     times = best.repair_time
     if (
@@ -175,7 +175,7 @@ def worth_words(worth: Worth, currency: str, when: When) -> str:
 
 
 def changes_of(plan: Plan, currency: str, when: When) -> list[str]:
-    """Say at which costs the plan would be another."""
+    """Describe the costs at which another plan would be best."""
     if plan.ranking.other is None:
         return []
     other = option_words(plan.options[plan.ranking.other], when)

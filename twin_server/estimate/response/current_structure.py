@@ -89,7 +89,7 @@ def current_structure_of(
     now: Beliefs,
     last: Features | None,
 ) -> CurrentStructure:
-    """Say what is known of a twin now.
+    """Estimate the current structure of a twin.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def _of_elements(
 
 
 def _against(states: States) -> tuple[str, ...]:
-    """Say what stands against the last state."""
+    """Return the sentences on why the last state is not valid."""
     return sentences(int(states["reasons"][-1]))
 
 

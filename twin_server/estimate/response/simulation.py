@@ -51,7 +51,7 @@ class OrderError(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """What the twin would do.
+    """Simulated response of a twin.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _outputs(nodes: Sequence[str], order: SimulationOrder) -> tuple[str, ...]:
 
 
 def _place(nodes: Sequence[str], has_mass: bool, on: str) -> str | None:
-    """Where the load acts; None for the base."""
+    """Return the node on which the load acts; None for the base."""
     if on == BASE:
         return None
     if on not in nodes:
@@ -222,7 +222,7 @@ def _too_long(duration_s: float, rate_hz: float) -> OrderError:
 
 
 def _draws(today: CurrentStructure, order: SimulationOrder, samples: int, outputs: int) -> int:
-    """How many structures are run; no more than there is room and time for."""
+    """Return the number of structures to simulate, within the limits of memory and time."""
     size, effects = today.believed.structure.size, today.description is not None
     return _check_amount(order, samples, outputs, size, effects=effects)
 
@@ -387,7 +387,7 @@ def _descriptions(
 
 
 def _own_damping(built: Description, believed: Believed) -> float:
-    """By what the damping of all elements is scaled to be what was measured, on the whole."""
+    """Return the common factor from the elements' damping to the measured one."""
     matrices = assemble(built)
     mass, stiffness = believed.structure.matrices(believed.theta)
     squares, shapes = eigh(stiffness, mass)

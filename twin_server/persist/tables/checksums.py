@@ -112,7 +112,7 @@ def seal(*values: object) -> int:
 
 
 def damaged(what: str) -> DamagedStoreError:
-    """Say that something is damaged, and what to do."""
+    """Make the error for damaged data, with what to do."""
     return DamagedStoreError(
         f"{what} is damaged: its checksum does not hold. Nothing is answered from it. End the "
         "server and give the last backup to `slowtime restore`; edges send again what they "

@@ -19,7 +19,7 @@ _LOW = (1 << SHIFT) - 1
 
 
 class HashedRow(NamedTuple):
-    """What is hashed of one feature."""
+    """Hashed content of one feature."""
 
     key: int
     message: bytes

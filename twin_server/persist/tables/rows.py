@@ -15,7 +15,7 @@ class TwinRow(NamedTuple):
 
     @property
     def id(self) -> str:
-        """What everybody else calls it."""
+        """Id of the twin: site and asset."""
         return f"{self.site}.{self.asset}"
 
 
@@ -48,7 +48,7 @@ class FeatureRow(NamedTuple):
 
 
 class DetailRow(NamedTuple):
-    """What some features led to beside their state, of a twin of elements."""
+    """Details of the state of one feature of a twin of elements."""
 
     number: int
     sequence: int

@@ -58,7 +58,7 @@ def spans_by_slow_time(
     first: float | None,
     last: float | None,
 ) -> list[Span]:
-    """Likewise for slow time; boots in which it falls are left whole, for another filter."""
+    """Keep the parts of `spans` within slow times; boots in which it falls stay whole."""
     if first is None and last is None:
         return [span._replace(rises=True) for span in spans]
     return [

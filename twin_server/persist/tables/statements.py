@@ -13,7 +13,7 @@ ALL_ROWS = 1 << 62
 
 
 class Connection(Protocol):
-    """What is asked of a connection; question marks stand for parameters."""
+    """A database connection; question marks stand for parameters."""
 
     def execute(self, question: str, parameters: Sequence[Any] = ..., /) -> Any:
         """Ask, and give a cursor over the answer."""

@@ -80,7 +80,7 @@ Run: TypeAlias = Callable[..., Any]
 
 @dataclasses.dataclass(slots=True)
 class _Kept:
-    """What is kept of one twin; changed by who holds its lock."""
+    """Cached state of one twin; changed by the holder of its lock."""
 
     lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
     learning: threading.Lock = dataclasses.field(default_factory=threading.Lock)
@@ -158,11 +158,11 @@ class ForecastCache:
 
     @property
     def due(self) -> int:
-        """How many twins wait to be learnt anew, that under way included."""
+        """Number of twins that wait to be learnt anew, that under way included."""
         return len(self._due)
 
     def tell(self, news: TwinUpdate) -> None:
-        """Hear what is new of one twin: put aside, in constant time."""
+        """Queue the update of one twin, in constant time."""
         kept = self._kept.get(news.twin_id)
         if kept is None:
             return
@@ -174,7 +174,7 @@ class ForecastCache:
             self._ask(news.twin_id)
 
     def reset(self, twin_id: str) -> None:
-        """Hear that a twin's history has been made anew, or has gone."""
+        """Note that a twin's history has been rewritten or deleted."""
         with self._lock:
             self._kept.pop(twin_id, None)
             self._of_the_past.pop(twin_id, None)

@@ -39,7 +39,7 @@ SuddenChanges: TypeAlias = tuple[tuple[str, tuple[float, ...]], ...]
 
 
 class LearningInput(NamedTuple):
-    """What the laws of a forecast are learnt from; equal inputs give equal laws.
+    """Input from which the laws of a forecast are learnt; equal inputs give equal laws.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ TOO_FEW = (
 
 
 class _Epoch(NamedTuple):
-    """Which reading of which boot a plan was made after."""
+    """The reading after which a plan was made."""
 
     boot: int
     sequence: int

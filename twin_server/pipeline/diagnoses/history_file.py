@@ -56,7 +56,7 @@ def history_of(
 
 
 def covariates_of(store: Store, twin_id: str, names: Sequence[str], most: int) -> int:
-    """How many epochs from the first on have seen nearly all that these covariates do."""
+    """Return how many first epochs cover nearly the whole range of the covariates."""
     found = store.history(twin_id, limit=most)
     columns = _covariates(store, twin_id, found.number, found.states["sequence"].tolist())
     needed = FEWEST

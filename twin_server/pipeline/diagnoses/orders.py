@@ -41,7 +41,7 @@ _FOLLOWED = ("temperature", "load")
 
 
 class Diagnoses:
-    """What the door asks of diagnoses.
+    """Orders, results and adopted models of diagnoses.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Diagnoses:
         )
 
     def start(self) -> None:
-        """Say of what was under way that it has failed, and begin to work."""
+        """Mark unfinished diagnoses as failed, and start the workers."""
         for row in self._store.diagnoses():
             if row.state in ("queued", "running"):
                 now = self._clock.now_ns()
@@ -84,7 +84,7 @@ class Diagnoses:
         self._jobs.stop()
 
     def gap(self, twin_id: str) -> Mapping[str, Any]:
-        """How far the twin's models are from what arrives."""
+        """Return the gap of the twin's models."""
         return self._minder.gap(twin_id)
 
     def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
@@ -134,7 +134,7 @@ class Diagnoses:
         return self._jobs.cancel(number)
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Put what a diagnosis has found into the twin.
+        """Adopt the result of a diagnosis into the registration of the twin.
 
         Its history is estimated anew, as by any other registration.
         """

@@ -23,7 +23,7 @@ REESTIMATE_BATCH = 5_000
 
 
 class BatchEstimate(NamedTuple):
-    """What a batch of features has told.
+    """Estimates of a batch of features.
 
     Parameters
     ----------

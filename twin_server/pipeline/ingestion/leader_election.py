@@ -43,7 +43,7 @@ class LeaderElection:
         self._lock = threading.Lock()
 
     def start(self) -> None:
-        """Look who is there, and be there."""
+        """Watch the tokens of other servers."""
         if self._bus is None:
             return
         self._handles = [self._bus.watch(server_key("*"), self._see)]
@@ -90,7 +90,7 @@ class LeaderElection:
 
     @property
     def trouble(self) -> str:
-        """Say that another server was there first; empty where none was."""
+        """Describe the server that was first; empty where this one is."""
         first = self.first
         if first is None:
             return ""

@@ -250,7 +250,7 @@ class Pipeline:
         )
 
     def record(self, told: AssetEvent) -> AssetEventRow:
-        """Make what somebody has told of an asset durable, and tell it to all who listen."""
+        """Record an event of an asset, and publish it."""
         return self.call(lambda: self._record(told))
 
     def delete(self, twin_id: str) -> bool:
@@ -258,7 +258,7 @@ class Pipeline:
         return self.call(lambda: self._delete(twin_id))
 
     def listen(self, listener: UpdateListener) -> None:
-        """Tell `listener` what is new, from now on."""
+        """Pass updates of twins to `listener` from now on."""
         self._publisher.listen(listener)
 
     def call(self, function: Callable[[], T]) -> T:
@@ -295,16 +295,16 @@ class Pipeline:
 
     @property
     def trouble(self) -> str:
-        """What another twin server on the bus keeps this one from; empty without one."""
+        """Describe another twin server that was first on the bus; empty without one."""
         return self._election.trouble
 
     @property
     def waiting(self) -> int:
-        """How many messages wait to be taken in."""
+        """Number of messages in the inbox."""
         return len(self._inbox)
 
     def gauges(self) -> dict[str, int]:
-        """How things are now, for those who measure."""
+        """Return the gauges of the pipeline, for metrics."""
         account = self._account
         return {
             "twins": len(self._twins),
@@ -668,7 +668,7 @@ class Pipeline:
         return before is None
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
-        """Say how twins are registered to somebody who asks; in a thread of the bus."""
+        """Answer queries for registrations; in a thread of the bus."""
         if self._election.first is not None:
             return  # the first twin server answers
         for key, twin in list(self._twins.items()):

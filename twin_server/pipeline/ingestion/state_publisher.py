@@ -77,7 +77,7 @@ class StatePublisher:
         self._announcements = 0
 
     def listen(self, listener: UpdateListener) -> None:
-        """Tell `listener` what is new, from now on."""
+        """Pass updates of twins to `listener` from now on."""
         self._listeners.append(listener)
 
     def tell(
@@ -122,7 +122,7 @@ class StatePublisher:
                 listener.tell(TwinUpdate(".".join(key), found.states[:0], (), others))
 
     def reset(self, twin_id: str) -> None:
-        """Say that a twin's history has been made anew, or has gone."""
+        """Note that a twin's history has been rewritten or deleted."""
         for listener in self._listeners:
             listener.reset(twin_id)
 
@@ -140,7 +140,7 @@ class StatePublisher:
         self._owed.clear()
 
     def acknowledge(self) -> None:
-        """Tell edges what is durable: at once when idle, else a few times a second."""
+        """Acknowledge durable features: at once when idle, else a few times a second."""
         now = time.monotonic()
         if not self._owed or now - self._acknowledged_s < ACK_EVERY_S:
             return
@@ -154,7 +154,7 @@ class StatePublisher:
                 self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
 
     def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:
-        """Say now and then how twins are registered, for recorders that began since."""
+        """Publish all registrations at intervals, for recorders that began since."""
         now = time.monotonic()
         if now - self._announced_s < ANNOUNCE_EVERY_S:
             return
@@ -163,7 +163,7 @@ class StatePublisher:
             self.announce(key, twin)
 
     def announce(self, key: tuple[str, str], twin: Twin) -> None:
-        """Say how a twin is registered."""
+        """Publish the registration of a twin."""
         self._publish(
             REGISTRATION.key(*key), self.registration(key, twin), REGISTRATION.encoding
         )

@@ -111,7 +111,7 @@ class GapMonitor:
             self._thread.join()
 
     def gap(self, twin_id: str) -> Mapping[str, Any]:
-        """Tell how far the twin's models are from what arrives."""
+        """Return the state and the readings of the gap of a twin."""
         twin = self._pipeline.twin(twin_id)
         with self._lock:
             mind = self._gaps.get(twin_id)

@@ -91,7 +91,7 @@ class ModelChangeMonitor:
             self._thread.join()
 
     def tell(self, news: TwinUpdate) -> None:
-        """Hear what is new of one twin."""
+        """Queue the update of one twin."""
         if not len(news.states) and not any(TOLD in body for _, body in news.events):
             return
         with self._changed:
@@ -105,7 +105,7 @@ class ModelChangeMonitor:
             self._changed.notify_all()
 
     def reset(self, twin_id: str) -> None:
-        """Hear that a twin's history has been made anew, or has gone."""
+        """Note that a twin's history has been rewritten or deleted."""
         with self._changed:
             self._states -= sum(len(news.states) for news in self._news.get(twin_id, ()))
             self._news[twin_id] = []

@@ -45,7 +45,7 @@ class AbandonedError(Exception):
 
 
 class Workers(Protocol):
-    """Where something is computed."""
+    """Runs functions, here or in other processes."""
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:
         """Give what a function gives, or raise what it raises."""

@@ -1,4 +1,4 @@
-"""Who asks, and may they? A request with a token → the same request with a principal, or no."""
+"""Requests with tokens in; requests with principals, or refusals, out."""
 
 from twin_server.identity.principals import EVERYBODY, Principal, Scope, principal_of
 from twin_server.identity.tokens import Token, TokenFile, WrongTokenFileError

@@ -39,7 +39,7 @@ PAUSE_S = 30.0
 
 
 class OpenId:
-    """What one provider's tokens are worth here.
+    """Verifies the tokens of one OpenID provider.
 
     Raises
     ------

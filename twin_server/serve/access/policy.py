@@ -14,7 +14,7 @@ from twin_server.identity.principals import Scope
 
 
 class Reach(enum.Enum):
-    """Of which sites a caller must be."""
+    """The sites that a caller must belong to."""
 
     OPEN = "anybody, without a token"
     ANY = "of any site"
@@ -25,7 +25,7 @@ class Reach(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Rule:
-    """What one route wants."""
+    """Scope and sites that one route requires."""
 
     method: str
     path: str

@@ -8,7 +8,7 @@ CALLERS = 10_000
 
 
 class Rate:
-    """So many requests a second each, and a burst beyond it.
+    """Token buckets: a rate of requests a second for each caller, and a burst.
 
     Parameters
     ----------

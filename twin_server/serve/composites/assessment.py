@@ -39,7 +39,7 @@ def assess(
     composite_id: str,
     horizon: float | None = None,
 ) -> dict[str, Any]:
-    """Tell all that is known of a composite.
+    """Return health, failure probability, importance and rates of a composite.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _member(
     name: str,
     failures: Mapping[str, Failure],
 ) -> dict[str, Any]:
-    """Tell of a direct member: a twin, or a composite with the twins within it."""
+    """Describe a direct member: a twin, or a composite with the twins within it."""
     if name not in composites:
         one = _health_of(knowledge, name)
         return {

@@ -32,7 +32,7 @@ class WrongGraphError(ValueError):
 
 
 class Found(NamedTuple):
-    """What a graph describes.
+    """Composites that a graph describes.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ CompositeId = Annotated[str, Path(pattern=ID), Plain]
 
 
 class CompositeService(Protocol):
-    """All that the door asks of composites; what cannot be is a `ProblemError`."""
+    """Service of composites; refusals are raised as `ProblemError`."""
 
     def all(self) -> Mapping[str, Composite]:
         """All composites, in the order of their registration."""

@@ -1,4 +1,4 @@
-"""What a twin knows in forms that other tools read: CSV, Parquet, DTDL."""
+"""Histories and registrations in; CSV, Parquet, DTDL and JSON-LD out."""
 
 from .dtdl import Asset, graph, models
 from .json_ld import as_json_ld

@@ -26,7 +26,7 @@ PAGE = 5_000
 
 
 class Column(NamedTuple):
-    """What a column holds: of an element, which and which part of its estimate."""
+    """Content of a column; of an element, its name and the part of its estimate."""
 
     kind: str
     element: str = ""
@@ -51,7 +51,7 @@ _KINDS = {
 
 
 class NotInstalledError(ImportError):
-    """What a format needs is not there."""
+    """A library that the format needs is not installed."""
 
 
 def columns_of(registration: Registration) -> dict[str, Column]:

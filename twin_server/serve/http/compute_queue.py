@@ -40,7 +40,7 @@ def abandoned() -> bool:
 
 @dataclasses.dataclass(slots=True, eq=False)
 class _Job:
-    """Something to compute, and for how many.
+    """A computation, and the number of requests that wait for it.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ class ComputeQueue:
 
     @property
     def waiting(self) -> int:
-        """How many wait for their turn."""
+        """Number of waiting computations."""
         return sum(not job.running for job in self._jobs)
 
     @property
     def running(self) -> int:
-        """How many are being computed."""
+        """Number of running computations."""
         return sum(job.running for job in self._jobs)
 
     async def run(

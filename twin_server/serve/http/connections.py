@@ -27,7 +27,7 @@ LOOK_S = 1.0
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What one connection, and one address, may take.
+    """Limits of one connection, and of one address.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class Connection(HttpToolsProtocol):
         super().on_message_complete()
 
     def pause_writing(self) -> None:
-        """Look from now on whether what is written is taken."""
+        """Begin to watch whether the client reads what is written."""
         super().pause_writing()
         self._late_s = 0.0
         if self._taking is None:
@@ -256,7 +256,7 @@ class Connection(HttpToolsProtocol):
         self._taking = self.loop.call_later(LOOK_S, self._look_at_answer, left)
 
     def _refuse(self, status: int, slug: str, detail: str) -> None:
-        """Say why, without the application, and end the connection."""
+        """Answer with a problem, without the application, and close the connection."""
         _, body = problem(status, slug, detail, "")
         reason = {408: b"Request Timeout", 503: b"Service Unavailable"}[status]
         self.transport.write(

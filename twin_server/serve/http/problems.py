@@ -44,7 +44,7 @@ def answers(says: Mapping[int, str]) -> dict[int | str, dict[str, Any]]:
 
 
 class ProblemError(Exception):
-    """Something to be answered with a problem document.
+    """An error that is answered with a problem document.
 
     Parameters
     ----------

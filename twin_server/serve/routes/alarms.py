@@ -28,7 +28,7 @@ EventId = Annotated[
 
 
 class AlarmService(Protocol):
-    """All that the door asks of alarms; what cannot be is a `ProblemError`."""
+    """Service of alarms; refusals are raised as `ProblemError`."""
 
     def alarms(self, twin_id: str, limit: int) -> list[dict[str, Any]]:
         """Give the newest alarms of a twin: whether each still holds, and who has seen it."""

@@ -83,7 +83,7 @@ class AssetEventList(BaseModel):
 
 
 class AssetEventService(Protocol):
-    """All that the door asks of events of assets; what cannot be is a `ProblemError`."""
+    """Service of events of assets; refusals are raised as `ProblemError`."""
 
     def record(
         self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str

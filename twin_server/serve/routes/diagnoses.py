@@ -40,7 +40,7 @@ Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
 
 
 class DiagnosisService(Protocol):
-    """All that the door asks of diagnoses; what cannot be is a `ProblemError`."""
+    """Service of diagnoses; refusals are raised as `ProblemError`."""
 
     def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
         """Take an order; its number."""

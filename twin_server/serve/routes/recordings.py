@@ -104,7 +104,7 @@ class ReplayOrder(BaseModel):
 
 
 class RecordingService(Protocol):
-    """All that the door asks of recordings; what cannot be is a `ProblemError`."""
+    """Service of recordings; refusals are raised as `ProblemError`."""
 
     def listed(self, reaches: Reaches) -> Mapping[str, Any]:
         """Give all that may be seen."""

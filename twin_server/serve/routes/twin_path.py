@@ -15,7 +15,7 @@ TwinId = Annotated[str, Path(pattern=ID), Plain]
 
 
 def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:
-    """Make what routes depend on: it gives the registration of the twin in the path."""
+    """Make the dependency that gives the registration of the twin in the path."""
 
     async def registered(twin_id: TwinId) -> Registration:
         # In the event loop: a twin that is there costs a look into a dictionary.

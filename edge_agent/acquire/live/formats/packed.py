@@ -55,7 +55,7 @@ def read_header(layout: PackedLayout, data: bytes) -> dict[str, int | float]:
 
 
 def samples_of(layout: PackedLayout, header: dict[str, int | float]) -> int | None:
-    """How many samples a frame has; None where only its length says."""
+    """Return the number of samples of a frame; None where only its length tells it."""
     return _whole(header.get("samples")) if "samples" in header else layout.samples
 
 

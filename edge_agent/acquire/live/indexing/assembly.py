@@ -50,7 +50,7 @@ class Assembler:
         self._out: list[Run] = []
 
     def put(self, index: int, rows: Rows, lane: int = 0) -> None:
-        """Put rows of one lane in their place."""
+        """Put rows of one lane at their indices."""
         count = len(rows)
         self._tally.add("samples_received", count)
         if self._horizon and count > self._longest:

@@ -31,7 +31,7 @@ LONGEST_S = 5.0
 
 
 class PauseVerdict(NamedTuple):
-    """What a pause was.
+    """The number of wraps of a counter in a pause, and whether it is certain.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class PauseVerdict(NamedTuple):
 
 
 class Pause:
-    """What has come since a pause, in places that are known up to wraps of the counter.
+    """Batches since a pause, whose indices are known up to wraps of the counter.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ class Delays:
         return (arrival_ns - self._least(arrival_ns)[0]) / self._period_ns
 
     def slack(self, arrival_ns: int, least_s: float = SLACK_S) -> float:
-        """By how many samples `index_at` may be wrong.
+        """Return the greatest error of `index_at` [samples].
 
         Parameters
         ----------
@@ -102,13 +102,13 @@ class Delays:
         return next_index > self.index_at(arrival_ns) + self.slack(arrival_ns)
 
     def lasts_ns(self, samples: int) -> float:
-        """How long it takes to take so many samples [ns]."""
+        """Return the time in which so many samples are taken [ns]."""
         return samples * self._period_ns
 
     def lag(self, next_index: int, arrival_ns: int) -> float:
-        """By how many samples an arrival is later than the least delayed ones."""
+        """Return the delay of an arrival over the least delayed ones [samples]."""
         return self.index_at(arrival_ns) - next_index
 
     def lag_s(self, next_index: int, arrival_ns: int) -> float:
-        """By how much an arrival is later than the least delayed ones [s]."""
+        """Return the delay of an arrival over the least delayed ones [s]."""
         return self.lag(next_index, arrival_ns) * self._period_ns / 1e9

@@ -46,14 +46,14 @@ class Positions(Protocol):
 
 
 class Step(NamedTuple):
-    """By how many samples a batch is away from where the next one was expected."""
+    """The distance of a batch from where it was expected [samples]."""
 
     samples: int
     restarts: bool = False
 
 
 class Numbered(abc.ABC):
-    """What counters and stamps have in common: small steps back are late samples."""
+    """Base of positions by counters and stamps: small steps back are late samples."""
 
     def __init__(self, rate_hz: float, horizon: int, tally: SampleCounts) -> None:
         self._rate_hz, self._horizon, self._tally = rate_hz, horizon, tally
@@ -134,7 +134,7 @@ class Numbered(abc.ABC):
         return Step(samples, restarts=ahead)
 
     def _latest(self, batch: Batch) -> int:
-        """By how many samples a late one may be behind."""
+        """Return how far a late sample may be behind [samples]."""
         return max(self._horizon, 4 * len(batch.rows))
 
     @abc.abstractmethod
@@ -170,7 +170,7 @@ class ByStamp(Numbered):
         return batch.stamp * self._unit_ns - batch.stamp_at * self._period_ns
 
     def _error_ns(self, batch: Batch) -> float:
-        """How much later a stamp is than expected, wraps undone."""
+        """Return the difference of a stamp from the expected one, wraps undone [ns]."""
         error = self._first_ns(batch) - self._expected_ns
         if abs(error) > self._modulus_ns / 2:
             error = math.remainder(error, self._modulus_ns)

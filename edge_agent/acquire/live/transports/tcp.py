@@ -63,7 +63,7 @@ class TcpServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that is listened on."""
         port: int = self._listener.getsockname()[1]
         return port
 

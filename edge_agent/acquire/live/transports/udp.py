@@ -33,7 +33,7 @@ class Datagrams:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that is listened on."""
         port: int = self._socket.getsockname()[1]
         return port
 
