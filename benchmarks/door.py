@@ -36,9 +36,10 @@ import numpy as np
 from slowtime_services import router
 from slowtime_services.bus import ZenohBus
 from twin_server import __main__ as twin_process
-from twin_server.persist import Cut, FeatureRow, RunRow, SqliteStore, open_store
+from twin_server.persist import FeatureRow, RunRow, SqliteStore, WriteBatch, open_store
 from twin_server.pipeline import Pipeline
-from twin_server.registration import Nominal, Registration
+from twin_server.registration.nominal import Nominal
+from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
 from .load import ORIGIN_NS, Senders
@@ -124,7 +125,7 @@ def _lengthen(store: SqliteStore, twin_id: str, readings: int) -> None:
         told = RunRow(*run)._replace(
             next=last + 1, last=last, last_t_ns=int(states["t_ns"][-1]), told=last
         )
-        store.write(Cut(runs=[told], features=features))
+        store.write(WriteBatch(runs=[told], features=features))
 
 
 class Client:

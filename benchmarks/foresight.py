@@ -27,7 +27,7 @@ from slowtime_services.bus import MemoryBus, Sample
 from twin_server.__main__ import run
 from twin_server.persist import open_store
 from twin_server.pipeline import Pipeline
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
 READINGS, JUMPS = 400, (0, 2, 5, 10, 20)

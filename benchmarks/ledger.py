@@ -16,10 +16,10 @@ from unittest import mock
 
 import numpy as np
 
-from twin_server.persist import Cut, FeatureRow, RunRow, SqliteStore, TwinRow, audit_file
-from twin_server.persist.ledgering import Ends
+from twin_server.history.states import blank
+from twin_server.persist import FeatureRow, RunRow, SqliteStore, TwinRow, WriteBatch, audit_file
 from twin_server.persist.sqlite import open_reader
-from twin_server.states import blank
+from twin_server.persist.tables.ledger import ChainEnds
 
 MOST_OF_WRITING = 1.10
 MOST_OF_READING = 3.0
@@ -35,7 +35,7 @@ def fill(path: Path, readings: int) -> float:
     states["t_ns"] = np.arange(readings) * 10**9
     states["slow_time"] = np.arange(readings)
     with contextlib.closing(SqliteStore(path, verify=False)) as store:
-        store.write(Cut(twins=[TwinRow("lab", "beam", "{}", "{}")]))
+        store.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "{}")]))
         began = time.perf_counter()
         for first in range(0, readings, _A_CUT):
             part = states[first : first + _A_CUT]
@@ -47,13 +47,13 @@ def fill(path: Path, readings: int) -> float:
                 FeatureRow(1, n, n * 10**9, float(n), b"%d " % n + _MESSAGE, state.tobytes())
                 for n, state in zip(range(first, last + 1), part, strict=True)
             ]
-            store.write(Cut(runs=[run], features=rows))
+            store.write(WriteBatch(runs=[run], features=rows))
         return time.perf_counter() - began
 
 
 def without(readings: int, path: Path) -> float:
     """Write the same without a ledger."""
-    with mock.patch.object(Ends, "append", return_value=None):
+    with mock.patch.object(ChainEnds, "append", return_value=None):
         return fill(path, readings)
 
 

@@ -17,7 +17,7 @@ from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.ending import ended_by_signals
 from slowtime_services.tracing import Traces, traces_of
 
-from .acquire import Counting, Pacer, Source, check_input, open_source
+from .acquire import CountingSource, Pacer, Source, check_input, open_source
 from .inputs import Board, BoardsInput
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
@@ -161,7 +161,7 @@ def _run_boot(
             software=f"slowtime {importlib.metadata.version('slowtime')}",
             about=_about(settings),
             traces=traces,
-            counts=source.counts if isinstance(source, Counting) else None,
+            counts=source.counts if isinstance(source, CountingSource) else None,
         )
         publisher.open()
         stack.callback(publisher.close)
@@ -218,7 +218,7 @@ def new_boot(clock: Clock) -> str:
 
 @contextlib.contextmanager
 def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
-    """Say health and, less often, about, from a thread of its own."""
+    """Publish health and, less often, `About`, from a thread of its own."""
     over = threading.Event()
 
     def beat() -> None:
@@ -242,7 +242,7 @@ def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
 
 
 def _about(settings: EdgeSettings) -> dict[str, object]:
-    """Tell what decides the features; no addresses, no secrets."""
+    """Make the `About` message: the settings that decide the features, without secrets."""
     return {
         "processing": settings.processing.model_dump(mode="json"),
         "input": settings.input.model_dump(mode="json", exclude=PRIVATE),

@@ -1,4 +1,4 @@
-"""Where live samples come from: a URL, what its messages hold, and how much is borne.
+"""The URL of a live sensor, the layout of its messages, and its limits.
 
 A URL says where and, after `?`, what: ``mqtt://pi@10.0.0.2/bridge/accel?channels=x,y,z&counter=n``.
 """
@@ -133,7 +133,7 @@ class LiveInput(Frozen):
 
     @property
     def parameters(self) -> dict[str, str]:
-        """What stands behind `?`: parameters of the transport."""
+        """Parameters of the transport, behind `?` of the URL."""
         return dict(parse_qsl(urlsplit(self.source).query, keep_blank_values=True))
 
     @property

@@ -1,4 +1,4 @@
-"""What a message or a line of a sensor holds: channels, counter and stamp, and where each is.
+"""The layouts of sensor messages: channels, counter and stamp, and the place of each.
 
 A layout is declared, never guessed. It is a table of TOML or JSON::
 
@@ -67,7 +67,7 @@ class Channel(Frozen):
 
     @property
     def factor(self) -> float:
-        """What a count is multiplied with."""
+        """Factor from counts to the unit: sign times scale."""
         return self.sign * self.scale
 
 
@@ -96,7 +96,7 @@ class Stamp(Frozen):
 
 
 class _Layout(Frozen):
-    """What layouts have in common."""
+    """Fields that all layouts share."""
 
     channels: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=4096)]
     counter: Counter | None = None

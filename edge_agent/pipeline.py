@@ -1,4 +1,4 @@
-"""The only file that knows the order: acquire, condition, extract, publish.
+"""Runs the stages of the edge in their order: acquire, condition, extract, assess, publish.
 
 `Edge` is the three pure stages as one, so that a recording can be run through it without any
 clock or bus; `listen` is the loop that nothing stops but the end of its source; `rerun` makes
@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class EdgeState:
-    """What the stages remember."""
+    """States of the stages."""
 
     condition: Segment | None
     extract: ExtractState
@@ -87,8 +87,8 @@ class Edge:
         return state, out
 
 
-class Effort:
-    """What the work costs, and what it may cost: the time from one window to the next.
+class WorkTime:
+    """Measures the work for a window against the time between windows.
 
     Counters of `Health`: ``busy_ms`` in all, ``window_busy_ms`` for the last window,
     ``window_busy_max_ms`` for the dearest, ``window_period_ms`` from the window before to the
@@ -132,7 +132,7 @@ class Effort:
         self._publisher.put(f"{what}_ms", max(0, ns) // 10**6)
 
 
-class Listening:
+class SourceRun:
     """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
 
     def __init__(
@@ -148,7 +148,7 @@ class Listening:
         self._assessed = None if assess is None else assess.start()
         self._publisher, self._clock = publisher, clock
         self._state, self._admitted = edge.start(), admission.start()
-        self._effort = Effort(publisher, clock)
+        self._effort = WorkTime(publisher, clock)
         self.rewound: Block | None = None
         """First block of a stream whose time has run back; it has not been worked."""
 
@@ -247,7 +247,7 @@ def listen(
     increases, so that they belong to another.
     """
     admit = Admission(admission, edge.extract.origin.time_base)
-    listening = Listening(edge, admit, publisher, clock, assess)
+    listening = SourceRun(edge, admit, publisher, clock, assess)
     try:
         for block in blocks:
             listening.take(block)

@@ -1,4 +1,4 @@
-"""What an edge agent can be told: one frozen class, from a file, the environment and flags.
+"""Settings of an edge agent, from a file, the environment and flags.
 
 A flag overrules the environment (``SLOWTIME_EDGE_*``, nested with ``__``), which overrules the
 file named by `config` (TOML or JSON). Units are in the names.

@@ -10,7 +10,7 @@ import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from slowtime.discrepancy.diagnosis import Diagnosis
-from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
+from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.words import labelled, number
 from slowtime_services.effects import known

@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from twin_server.tokens import TokenFile
+from twin_server.identity.tokens import TokenFile
 
 from .terminal import ERR
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
-from twin_server.asset_events import AssetEventOrder
+from twin_server.events.asset_events import AssetEventOrder
 from twin_server.pipeline import orders_in
 
 from .terminal import note, show

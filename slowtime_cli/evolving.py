@@ -20,8 +20,9 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import ASSET_EVENT, FEATURES
 from slowtime_services.bus import Sample
 from slowtime_services.replay import contents, read_recording
-from twin_server.registration import Nominal, Registration
-from twin_server.rendering import points, state_objects
+from twin_server.history.rendering import points, state_objects
+from twin_server.registration.nominal import Nominal
+from twin_server.registration.twin import Registration
 
 from .faults import readable
 from .offline import offline_twin

@@ -11,7 +11,7 @@ import click
 
 from slowtime_services.client import AnswerError, Client
 from twin_server.persist import WrongStoreError, backup
-from twin_server.pipeline import Compositions, TwinKnowledge
+from twin_server.pipeline import CompositeRegistry, TwinKnowledge
 from twin_server.serve.exports import (
     Form,
     NotInstalledError,
@@ -22,7 +22,7 @@ from twin_server.serve.exports import (
     written,
     written_as,
 )
-from twin_server.serve.moments import MomentError, parse_moment
+from twin_server.serve.instants import MomentError, parse_moment
 
 from .offline import offline_twin
 from .terminal import removed_unless_finished
@@ -94,7 +94,7 @@ def _of_file(
             if form in ("json", "jsonld"):
                 of_site = [i for i in known if site in (None, i.partition(".")[0])]
                 chosen = of_site if asset is None else [_one_of(known, asset)]
-                composites = Compositions(pipeline, store).all()
+                composites = CompositeRegistry(pipeline, store).all()
                 whole = graph(list(assets_of(knowledge, chosen)), composites)
                 _write(out, written_as(whole, graph_form))
                 return

@@ -13,7 +13,7 @@ from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
 from twin_server.pipeline import AssetEvents, TwinKnowledge
-from twin_server.registration import Registration, registrations
+from twin_server.registration.twin import Registration, registrations
 from twin_server.serve import ProblemError, foretell
 
 from .eventing import orders_of

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import click
 
-from twin_server.persist import WrongStoreError, audit_file, look_through
+from twin_server.persist import WrongStoreError, audit_file, verify_file
 from twin_server.persist import backup as copy_database
 from twin_server.persist import restore as put_back
 
@@ -22,7 +22,7 @@ def check(database: Path, *, ledger: bool, key: str | None, head: Path | None) -
         )
     public = None if key is None else ledgering.public(key)
     kept = None if head is None else ledgering.kept(head)
-    _refusing(lambda: look_through(database, _tell))
+    _refusing(lambda: verify_file(database, _tell))
     click.echo(f"{database} is sound.")
     if ledger:
         ledgering.report(

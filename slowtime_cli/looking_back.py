@@ -12,10 +12,10 @@ from slowtime_services.diagnose.history_document import (
     write_history_results,
 )
 from slowtime_services.files import RecordError
-from twin_server.diagnose.slow import left_in
+from twin_server.diagnose.history_diagnosis import read_task_history
 from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store
-from twin_server.pipeline.looking_back import history_of
-from twin_server.registration import Registration
+from twin_server.pipeline.diagnoses.history_file import history_of
+from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 
 from .terminal import show
@@ -100,4 +100,4 @@ def _read(store: Store, twin: str | None) -> History:
             told = history_of(store, row.id, registration, Path(folder), MOST)
         except ProblemError as problem:
             raise RecordError(str(problem)) from None
-        return left_in(Path(folder), of=row.id, **told)
+        return read_task_history(Path(folder), of=row.id, **told)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.merging import MergedMode, SetUp, merge
 from slowtime.identification.modes import Mode
-from slowtime_schemas.modes_file import FoundMode, ModesFile
+from slowtime_schemas.files.modes import FoundMode, ModesFile
 
 from .modes_out import write_found
 from .terminal import note, show

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from slowtime_schemas.modes_file import ModesFile
+from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.modal import UNIVERSAL, Geometry, write_modes, write_table
 
 from .terminal import note, plural, removed_unless_finished, write_json

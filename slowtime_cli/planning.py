@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 
 from .foreseeing import Asked, made, of_server, said
 from .options import STDOUT

@@ -104,7 +104,7 @@ def twin(
 ) -> int:
     """Run the twin server: features in; knowledge, REST and page out."""
     from twin_server.__main__ import run
-    from twin_server.registration import registrations as read_registrations
+    from twin_server.registration.twin import registrations as read_registrations
     from twin_server.settings import TwinSettings
 
     access = _given(

@@ -23,27 +23,27 @@ from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
-    Bell,
-    Compositions,
-    Herald,
-    Lookout,
-    Orders,
+    CompositeRegistry,
+    Diagnoses,
+    FeatureTraces,
+    LiveUpdates,
+    ModelChangeMonitor,
+    NotifierTrigger,
     Pipeline,
-    Processes,
     Recordings,
-    Tracing,
     TwinKnowledge,
+    WorkerProcesses,
 )
-from twin_server.registration import WrongRegistrationsError, registrations
-from twin_server.serve import Hub, Lane, create_app
+from twin_server.registration.twin import WrongRegistrationsError, registrations
+from twin_server.serve import ComputeQueue, Hub, create_app
 from twin_server.serve.access import (
     Guard,
     NotSecuredError,
     WrongTokenFileError,
     guarded,
 )
-from twin_server.serve.connections import Connections, Limits
-from twin_server.serve.tracing import Traced
+from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.request_traces import Traced
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
@@ -162,25 +162,25 @@ def _serve(
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
     limits = settings.serve
     hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
-    pipeline.listen(Herald(hub))
-    lookout = Lookout(pipeline, store)
-    pipeline.listen(lookout)
+    pipeline.listen(LiveUpdates(hub))
+    change_monitor = ModelChangeMonitor(pipeline, store)
+    pipeline.listen(change_monitor)
     if traces is not None:
-        pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+        pipeline.listen(FeatureTraces(pipeline, traces, clock or SystemClock()))
     alarms = Alarms(pipeline, store, clock)
     notifier = Notifier(settings.alarms, alarms, senders, clock or SystemClock())
-    pipeline.listen(Bell(notifier.wake))
+    pipeline.listen(NotifierTrigger(notifier.wake))
     allow_files(limits.max_connections + OTHER_FILES)
-    workers = Processes(limits.workers, limits.work_timeout_s)
+    workers = WorkerProcesses(limits.workers, limits.work_timeout_s)
     workers.warm()
-    lane = Lane(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
+    queue = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
-    orders = Orders(
+    orders = Diagnoses(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
     )
-    compositions = Compositions(pipeline, store, clock)
+    compositions = CompositeRegistry(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
@@ -189,8 +189,8 @@ def _serve(
     )
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
-        largest_recording=settings.recordings.max_bytes, lane=lane, alarming=alarms,
-        compositing=compositions,
+        largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
+        composite_service=compositions,
         events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
     door_of = guard.around(app)
@@ -209,7 +209,7 @@ def _serve(
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
     orders.start()
-    lookout.start()
+    change_monitor.start()
     knowledge.prospects.start()
     notifier.start()
     door.start()
@@ -228,12 +228,12 @@ def _serve(
             pass
     finally:
         server.should_exit = True
-        lane.close()
+        queue.close()
         workers.close()
         door.join(settings.shutdown_s + 1.0)
         recordings.stop()
         orders.stop()
-        lookout.stop()
+        change_monitor.stop()
         knowledge.prospects.stop()
         notifier.stop(settings.shutdown_s)
         pipeline.stop()

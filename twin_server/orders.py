@@ -1,4 +1,4 @@
-"""What is asked of a twin: diagnoses and simulations, and what it has adopted of the former."""
+"""Orders of diagnoses and simulations, and the diagnosis that a twin has adopted."""
 
 import datetime
 from typing import Annotated, Any, Literal, Self
@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.quantities import Plain
 
 Clock = Literal["fast", "slow"]

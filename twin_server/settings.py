@@ -1,4 +1,4 @@
-"""What a twin server can be told: one frozen class, from a file, the environment and flags.
+"""Settings of a twin server, from a file, the environment and flags.
 
 A flag overrules the environment (``SLOWTIME_TWIN_*``, nested with ``__``), which overrules the
 file named by `config` (TOML or JSON). Units are in the names.
@@ -12,8 +12,8 @@ from pydantic_settings import SettingsConfigDict
 
 from slowtime_services.configuration import ProcessSettings
 
-from .receivers import AlarmSettings
-from .registration import Registration
+from .events.receivers import AlarmSettings
+from .registration.twin import Registration
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -43,7 +43,7 @@ class AdmissionSettings(Frozen):
     """How far a sequence may be ahead of the one expected."""
 
 
-class HealingSettings(Frozen):
+class BackfillSettings(Frozen):
     """How holes in the account are healed."""
 
     grace_s: NotNegative = 0.25
@@ -270,7 +270,7 @@ class TwinSettings(ProcessSettings):
     shutdown_s: Positive = 3.0
     """How long clients may take to finish when the server ends."""
     admission: AdmissionSettings = AdmissionSettings()
-    healing: HealingSettings = HealingSettings()
+    healing: BackfillSettings = BackfillSettings()
     pipeline: PipelineSettings = PipelineSettings()
     serve: ServeSettings = ServeSettings()
     access: AccessSettings = AccessSettings()

@@ -8,9 +8,9 @@ no scheme reads is a class with `time_base`, `slow_time_unit` and an `__iter__` 
 """
 
 from .admission import ADOPT_AFTER, Admission, AdmissionState, Refusal
+from .factory import check_input, open_source
 from .live import COUNTERS, SCHEMES, LiveSource
-from .opening import check_input, open_source
-from .source import Counting, Pacer, Source
+from .source import CountingSource, Pacer, Source
 
 __all__ = [
     "ADOPT_AFTER",
@@ -18,7 +18,7 @@ __all__ = [
     "SCHEMES",
     "Admission",
     "AdmissionState",
-    "Counting",
+    "CountingSource",
     "LiveSource",
     "Pacer",
     "Refusal",

@@ -1,4 +1,4 @@
-"""Which blocks are let in: those that continue the stream, or replace it for good."""
+"""Admits blocks that continue the stream, or that replace it for good."""
 
 import dataclasses
 

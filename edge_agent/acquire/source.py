@@ -1,4 +1,4 @@
-"""What a source of samples is, and how one that is not live keeps pace."""
+"""The protocol of a source of samples, and the pace of sources that are not live."""
 
 import threading
 from collections.abc import Iterator, Mapping
@@ -11,11 +11,11 @@ from slowtime_services.clock import Clock
 
 @runtime_checkable
 class Source(Protocol):
-    """Where samples come from."""
+    """A source of blocks of samples."""
 
     @property
     def time_base(self) -> TimeBase:
-        """Whose clock stamps the blocks."""
+        """The kind of clock that stamps the blocks."""
         ...
 
     @property
@@ -29,7 +29,7 @@ class Source(Protocol):
 
 
 @runtime_checkable
-class Counting(Protocol):
+class CountingSource(Protocol):
     """A source that counts what happens to it."""
 
     def counts(self) -> Mapping[str, int]:

@@ -1,5 +1,5 @@
 """Conditioned samples in; virtual quantities, cycles of stress and their damage out."""
 
-from .stage import Assess, AssessState, Told
+from .stage import Assess, AssessMessage, AssessState
 
-__all__ = ["Assess", "AssessState", "Told"]
+__all__ = ["Assess", "AssessMessage", "AssessState"]

@@ -1,4 +1,4 @@
-"""The stage: blocks to virtual quantities, stresses to damage, and a message now and then."""
+"""The assess stage: virtual quantities of blocks, fatigue of stresses, and their messages."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,18 +7,18 @@ from edge_agent.settings import EdgeSettings, Origin
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Fatigue, Virtual
 
-from .damage import Counted, Point
-from .virtual import Running, VirtualStage
+from .fatigue import CycleCount, Point
+from .virtual_sensors import RunningSensor, VirtualStage
 
-Told = Fatigue | Virtual
+AssessMessage = Fatigue | Virtual
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class AssessState:
-    """What the stage remembers: running sensors, counts, and how many messages it has made."""
+    """State of the stage: running sensors, cycle counts, and the number of messages made."""
 
-    running: Running | None = None
-    counted: Mapping[str, Counted] = dataclasses.field(default_factory=dict)
+    running: RunningSensor | None = None
+    counted: Mapping[str, CycleCount] = dataclasses.field(default_factory=dict)
     first_ns: int | None = None
     latest_ns: int = 0
     told_ns: int | None = None
@@ -50,10 +50,12 @@ class Assess:
         """Begin with nothing seen."""
         return AssessState()
 
-    def step(self, state: AssessState, block: Block) -> tuple[AssessState, tuple[Told, ...]]:
+    def step(
+        self, state: AssessState, block: Block
+    ) -> tuple[AssessState, tuple[AssessMessage, ...]]:
         """Take one conditioned block; give the messages that are due."""
         counted = dict(state.counted)
-        messages: list[Told] = []
+        messages: list[AssessMessage] = []
         running, sequence = state.running, state.virtual_sequence
         if self._virtual is not None:
             running, windows, told = self._virtual.step(running, block, sequence)
@@ -65,7 +67,7 @@ class Assess:
                     continue
                 for window in windows:
                     counted[point.settings.at] = point.step(
-                        counted.get(point.settings.at, Counted()),
+                        counted.get(point.settings.at, CycleCount()),
                         window.values[window.settled, output],
                         block.true_rate_hz,
                         self._virtual.units[point.settings.at],
@@ -84,7 +86,7 @@ class Assess:
                 )
             column = block.channels.index(at)
             counted[at] = point.step(
-                counted.get(at, Counted()),
+                counted.get(at, CycleCount()),
                 block.samples[:, column].astype(float),
                 block.true_rate_hz,
                 block.units[column],
@@ -104,13 +106,13 @@ class Assess:
             messages += due
         return state, tuple(messages)
 
-    def finish(self, state: AssessState) -> tuple[AssessState, tuple[Told, ...]]:
-        """Tell fatigue as it is at the end of the stream."""
+    def finish(self, state: AssessState) -> tuple[AssessState, tuple[AssessMessage, ...]]:
+        """Make the fatigue message at the end of the stream."""
         if state.told_ns is None or state.latest_ns == state.told_ns:
             return state, ()
         return self._tell(state)
 
-    def _tell(self, state: AssessState) -> tuple[AssessState, tuple[Told, ...]]:
+    def _tell(self, state: AssessState) -> tuple[AssessState, tuple[AssessMessage, ...]]:
         points = tuple(
             point.told(
                 state.counted[point.settings.at], virtual=point.settings.at in self._outputs

@@ -1,4 +1,4 @@
-"""Samples that stand out of a vibration, found and bridged.
+"""Finds spikes in samples of a vibration and bridges them.
 
 A sample's deviation from the mean of its two neighbours is small for a vibration that is
 sampled well, and large for a spike. It is judged against the usual deviation of its chunk, and
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 REACH = 24
 """Samples on either side that can decide whether one is a spike: `PASSES` of six, and more."""
 PASSES = 3
+"""Passes in which spikes are sought, each after those found before are bridged."""
 LONGEST = 3
 """Samples in a row that can be a spike; more are an event."""
 RELIABLE = 64
@@ -23,7 +24,7 @@ Scales = Float[np.ndarray, "chunk channel"]
 
 
 def bridged(windows: Windows, gone: Which) -> Windows:
-    """Straight lines over what is gone; the nearest value where one side has none."""
+    """Bridge samples that are gone by straight lines; by the nearest value at an end."""
     filled = windows.copy()
     places = np.arange(windows.shape[1])
     for chunk, channel in np.argwhere(gone.any(axis=1)):
@@ -90,7 +91,7 @@ def _standing_out(
     scales: Scales,
     threshold: float,
 ) -> Which:
-    """Where the deviation is beyond its like, and the largest of three."""
+    """Mark samples whose deviation is beyond the usual one, and the largest of three."""
     size = np.abs(_deviation(windows))
     found: Which = size > threshold * scales[:, None]
     if not found.any():

@@ -24,6 +24,7 @@ from slowtime.signals.recursive_filters import at_rest, butterworth, chebyshev, 
 from .spikes import REACH, bridged, usual_deviation, without_spikes
 
 CHUNK = 256
+"""Samples over which the usual deviation of a spike test is taken."""
 
 Marked = tuple[Block, Int[np.ndarray, "_ 2"]]
 """A block, and for each of its rows how many samples were missing and how many were spikes."""

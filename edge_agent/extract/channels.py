@@ -1,4 +1,4 @@
-"""What a block's channels are taken for: vibration to identify from, temperature, load."""
+"""Selects the channels of a block: vibration, temperature, load."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What was read of a span of samples → the message that says so."""
+"""Makes the features message of a span of samples."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
 
 from .channels import covariate_means, units_of
-from .reading import Reading
+from .reader import ModeReading
 from .windows import Rows
 
 
@@ -39,7 +39,7 @@ class Span(NamedTuple):
 
 
 def message_of(
-    settings: ExtractSettings, origin: Origin, sequence: int, span: Span, reading: Reading
+    settings: ExtractSettings, origin: Origin, sequence: int, span: Span, reading: ModeReading
 ) -> Features:
     """Make the message of one span."""
     block, flags = span.block, span.flags

@@ -1,4 +1,4 @@
-"""Blocks of a stream in; all its modes as they are known by then out, one message a hop.
+"""Identifies the modes of a stream recursively, one message each hop.
 
 Nothing is gathered: products and spectral matrices of the stream so far are kept, and fade with
 age, so that neither memory nor the work of a second grows. Successive messages share most of
@@ -28,7 +28,7 @@ HIGHEST_SHARE = 0.45
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Hop:
-    """What has come since the last message.
+    """Samples since the last message.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Hop:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """What is kept of a stream.
+    """State of the recursive identification of a stream.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The stage: windows gathered, each of them read, one message for each.
+"""The extract stage: gathers windows, reads each, and makes one message of it.
 
 Where nothing could be identified a message has no modes and a flag that says why.
 """
@@ -12,11 +12,11 @@ from slowtime_schemas.messages import Features
 
 from . import recursive
 from .channels import columns_of
-from .first import FirstMode
 from .message import Span, message_of
-from .own import OwnIdentifier
-from .reading import Memory, Reader, Reading, Window
-from .several import SeveralModes
+from .multiple_modes import MultiModeReader
+from .plugin import PluginIdentifier
+from .reader import Memory, ModeReading, Reader, Window
+from .single_mode import SingleModeReader
 from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
 
 logger = logging.getLogger(__name__)
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ExtractState:
-    """What the stage remembers: where it is in its count, what it read, and a window begun."""
+    """State of the stage: message count, memory of the reader, and the begun window."""
 
     sequence: int = 0
     memory: Memory = dataclasses.field(default_factory=Memory)
@@ -137,9 +137,9 @@ class Extract:
             position=self._position(block, last_ns),
             clock=block.clock,
         )
-        memory, reading = SeveralModes(given).told(state.memory, window, stream.true_modes)
+        memory, reading = MultiModeReader(given).told(state.memory, window, stream.true_modes)
         if len(channels) > given.max_channels:
-            memory, reading = state.memory, Reading(why=("too_many_channels",))
+            memory, reading = state.memory, ModeReading(why=("too_many_channels",))
         overlaps = state.sequence and start_ns < hop.first_ns
         span = Span(
             block, window.rows, start_ns, last_ns, hop.count, hop.missing, hop.outliers,
@@ -176,13 +176,13 @@ class Extract:
 
     def _identify(
         self, memory: Memory, rows: Rows, block: Block, start_ns: int, missing: int
-    ) -> tuple[Memory, Reading]:
+    ) -> tuple[Memory, ModeReading]:
         """Modes of a window, or a word on why there are none."""
         given = self.settings
         if len(rows) < given.min_samples:
-            return memory, Reading(why=("too_short",))
+            return memory, ModeReading(why=("too_short",))
         if missing > given.max_missing * (len(rows) + missing):
-            return memory, Reading(why=("too_much_missing",))
+            return memory, ModeReading(why=("too_much_missing",))
         columns, channels = columns_of(self.settings, block)
         whole = columns == list(range(rows.shape[1]))
         window = Window(
@@ -196,22 +196,22 @@ class Extract:
             return self._reader.step(memory, window)
         except ValueError as error:
             logger.info("A window from %d ns was not read: %s", block.start_ns, error)
-            return memory, Reading(why=("not_usable",))
+            return memory, ModeReading(why=("not_usable",))
         except Exception:
             logger.exception("Identification failed on a window from %d ns.", block.start_ns)
-            return memory, Reading(why=("failed",))
+            return memory, ModeReading(why=("failed",))
 
     @property
     def _reader(self) -> Reader:
         if self.settings.identifier is not None:
-            return OwnIdentifier(self.settings, self.settings.identifier)
+            return PluginIdentifier(self.settings, self.settings.identifier)
         if self.settings.method == "modes":
-            return SeveralModes(self.settings)
+            return MultiModeReader(self.settings)
         assert self.settings.method != "recursive"
-        return FirstMode(self.settings, self.settings.method)
+        return SingleModeReader(self.settings, self.settings.method)
 
     def _position(self, block: Block, start_ns: int) -> float:
-        """Where a window is among the others: its epoch's number, or so many hops."""
+        """Return the position of a window: the number of its epoch, or of hops."""
         if block.epoch is not None:
             return float(block.epoch)
         return start_ns / 1e9 / (self.settings.hop_s or self.settings.window_s)

@@ -1,4 +1,4 @@
-"""Blocks in, windows out: an epoch, or a stretch of `window_s` of a continuous stream."""
+"""Gathers blocks to windows: an epoch, or a stretch of `window_s` of a continuous stream."""
 
 import dataclasses
 
@@ -37,7 +37,7 @@ class Stretch:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Gathered:
-    """What has come of a window so far."""
+    """The part of a window that has arrived."""
 
     latest: Block
     stretches: tuple[Stretch, ...]

@@ -45,8 +45,8 @@ from slowtime_services.clock import Clock
 from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
-from .agreement import Agreement
-from .cumulative import Cumulative
+from .digests import DigestCheck
+from .fatigue_store import FatigueStore
 from .ring import Ring
 from .spool import Spool, SpoolError
 
@@ -96,8 +96,8 @@ class Publisher:
         self._sequences: Counter[str] = Counter()
         self._last_features = -1
         self._acknowledged = -1
-        self._agreement = Agreement()
-        self._cumulative = Cumulative(spool.folder, origin.boot)
+        self._agreement = DigestCheck()
+        self._cumulative = FatigueStore(spool.folder, origin.boot)
         self._began_ns = clock.now_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
@@ -118,7 +118,7 @@ class Publisher:
         self.health()
 
     def close(self) -> None:
-        """Say a last word, withdraw, and bring the spool to rest."""
+        """Publish a last health message, withdraw the liveliness token and close the spool."""
         self.health()
         for handle in reversed(self._handles):
             handle.close()
@@ -135,7 +135,7 @@ class Publisher:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What has been counted, here and by the source."""
+        """Counters of the publisher and of the source."""
         told = {} if self._counts is None else self._counts()
         return dict(sorted((*self._counters.items(), *told.items())))
 
@@ -167,7 +167,7 @@ class Publisher:
             self._traces.at_edge(made, began_ns, self._clock.now_ns())
 
     def health(self) -> None:
-        """Say how the agent is, and where its account ends."""
+        """Publish health, with the last sequence of the account."""
         held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
         if self._spool.damaged:
             self.put("spool_damaged", self._spool.damaged)
@@ -184,7 +184,7 @@ class Publisher:
         )
 
     def about(self) -> None:
-        """Say what this agent is and with which settings it runs."""
+        """Publish software and settings of this agent."""
         self._send_message(ABOUT, self._about_message())
         kept = self._cumulative.turn()
         if kept is not None:

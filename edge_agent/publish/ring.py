@@ -1,4 +1,4 @@
-"""The last seconds of raw samples, for those who ask: bounded in time and in bytes."""
+"""A ring of the newest raw samples, bounded in time and bytes."""
 
 import collections
 import threading

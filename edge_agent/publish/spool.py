@@ -1,4 +1,4 @@
-"""Features on disk until the twin has them for good: appended, checked, bounded.
+"""Spools features on disk until the twin has acknowledged them.
 
 A folder of segment files, each of one boot. A file is named by the boot's place among all, by
 its name and by its first sequence; no clock that was set back changes that place. What is in it
@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from .damage import DamagedBytes
-from .framing import MARK, Damage, Sound, pack, scan
+from .damaged_bytes import DamagedBytes
+from .spool_records import MARK, Damage, Sound, pack, scan
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ class SpoolError(OSError):
 
 
 class Held(NamedTuple):
-    """What the spool holds of one boot; `first` is one past `last` where all was dropped."""
+    """Range of one boot in the spool; `first` is one past `last` where all was dropped."""
 
     boot: str
     first: int
@@ -115,12 +115,12 @@ class Spool:
 
     @property
     def dropped(self) -> int:
-        """How many features have been dropped unacknowledged because the spool was full."""
+        """Number of unacknowledged features dropped because the spool was full."""
         return self._dropped
 
     @property
     def damaged(self) -> int:
-        """How many features have been found damaged since the spool was opened."""
+        """Number of features found damaged since the spool was opened."""
         return self._damaged.features
 
     @property
@@ -365,7 +365,7 @@ def _first_of(path: Path) -> int:
 
 
 def _open(path: Path, next_path: Path | None, damaged: DamagedBytes) -> _Segment | None:
-    """Look through a segment of an earlier run; what is damaged in it is set aside."""
+    """Scan a segment of an earlier run, and set damaged bytes aside."""
     boot, first = _boot_of(path), _first_of(path)
     following = None
     if next_path is not None and _boot_of(next_path) == boot:

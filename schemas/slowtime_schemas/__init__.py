@@ -1,1 +1,1 @@
-"""What travels: the messages, their streams and their versions."""
+"""The messages that travel, their streams and their versions."""

@@ -1,4 +1,4 @@
-"""What people tell of an asset: repairs, replacements, inspections, load tests, notes."""
+"""Events of an asset: repairs, replacements, inspections, load tests and notes."""
 
 from typing import Annotated, ClassVar, Literal, Self
 

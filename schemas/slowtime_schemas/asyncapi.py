@@ -143,7 +143,7 @@ def _message(stream: Stream, schemas: dict[str, Node]) -> Node:
 
 
 def _schema_of(kind: type[Message], schemas: dict[str, Node]) -> Node:
-    """Put a frozen schema and its parts among `schemas`; a reference to it."""
+    """Add a frozen schema and its parts to `schemas`, and return a reference to it."""
     whole: Node = json.loads(schema_text(kind.MESSAGE, kind.VERSION))
     whole.pop("$schema")
     parts: dict[str, Node] = whole.pop("$defs", {})

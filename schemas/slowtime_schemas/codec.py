@@ -1,4 +1,4 @@
-"""Bytes in, checked messages out; or a refusal that names its reason."""
+"""Encodes messages, and decodes payloads or refuses them with a reason."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -8,7 +8,7 @@ import difflib
 import json
 import sys
 
-from .documents import DOCUMENTS, Versioned
+from .files.registry import DOCUMENTS, Versioned
 from .frozen import folder
 from .streams import MESSAGES
 

@@ -9,7 +9,7 @@ HERE = Path(__file__).parent
 
 
 def folder() -> Path:
-    """Where the frozen schemas are: inside an installed package, beside it in a checkout."""
+    """Return the folder of the frozen schemas: in the installed package, or in the checkout."""
     installed, checkout = HERE / "json", HERE.parent / "json"
     return installed if installed.is_dir() else checkout
 

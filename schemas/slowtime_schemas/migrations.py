@@ -143,7 +143,7 @@ def _state_1(payload: Payload) -> Payload:
 
 @MIGRATIONS.step("ack", from_version=1)
 def _ack_1(payload: Payload) -> Payload:
-    """Say nothing of what the features were."""
+    """Add no digest: version 1 has none."""
     return {"first": None, "digest": None} | payload
 
 

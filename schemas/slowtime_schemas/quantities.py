@@ -1,4 +1,4 @@
-"""The smallest nouns: names, numbers with their standard deviation, free-form content."""
+"""Types that all messages share: names, numbers with standard deviation, free-form content."""
 
 import math
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""What a raw block says of its samples."""
+"""The header of a raw block, which describes its samples."""
 
 from typing import Annotated, ClassVar, Literal
 

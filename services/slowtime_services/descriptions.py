@@ -2,8 +2,8 @@
 
 from slowtime.dynamics import description as described
 from slowtime.dynamics.description import Description
-from slowtime_schemas import model_file as schema
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files import model as schema
+from slowtime_schemas.files.model import ModelFile
 
 
 def description_of(model: ModelFile) -> Description:

@@ -23,7 +23,7 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.elements import BASE
 from slowtime.dynamics.random_vibration import kanai_tajimi, low_pass
 from slowtime.reliability import Marginal, Problem, marginal
-from slowtime_schemas.design_file import DesignFile, DesignLoad, DesignResponse, DesignVariable
+from slowtime_schemas.files.design import DesignFile, DesignLoad, DesignResponse, DesignVariable
 
 from .checked_files import line_of, parse_checked, read_text
 from .expressions import Expression

@@ -21,7 +21,7 @@ from slowtime.reliability import (
     correlated,
     marginal,
 )
-from slowtime_schemas.reliability_file import (
+from slowtime_schemas.files.reliability import (
     CopulaOf,
     Correlation,
     RandomInput,

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.units import unit_factor
 from slowtime.estimation.virtual import VirtualSensor, VirtualSettings
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 
 from .descriptions import description_of
 from .points import Asked

@@ -14,11 +14,11 @@ import pytest
 from slowtime_services.client import Client
 from tests.twin_server.notify.conftest import SECRET
 from tests.twin_server.notify.test_senders import message
-from twin_server import deliveries
+from twin_server.events import deliveries
+from twin_server.events.receivers import AlarmSettings, WebhookReceiver
 from twin_server.notify import NotDeliveredError
 from twin_server.notify.webhook import Webhook
-from twin_server.receivers import AlarmSettings, WebhookReceiver
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve.access import POLICY
 
 ROOT = Path(__file__).parents[2]

@@ -9,7 +9,7 @@ import pytest
 
 from slowtime_schemas.asset_events import EventContent
 from tests.docs.commands import parse
-from twin_server.asset_events import QUESTION, TOLD, AssetEventOrder
+from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
 
 PAGE = (Path(__file__).parents[2] / "docs/events.md").read_text()
 BLOCKS = re.findall(r"```json order\n(.*?)```", PAGE, re.S)

@@ -10,14 +10,14 @@ from pydantic import BaseModel
 
 from tests.docs.commands import parse
 from twin_server.orders import SimulationOrder
-from twin_server.registration import Registration
-from twin_server.serve import models
+from twin_server.registration.twin import Registration
+from twin_server.serve.models.forecasts import CrossingModel
 
 PAGE = (Path(__file__).parents[2] / "docs/foresight.md").read_text()
 BLOCKS = re.findall(r"```json ?(\w*)\n(.*?)```", PAGE, re.S)
 TYPED = [shlex.split(line) for line in re.findall(r"^    slowtime (.+)$", PAGE, re.M)]
 OF: dict[str, type[BaseModel]] = {
-    "": models.CrossingModel,
+    "": CrossingModel,
     "registration": Registration,
     "order": SimulationOrder,
 }

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from edge_agent.__main__ import run
 from edge_agent.assess import Assess
-from edge_agent.publish.cumulative import Cumulative
+from edge_agent.publish.fatigue_store import FatigueStore
 from edge_agent.settings import EdgeSettings, Origin
 from slowtime.fatigue.counter import Count, Counter
 from slowtime.fatigue.curves import Curve
@@ -205,14 +205,14 @@ def test_an_agent_tells_and_keeps_the_newest_of_each_boot(model, tmp_path):
     newest = {one.boot: one for one in fatigue if isinstance(one, Fatigue)}
     assert [p.damage for p in newest["b1"].points] == [p.damage for p in newest["b2"].points]
     assert all(isinstance(decode(VIRTUAL, p), Virtual) for p in bus.sent["virtual"])
-    kept = list(Cumulative(tmp_path / "spool" / "demo.tower", "b3").all())
+    kept = list(FatigueStore(tmp_path / "spool" / "demo.tower", "b3").all())
     assert {json.loads(payload)["boot"] for payload in kept} == {"b1", "b2"}
     assert request_key("demo", "tower", "fatigue").endswith("request/fatigue")
 
 
 def test_each_boot_is_told_again_in_its_turn(tmp_path):
     for boot in ("b1", "b2", "b3"):
-        Cumulative(tmp_path, boot).put(boot.encode())
-    kept = Cumulative(tmp_path, "b4")
+        FatigueStore(tmp_path, boot).put(boot.encode())
+    kept = FatigueStore(tmp_path, "b4")
     assert {kept.turn() for _ in range(3)} == {b"b1", b"b2", b"b3"}
-    assert Cumulative(tmp_path / "nothing", "b").turn() is None
+    assert FatigueStore(tmp_path / "nothing", "b").turn() is None

@@ -7,7 +7,7 @@ import pytest
 
 from edge_agent.acquire import open_source
 from edge_agent.extract import Extract
-from edge_agent.extract.reading import Reading
+from edge_agent.extract.reader import ModeReading
 from edge_agent.inputs import LiveInput
 from edge_agent.publish.publisher import raw_message
 from edge_agent.settings import ExtractSettings, Origin, RecordingInput
@@ -21,7 +21,7 @@ from slowtime_services.clock import SystemClock
 from slowtime_services.files import RecordError
 from slowtime_services.record.writer import RecordingWriter
 
-from .live.listening import opened
+from .acquire.live.listening import opened
 
 ORIGIN = Origin(site="lab", asset="beam", boot="b1")
 UNITS = ("g", "mm/s", "mV", "1")
@@ -116,7 +116,7 @@ class Shown:
     """Reads nothing out of a window but which channels it was given."""
 
     def step(self, memory, window):
-        return memory, Reading(channels=window.channels)
+        return memory, ModeReading(channels=window.channels)
 
 
 def test_features_tell_the_unit_of_each_channel_that_was_read(monkeypatch):

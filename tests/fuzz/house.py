@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from slowtime_cli.offline import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
-from twin_server.registration import Registration
+from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
+from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.live import Client
-from twin_server.serve.problems import ProblemError
 from twin_server.settings import TwinSettings
 
 from .wire import accepted
@@ -58,8 +58,8 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
         assert knowledge.counts().get("failed_batches", 0) == 0
         app = create_app(
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
-            alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=Compositions(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            composite_service=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         headers = {"Authorization": f"Bearer {word}"}
         yield guarded(settings).around(app), app.openapi(), headers

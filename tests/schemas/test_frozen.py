@@ -8,7 +8,7 @@ import pytest
 
 from slowtime_schemas import freeze
 from slowtime_schemas.codec import decode, encode
-from slowtime_schemas.documents import DOCUMENTS
+from slowtime_schemas.files.registry import DOCUMENTS
 from slowtime_schemas.frozen import folder, plotting_schema_text, schema_text
 from slowtime_schemas.messages import Features, TwinState
 from slowtime_schemas.raw import decode_raw, encode_raw

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from slowtime_schemas.modes_file import ModesFile
+from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import RecordError
 from slowtime_services.modal import (
     Place,

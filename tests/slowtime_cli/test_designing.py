@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from slowtime_schemas.model_file import SpringElement
+from slowtime_schemas.files.model import SpringElement
 from slowtime_services.models import read_model
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"

@@ -124,7 +124,7 @@ def test_a_recording_brings_its_events(run, tmp_path, server):
     from slowtime_schemas.streams import ASSET_EVENT
     from slowtime_services.record import RecordingWriter
     from tests.twin_server.conftest import _features
-    from twin_server.asset_events import AssetEventOrder, accepted
+    from twin_server.events.asset_events import AssetEventOrder, accepted
 
     order = AssetEventOrder(event="r1", kind="repair", slow_time=59.0, person="Ann")
     path = tmp_path / "house.mcap"

@@ -8,7 +8,9 @@ import pytest
 
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run as run_server
-from twin_server.serve import models, plan_models, simulations
+from twin_server.serve.models import plans as plan_models
+from twin_server.serve.models.forecasts import ForecastModel
+from twin_server.serve.routes import simulations
 from twin_server.settings import TwinSettings
 
 NOMINAL = ("--nominal-hz", 5, "--nominal-damping", 0.01)
@@ -54,7 +56,7 @@ def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run
     assert done.status == 0, done.err
     with open("ahead.json") as file:
         body = json.load(file)
-    models.ForecastModel.model_validate(body)
+    ForecastModel.model_validate(body)
     assert body["since"] == 59.0
     median = body["crossings"][0]["times"][1]["slow_time"]
     assert median == pytest.approx(80.0, abs=6.0)

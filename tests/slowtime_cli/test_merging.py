@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from slowtime_schemas.modes_file import ModesFile
+from slowtime_schemas.files.modes import ModesFile
 
 
 def modes_file(path, channels, modes):

@@ -11,7 +11,7 @@ import pytest
 from slowtime.dynamics.builders import accelerometer, shear_frame
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.simulation import ambient_structure
-from slowtime_schemas.modes_file import FoundMode, ModesFile
+from slowtime_schemas.files.modes import FoundMode, ModesFile
 from slowtime_services.models import write_model
 
 FLOORS = ("floor1", "floor2")

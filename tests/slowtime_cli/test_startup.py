@@ -21,7 +21,7 @@ from slowtime_cli.reading import Given
 from slowtime_cli.verbs import diagnosing, entitling, keying
 from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
-from twin_server.principals import Scope
+from twin_server.identity.principals import Scope
 
 LIGHT = {"click", "slowtime_cli", "slowtime_schemas", "slowtime_services"}
 """Packages, of all that are installed, without which no argument can be read."""

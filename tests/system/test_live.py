@@ -14,7 +14,7 @@ import pytest
 
 from slowtime_services.board import COUNT_M_PER_S2, Board
 from slowtime_services.board.senders import lines_of
-from tests.edge_agent.live.sysfs import scan, tree
+from tests.edge_agent.acquire.live.sysfs import scan, tree
 
 from .conftest import free_port
 

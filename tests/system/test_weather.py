@@ -9,7 +9,7 @@ from slowtime_cli.structures import METHODS, registration, structure
 from slowtime_schemas.messages import Features
 from slowtime_services.simulate import simulated_structure
 from twin_server.estimate import Checkpoint, Twin, estimate
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 
 YEAR, CRACKS, DAYS = 60.0, 84.0, 110
 

@@ -1,28 +1,42 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
-from .account import DAMAGED, Account
-from .healing import Healer
+from .account import Account
+from .backfill import Backfill
 from .reception import Reception
 from .refusals import Refusals
-from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Repeated, Rivals, Run, Want
+from .rivals import contest_reading
+from .runs import (
+    Arrival,
+    Change,
+    EdgeQuery,
+    Holding,
+    LostRange,
+    OldReading,
+    Ordered,
+    RepeatedFeatures,
+    RivalAgents,
+    Run,
+)
 from .sensors import SensorNotice, SensorWatch
+from .sequence import DAMAGED
 
 __all__ = [
     "DAMAGED",
     "Account",
-    "Aged",
     "Arrival",
+    "Backfill",
     "Change",
-    "Healer",
+    "EdgeQuery",
     "Holding",
-    "Lost",
+    "LostRange",
+    "OldReading",
     "Ordered",
     "Reception",
     "Refusals",
-    "Repeated",
-    "Rivals",
+    "RepeatedFeatures",
+    "RivalAgents",
     "Run",
     "SensorNotice",
     "SensorWatch",
-    "Want",
+    "contest_reading",
 ]

@@ -1,4 +1,4 @@
-"""Bytes from the bus in; features and health that can be believed out, the rest refused."""
+"""Decodes and validates messages from the bus; refuses those that cannot be believed."""
 
 import functools
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ from slowtime_schemas.streams import (
     parse_key,
 )
 from slowtime_services.bus import Sample
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.settings import AdmissionSettings
 
 from .refusals import Refusals
@@ -28,7 +28,7 @@ from .runs import Arrival
 
 
 class Received(NamedTuple):
-    """What could be believed of a batch, each kind in its order."""
+    """The accepted messages of a batch, by kind, in order."""
 
     arrivals: list[Arrival]
     healths: list[tuple[Health, bool]]
@@ -130,7 +130,7 @@ class Reception:
             )
 
     def _age_s(self, features: Features, now_ns: int) -> float:
-        """How old a live sensor's reading is, where that is more than `max_age_s`; else 0."""
+        """Return the age of a live reading where it exceeds `max_age_s`, else 0 [s]."""
         age_s = (now_ns - features.t_ns) / 1e9
         old = features.time_base == "live" and age_s > self._limits.max_age_s
         return age_s if old else 0.0

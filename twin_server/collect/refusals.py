@@ -1,4 +1,4 @@
-"""What is refused is counted by its reason, and told, but not a million times."""
+"""Counts refused messages by reason, and logs them at a bounded rate."""
 
 import logging
 import threading
@@ -65,6 +65,6 @@ class Refusals:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often each reason was given; all reasons, also those never given."""
+        """Return the number of refusals for each reason, zeros included."""
         with self._lock:
             return {reason: self._counts[reason] for reason in REASONS}

@@ -1,4 +1,4 @@
-"""The nouns of the account: one boot's run, one asset's line of runs, what to ask for."""
+"""The run of one boot, the runs of one asset, and the changes that follow from messages."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from slowtime_schemas.messages import Features
 from slowtime_services.digests import MODULUS, digest_of
-from twin_server.settings import HealingSettings
+from twin_server.settings import BackfillSettings
 
 SEQUENCES = 2**40
 """Sequences are smaller than this: at a thousand features a second, 35 years of one boot."""
@@ -26,7 +26,7 @@ class Arrival(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """What an edge says it holds of one boot."""
+    """The features of one boot that an edge reports to hold."""
 
     boot: str
     first: int
@@ -38,7 +38,7 @@ class Holding(NamedTuple):
     """Whether readings of another agent have been acknowledged to it."""
 
 
-class Want(NamedTuple):
+class EdgeQuery(NamedTuple):
     """A question to an edge: for features of `boot`, or, where that is "", its account."""
 
     site: str
@@ -155,17 +155,17 @@ class Run:
         self.tries = self.delays = 0
 
     def progress(self, now_s: float) -> None:
-        """Something came: ask on at once, with new patience."""
+        """Ask on at once, with new patience, since features came."""
         self.tries = self.delays = 0
         self.since_s, self.due_s = now_s, now_s
 
-    def put_off(self, now_s: float, settings: HealingSettings) -> None:
+    def put_off(self, now_s: float, settings: BackfillSettings) -> None:
         """Nothing came: ask again later."""
         self.due_s = now_s + _delay(self.delays, settings)
         self.delays += 1
 
     def impatient(
-        self, certain: bool, line: "Line", now_s: float, settings: HealingSettings
+        self, certain: bool, line: "AssetRuns", now_s: float, settings: BackfillSettings
     ) -> bool:
         """Whether to wait no longer for what is missing."""
         if certain:
@@ -176,7 +176,7 @@ class Run:
 
 
 @dataclasses.dataclass(slots=True, eq=False)
-class Line:
+class AssetRuns:
     """The boots of one asset, in order.
 
     Parameters
@@ -222,12 +222,12 @@ class Line:
         """Ask at the next occasion, with new patience."""
         self.due_s, self.tries, self.delays = 0.0, 0, 0
 
-    def put_off(self, now_s: float, settings: HealingSettings) -> None:
+    def put_off(self, now_s: float, settings: BackfillSettings) -> None:
         """Ask again later."""
         self.due_s = now_s + _delay(self.delays, settings)
         self.delays += 1
 
-    def impatient(self, certain: bool, now_s: float, settings: HealingSettings) -> bool:
+    def impatient(self, certain: bool, now_s: float, settings: BackfillSettings) -> bool:
         """Whether to let boots in without knowing what the edge holds."""
         self.tries += 1
         if certain or not self.spooled:
@@ -235,14 +235,14 @@ class Line:
         since = min(run.since_s for run in self.waiting.values())
         return now_s - since >= settings.absent_patience_s
 
-    def want(self, now_s: float, settings: HealingSettings) -> tuple[Want | None, bool]:
-        """Say what to ask now, and whether there is anything to ask now or later."""
+    def want(self, now_s: float, settings: BackfillSettings) -> tuple[EdgeQuery | None, bool]:
+        """Return the query to make now, and whether there is one now or later."""
         uneasy = False
         if self.busy:
             return None, True
         if self.waiting or self.inquire:
             if now_s >= self.due_s:
-                return Want(self.site, self.asset), True
+                return EdgeQuery(self.site, self.asset), True
             uneasy = True
         for run in self.runs:
             hole = None if run.closed else run.missing()
@@ -255,7 +255,7 @@ class Line:
                 run.worried, run.since_s, run.due_s = True, now_s, now_s + settings.grace_s
             elif now_s >= run.due_s:
                 last = min(hole[1], hole[0] + MOST_AT_ONCE - 1)
-                want = Want(self.site, self.asset, run.boot, hole[0], last, self.replayed)
+                want = EdgeQuery(self.site, self.asset, run.boot, hole[0], last, self.replayed)
                 return want, True
         return None, uneasy
 
@@ -270,7 +270,7 @@ class Ordered(NamedTuple):
     replayed: bool = False
 
 
-class Lost(NamedTuple):
+class LostRange(NamedTuple):
     """A range of features that nobody has any more."""
 
     run: Run
@@ -279,7 +279,7 @@ class Lost(NamedTuple):
     why: str
 
 
-class Aged(NamedTuple):
+class OldReading(NamedTuple):
     """The first reading of a boot that was old on arrival."""
 
     run: Run
@@ -287,7 +287,7 @@ class Aged(NamedTuple):
     age_s: float
 
 
-class Rivals(NamedTuple):
+class RivalAgents(NamedTuple):
     """Two agents that send as one asset.
 
     Parameters
@@ -308,7 +308,7 @@ class Rivals(NamedTuple):
     how: str
 
 
-class Repeated(NamedTuple):
+class RepeatedFeatures(NamedTuple):
     """Features under a sequence that is known, to be compared with what was kept."""
 
     run: Run
@@ -318,7 +318,7 @@ class Repeated(NamedTuple):
 
 @dataclasses.dataclass(slots=True)
 class Change:
-    """What follows from some messages, to be made durable at once.
+    """The changes that follow from messages, to be made durable at once.
 
     Parameters
     ----------
@@ -345,14 +345,14 @@ class Change:
     ordered: list[Ordered] = dataclasses.field(default_factory=list)
     held: list[tuple[Run, int, bytes]] = dataclasses.field(default_factory=list)
     released: list[tuple[Run, int]] = dataclasses.field(default_factory=list)
-    lost: list[Lost] = dataclasses.field(default_factory=list)
-    aged: list[Aged] = dataclasses.field(default_factory=list)
-    rivals: list[Rivals] = dataclasses.field(default_factory=list)
-    repeated: list[Repeated] = dataclasses.field(default_factory=list)
+    lost: list[LostRange] = dataclasses.field(default_factory=list)
+    aged: list[OldReading] = dataclasses.field(default_factory=list)
+    rivals: list[RivalAgents] = dataclasses.field(default_factory=list)
+    repeated: list[RepeatedFeatures] = dataclasses.field(default_factory=list)
     refused: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     touched: dict[Run, None] = dataclasses.field(default_factory=dict)
     early: int = 0
 
 
-def _delay(count: int, settings: HealingSettings) -> float:
+def _delay(count: int, settings: BackfillSettings) -> float:
     return min(settings.backoff_s * 2.0 ** min(count, 30), settings.max_backoff_s)

@@ -1,4 +1,4 @@
-"""What edges tell of sensors in `Health` → notices: silent, back, restarted, samples lost.
+"""Makes notices of what edges report of live sensors: silent, back, restarted, samples lost.
 
 The watch does no I/O and has no clock: seconds are arguments. What it has told before is read
 from the history, so that a server that starts again neither repeats nor misses anything.
@@ -50,7 +50,7 @@ def _nothing(site: str, asset: str) -> Iterable[Mapping[str, Any]]:
 
 
 class SensorWatch:
-    """What is known of the live sensors of all edges.
+    """Watches the live sensors of all edges by their health messages.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class SensorWatch:
         return sensor
 
     def _restarts(self, key: tuple[str, str], sensor: _Sensor) -> Iterable[SensorNotice]:
-        """Tell of each restart of a part of one's own; the agent's pauses bound how often."""
+        """Make a notice of each restart of a plug-in source."""
         restarts = sensor.counters.get(RESTARTS, 0)
         more, sensor.told_restarts = restarts - sensor.told_restarts, restarts
         if more > 0:

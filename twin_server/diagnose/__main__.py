@@ -20,18 +20,19 @@ from typing import Any
 from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.plugins import said
 
-from .fast import diagnose_samples
-from .own import attempt
-from .slow import diagnose_history
+from .history_diagnosis import diagnose_history
+from .plugin_effects import diagnose_with_plugins
+from .samples_diagnosis import diagnose_samples
 from .task import TASK, Task
 
 GRACE_S = 1.0
 """For a stage to end once it is told to stop."""
 
 _TOLD_EVERY_S = 0.1
+"""Interval at which progress is reported, at least [s]."""
 
 
-class _Voice:
+class _ProgressReporter:
     """Says how far it has come, a few times a second at most."""
 
     def __init__(self) -> None:
@@ -74,7 +75,7 @@ def _bound_memory(more: int) -> None:
 
 def main(folder: Path) -> int:
     """Do it; the exit status: 0 done, 1 for want of something, 3 stopped."""
-    task, voice = Task.model_validate_json((folder / TASK).read_bytes()), _Voice()
+    task, reporter = Task.model_validate_json((folder / TASK).read_bytes()), _ProgressReporter()
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
     if task.is_attempt:
@@ -83,11 +84,11 @@ def main(folder: Path) -> int:
     else:
         os.nice(10)
         if task.effects and task.order.clock == "fast":
-            tried = attempt(task, folder, voice.say, stop)
+            tried = diagnose_with_plugins(task, folder, reporter.say, stop)
             if tried.done:
                 return 0
             if tried.error:
-                voice.say({"error": tried.error})
+                reporter.say({"error": tried.error})
                 return 1
             task = tried.task
     _bound_memory(task.max_memory_bytes)
@@ -95,11 +96,11 @@ def main(folder: Path) -> int:
         diagnose_history if task.order.clock == "slow" else diagnose_samples
     )
     try:
-        work(task, folder, voice.progress, stop)
+        work(task, folder, reporter.progress, stop)
     except Cancelled:
         return 3
     except MemoryError:
-        voice.say(
+        reporter.say(
             {
                 "error": f"{task.max_memory_bytes:,} bytes of memory did not suffice. Give "
                 "fewer samples, or raise diagnose.max_memory_bytes."
@@ -107,14 +108,14 @@ def main(folder: Path) -> int:
         )
         return 1
     except (ValueError, OSError) as error:
-        voice.say({"error": str(error)})
+        reporter.say({"error": str(error)})
         return 1
     except Exception as error:
         if not task.is_attempt:
             raise
         # Whatever an effect of one's own raises is its own fault, until the other one raises.
         traceback.print_exc()
-        voice.say({"error": f"{said(error)}."})
+        reporter.say({"error": f"{said(error)}."})
         return 1
     return 0
 

@@ -1,4 +1,4 @@
-r"""How far a model's free run is from what arrived, and whether that is further than ever.
+r"""Measures the gap between a model's free run and a record, and learns its usual size.
 
 The gap of a record is the error of the free run over the scatter of the measurement, averaged
 over sensors; the initial state is that which the first fifth of the record says. Its logarithm
@@ -27,22 +27,27 @@ from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.validation.free_run import relative_errors
 from slowtime.dynamics.plant import Plant
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from slowtime_services.diagnose import Source, campaign_of
 from slowtime_services.effects import kinds_for
 from slowtime_services.files import Record
 from slowtime_services.models import description_of, model_file_of
 
 IN_A_ROW = 2
-"""Records beyond the limit, or within it again, that are believed."""
+"""Records in a row beyond the limit, or within it again, that change the state."""
+
 START = 0.2
-"""Share of a record from which its initial state is taken."""
+"""Share of a record from which its initial state is estimated [1]."""
+
 _WORST = 1e3
+"""Gap at which larger ones are cut off [1], so that a diverging run stays a number."""
+
 _SPREADS, _MEANS = 4_000, 40
+"""Nodes of the grid over spreads and means by which `limit_factor` integrates."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Reading:
+class GapSample:
     """The gap of one record.
 
     Parameters
@@ -58,8 +63,8 @@ class Reading:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Usual:
-    """What was learnt: the gap as it is while nothing changes.
+class GapBaseline:
+    """The usual gap of a model, and its limit.
 
     Parameters
     ----------
@@ -79,8 +84,8 @@ class Usual:
         return self.limit * max(1.0, self.level / max(level, 1e-300))
 
 
-def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> Reading:
-    """Find the gap of each model on one record.
+def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> GapSample:
+    """Compute the gap of each model on one record.
 
     Parameters
     ----------
@@ -99,30 +104,57 @@ def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()
         plant = _plant(text, effects)
         trial = _trial(plant, record)
         found.append(_gap(plant, trial))
-    return Reading(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
+    return GapSample(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
 
 
 def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -> str:
-    """Fit a model's constants to records, within the tolerance that it states."""
+    """Fit a model's constants to records, within the tolerance that it states.
+
+    Parameters
+    ----------
+    model
+        A model file as JSON.
+    effects
+        Installed parts that hold kinds of effect beside the catalogue's.
+
+    Returns
+    -------
+    The fitted model file as JSON.
+    """
     plant = _plant(model, effects)
     fit = refit(plant, tuple(_trial(plant, record) for record in records))
     values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
     return model_file_of(with_values(plant.description, values)).model_dump_json()
 
 
-def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> Usual:
-    """Learn what is usual from gap and level of records."""
+def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> GapBaseline:
+    """Learn the usual gap from records on which nothing has changed.
+
+    Parameters
+    ----------
+    readings
+        Gap [1] and level of each record [unit of the measurement].
+    between_false_alarms
+        Records between two false alarms, on average.
+    """
     logs = np.log([max(gap, 1e-12) for gap, _ in readings])
     mean, spread = float(logs.mean()), max(float(logs.std(ddof=1)), 0.02)
     factor = limit_factor(len(logs), between_false_alarms)
     limit = math.exp(min(mean + factor * spread, math.log(_WORST)))
     level = math.exp(np.mean([math.log(max(level, 1e-300)) for _, level in readings]))
-    return Usual(math.exp(mean), limit, level, len(logs))
+    return GapBaseline(math.exp(mean), limit, level, len(logs))
 
 
 @functools.lru_cache(maxsize=32)
 def limit_factor(count: int, between: float) -> float:
-    """How many spreads, learnt from `count` readings, the limit is above their mean.
+    """Return how many spreads the limit is above the mean of `count` readings.
+
+    Parameters
+    ----------
+    count
+        Readings from which mean and spread were learnt.
+    between
+        Records between two false alarms, on average.
 
     Examples
     --------

@@ -26,15 +26,18 @@ GRACE_S = 2.0
 """For a process that was told to stop, until it is killed."""
 
 _LONGEST = 2_000
+"""Characters of an error that are kept."""
+
 _EVERY_S = 0.05
+"""Interval at which a running process is looked at [s]."""
 
 
 class QueueFullError(RuntimeError):
-    """As many diagnoses wait as may; the text says what to do."""
+    """The queue of diagnoses is full; the text says what to do."""
 
 
 class Progress(NamedTuple):
-    """How far a diagnosis has come.
+    """Progress of a diagnosis.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ class Progress(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """What has become of a diagnosis; an outcome where it is done, else a sentence."""
+    """End of a diagnosis: an outcome where it is done, else a sentence."""
 
     state: Literal["done", "failed", "cancelled"]
     error: str = ""
@@ -138,7 +141,7 @@ class Jobs:
         return True
 
     def progress(self, number: int) -> Progress | None:
-        """Say how far it has come; None where it neither waits nor runs."""
+        """Return the progress of a diagnosis; None where it neither waits nor runs."""
         with self._changed:
             if self._current is not None and self._current.number == number:
                 return Progress(

@@ -1,11 +1,11 @@
-"""The folder of a diagnosis: what it is told, and what it leaves."""
+"""The task of a diagnosis and its outcome, as files in its folder."""
 
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 from twin_server.orders import DiagnosisOrder, Frozen
 
 TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
@@ -14,7 +14,7 @@ TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
 
 
 class Task(Frozen):
-    """What a diagnosis is told.
+    """Task of a diagnosis: data, model and settings.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Task(Frozen):
 
 
 class Outcome(NamedTuple):
-    """What a diagnosis has found: its files."""
+    """Result files of a diagnosis."""
 
     report: str
     page: bytes

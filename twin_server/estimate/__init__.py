@@ -1,62 +1,66 @@
 """Second stage of the twin: features in order in; states with intervals and notices out."""
 
+from .change_detection import ChangeDetector, DetectedChange
 from .checkpoint import Checkpoint, Twin
-from .covariates.words import normal_of
+from .covariates.messages import normal_of
 from .estimator import Estimated, estimate
-from .foresight import (
-    Foresight,
-    Outlooks,
+from .forecast.changes import (
+    ChangeForecast,
+    ForecastState,
+    LearntLaws,
     Past,
-    Prospect,
-    follow,
-    foresee,
-    foresee_from,
+    advance,
+    current_changes,
+    forecast_changes,
+    forecast_from_state,
+    forecast_state_of,
     learn,
-    now_of,
     past_of,
     past_of_elements,
-    prospect_of,
 )
-from .lookout import Noticed, Series
 from .notices import Notice
-from .plan_answer import planned, refusal_of
-from .planning import NotPlannableError, PlanOrder
-from .risk import RiskOrder, assessed
-from .today import Today, UnknownTodayError, today_of
-from .whatif import OrderError, Simulated, check, simulate
+from .plans.answer import plan_answer, refusal_of
+from .plans.plan import NotPlannableError, PlanOrder
+from .response.current_structure import (
+    CurrentStructure,
+    UnknownStructureError,
+    current_structure_of,
+)
+from .response.simulation import OrderError, Simulated, check, simulate
+from .risk import RiskOrder, risk_answer
 
 __all__ = [
+    "ChangeDetector",
+    "ChangeForecast",
     "Checkpoint",
+    "CurrentStructure",
+    "DetectedChange",
     "Estimated",
-    "Foresight",
+    "ForecastState",
+    "LearntLaws",
     "NotPlannableError",
     "Notice",
-    "Noticed",
     "OrderError",
-    "Outlooks",
     "Past",
     "PlanOrder",
-    "Prospect",
     "RiskOrder",
-    "Series",
     "Simulated",
-    "Today",
     "Twin",
-    "UnknownTodayError",
-    "assessed",
+    "UnknownStructureError",
+    "advance",
     "check",
+    "current_changes",
+    "current_structure_of",
     "estimate",
-    "follow",
-    "foresee",
-    "foresee_from",
+    "forecast_changes",
+    "forecast_from_state",
+    "forecast_state_of",
     "learn",
     "normal_of",
-    "now_of",
     "past_of",
     "past_of_elements",
-    "planned",
-    "prospect_of",
+    "plan_answer",
     "refusal_of",
+    "risk_answer",
     "simulate",
-    "today_of",
 ]

@@ -1,21 +1,21 @@
-"""What the estimation of one twin remembers from one batch to the next; small, and text."""
+"""The memory of the estimation of one twin between batches, as JSON."""
 
 import dataclasses
 import json
 import math
 from typing import Any, NamedTuple
 
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 
 from .covariates import Condition, Training, condition_of, training_of
-from .memory import Memory
+from .elements.memory import Memory
 
 Epoch = tuple[float, float, float, float]
 """Frequency [Hz] and its sd, damping ratio [1] and its sd, of one epoch learnt from."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Known:
+class NominalInUse:
     """The nominal model in use.
 
     Parameters
@@ -50,7 +50,7 @@ class Belief:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """All that the next batch needs to know of those before it.
+    """State of the estimation of a twin between batches.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Checkpoint:
         How often the structure was renewed, as the edge counts it; None where it does not.
     """
 
-    known: Known | None = None
+    known: NominalInUse | None = None
     learning: tuple[Epoch, ...] = ()
     trusted: Belief = Belief(True)
     raised: tuple[Belief, ...] = ()
@@ -86,7 +86,7 @@ class Checkpoint:
         known = None
         if (nominal := registration.nominal) is not None:
             frequency, damping = nominal.modal
-            known = Known(
+            known = NominalInUse(
                 frequency, nominal.frequency_relative_sd, damping, nominal.damping_relative_sd
             )
         return cls(
@@ -105,7 +105,7 @@ class Checkpoint:
         content: dict[str, Any] = json.loads(text)
         known, elements = content["known"], content.get("elements")
         return cls(
-            known=Known(**known) if known else None,
+            known=NominalInUse(**known) if known else None,
             learning=tuple((f, s, z, e) for f, s, z, e in content["learning"]),
             trusted=Belief(**content["trusted"]),
             raised=tuple(Belief(**belief) for belief in content["raised"]),
@@ -120,7 +120,9 @@ class Checkpoint:
         if self.elements is not None and self.elements.knows:
             first = dataclasses.asdict(self.elements.baselines[0])
             first["frequency_relative_sd"] = first["relative_sd"]
-            known = {field.name: first[field.name] for field in dataclasses.fields(Known)}
+            known = {
+                field.name: first[field.name] for field in dataclasses.fields(NominalInUse)
+            }
         elif self.known is not None:
             known = dataclasses.asdict(self.known)
         else:
@@ -156,7 +158,7 @@ class Checkpoint:
 
 
 class Twin(NamedTuple):
-    """What estimation needs to know of one twin."""
+    """Registration and checkpoint of one twin."""
 
     registration: Registration
     checkpoint: Checkpoint

@@ -1,4 +1,4 @@
-"""Features messages become arrays: what estimation needs of them, a column each."""
+"""Converts features messages to arrays, one column for each quantity."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime_schemas.messages import Features
-from twin_server.states import ESTIMATES
+from twin_server.history.states import ESTIMATES
 
 _LASTING = "lasting."
 _NAN = math.nan
@@ -106,7 +106,7 @@ def _truth(message: Features, freed: bool) -> tuple[float, ...]:
 
 
 def without_covariates(truth: Mapping[str, float]) -> Mapping[str, float]:
-    """Tell what a simulator knows, without what temperature does where it tells them apart.
+    """Return the true values of a simulation, without the effect of temperature where known.
 
     Examples
     --------

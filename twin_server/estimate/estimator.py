@@ -1,4 +1,4 @@
-"""Features of many twins in, their states out, all at once.
+"""Estimates the states of many twins from their next features, all at once.
 
 A state depends on nothing but the twin's registration and its features in order: not on the
 clock, not on when they arrived, not on how the stream was cut into batches.
@@ -18,30 +18,33 @@ from slowtime.evolution import (
     stiffness_from_frequency,
 )
 from slowtime_schemas.messages import Features
-from twin_server import states as st
-from twin_server.details import Detail
-from twin_server.registration import Registration
-from twin_server.states import States
+from twin_server.history import states as st
+from twin_server.history.details import Detail
+from twin_server.history.states import States
+from twin_server.registration.twin import Registration
 
+from .alarms import follow_alarms
 from .checkpoint import Checkpoint, Twin
 from .columns import Columns, columns
-from .nominals import Nominals, nominals_of
+from .element_states import estimate_elements
+from .nominal.reference import Nominals, nominals_of
 from .notices import Notice
 from .renewals import follow_renewals
-from .telling import tell
-from .watching import watch
 
 LEVEL = 0.95
 """Probability of every interval."""
 
 _QUANTILE = float(ndtri(0.5 + 0.5 * LEVEL))
-_ANY_DAMPING = 0.02  # stands where none is known, with an sd that lets nothing hang on it
+_ANY_DAMPING = 0.02
+"""Nominal damping ratio where none is known [1]; `_UNKNOWN` keeps it from mattering."""
+
 _UNKNOWN = 1e3
+"""Relative standard deviation of a nominal damping ratio that is not known [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Estimated:
-    """What some features have told.
+    """Estimates of some features of many twins.
 
     Parameters
     ----------
@@ -96,7 +99,9 @@ def estimate(
         _estimate_all(states, given, nominals, twins, owner)
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
-        checkpoints[place], seen = watch(twin.registration, checkpoints[place], states[rows])
+        checkpoints[place], seen = follow_alarms(
+            twin.registration, checkpoints[place], states[rows]
+        )
         theirs = [features[row] for row in rows.tolist()]
         checkpoints[place], renewed = follow_renewals(checkpoints[place], theirs)
         seen = sorted(renewed + learnt[place] + seen, key=lambda notice: notice.row)
@@ -120,7 +125,7 @@ def _apart(
         rows = rows_of[place].tolist()
         if not of_elements[place] or not rows:
             continue
-        told = tell(
+        told = estimate_elements(
             twin.registration,
             twin.checkpoint,
             [features[row] for row in rows],
@@ -257,7 +262,7 @@ def _of_each(
     owner: Int[np.ndarray, " time"],
     of: Callable[[Registration], float],
 ) -> Float[np.ndarray, " time"]:
-    """Something of each reading's registration."""
+    """Return one value of the registration of each reading."""
     each: Float[np.ndarray, " time"] = np.array(
         [float(of(twin.registration)) for twin in twins]
     )[owner]

@@ -1,10 +1,10 @@
-"""What is worth an event, as estimation says it."""
+"""The notice by which estimation asks for an event."""
 
 from typing import Any, Literal, NamedTuple
 
 
 class Notice(NamedTuple):
-    """Something worth an event.
+    """A fact that estimation asks an event for.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A renewal that the edge announces: the structure is another one from that reading on."""
+"""Follows renewals that the edge announces: later readings are of another structure."""
 
 import dataclasses
 from collections.abc import Sequence

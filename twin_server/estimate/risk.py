@@ -1,4 +1,4 @@
-"""A twin's forecast and its limit states in; failure probability, survival and hazard out."""
+"""Computes failure probability, survival and hazard from forecast and limit states."""
 
 import dataclasses
 import math
@@ -14,12 +14,18 @@ from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
 from slowtime_services.plugins import PluginError, find, said
-from twin_server.limit_states import MASS, SPRING, OwnState, built, one_mass
-from twin_server.registration import Registration
-from twin_server.thresholds import shown, signed
+from twin_server.registration.limit_states import (
+    MASS,
+    SPRING,
+    OwnState,
+    limit_state_of,
+    one_mass,
+)
+from twin_server.registration.thresholds import shown, signed
+from twin_server.registration.twin import Registration
 
 from .checkpoint import Checkpoint
-from .foresight import Past
+from .forecast.changes import Past
 
 PATHS, POINTS = 1000, 60
 """Futures, and instants up to the horizon: 1,000 tell a probability of 0.01 to 30 %."""
@@ -33,7 +39,7 @@ MOST_PAST = 200
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RiskOrder:
-    """All that the risk of one twin is made of.
+    """Input of the risk of one twin.
 
     Parameters
     ----------
@@ -59,7 +65,7 @@ class RiskOrder:
     unit: str
 
 
-def assessed(twin_id: str, order: RiskOrder) -> dict[str, Any]:
+def risk_answer(twin_id: str, order: RiskOrder) -> dict[str, Any]:
     """Assess every limit state of a registration, as REST answers.
 
     A limit state that this twin cannot answer is told with its reason, and keeps none of the
@@ -135,11 +141,11 @@ def _built(spec: Any, order: RiskOrder) -> LimitState:
         assert registration.model is not None
         description: Description | None = description_of(registration.model)
         parts = {name: _part(name) for name in order.laws}
-        return built(spec, description=description, parts=parts, frequency_hz=None)
+        return limit_state_of(spec, description=description, parts=parts, frequency_hz=None)
     stands = {"stiffness_change": f"{SPRING}.stiffness", "mass_change": f"{MASS}.mass"}
     parts = {name: stands[name] for name in order.laws}
     if known is None:
-        return built(spec, description=None, parts=parts, frequency_hz=None)
+        return limit_state_of(spec, description=None, parts=parts, frequency_hz=None)
     nominal = registration.nominal
     mass = None if nominal is None else nominal.mass_kg
     damping = known.damping_ratio
@@ -154,7 +160,9 @@ def _built(spec: Any, order: RiskOrder) -> LimitState:
             "load on the base."
         )
     description = one_mass(known.frequency_hz, damping, mass) if damping > 0.0 else None
-    return built(spec, description=description, parts=parts, frequency_hz=known.frequency_hz)
+    return limit_state_of(
+        spec, description=description, parts=parts, frequency_hz=known.frequency_hz
+    )
 
 
 def _own(spec: OwnState) -> LimitState:
@@ -222,7 +230,7 @@ def _quantity(value: float, lo: float, hi: float) -> dict[str, float]:
 
 
 def _against(name: str, state: LimitState, found: Assessment) -> list[str]:
-    """Say what speaks against trusting a probability."""
+    """Return the reasons against relying on a probability."""
     failed = float(found.failure[-1])
     if state.events is None and 0.0 <= failed < LEAST_PATHS and isinstance(state, Threshold):
         return [

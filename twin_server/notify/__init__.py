@@ -1,11 +1,11 @@
 """Stage beside serve: deliveries that are due in, messages to receivers out."""
 
-from .notifier import Desk, Notifier
+from .message import Message, NotDeliveredError, message_of
+from .notifier import DeliveryStore, Notifier
 from .senders import Sender, WrongReceiverError, senders_of
-from .sending import Message, NotDeliveredError, message_of
 
 __all__ = [
-    "Desk",
+    "DeliveryStore",
     "Message",
     "NotDeliveredError",
     "Notifier",

@@ -1,4 +1,4 @@
-"""Cuts connections off whose time is over: one thread for all, however many are open."""
+"""Closes connections at their deadline, by one thread for all."""
 
 import contextlib
 import heapq

@@ -1,15 +1,16 @@
-"""Events by mail: one message each, which mail programs tell doubles of by its Message-ID."""
+"""Sends events by mail, one message each, with a Message-ID that identifies duplicates."""
 
 import smtplib
 from email.message import EmailMessage
 
-from twin_server.receivers import EmailReceiver
+from twin_server.events.receivers import EmailReceiver
 
 from .deadlines import DEADLINES
-from .sending import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, connection_error_text, credentials
 from .webhook import tls
 
 _LONGEST_SUBJECT = 150
+"""Characters of a subject, beyond which it is cut."""
 
 
 class Email:
@@ -51,13 +52,15 @@ class Email:
             except smtplib.SMTPRecipientsRefused as error:
                 raise NotDeliveredError("The mail server refused all recipients.") from error
             except (OSError, smtplib.SMTPException) as error:
-                raise NotDeliveredError(f"The mail server: {plainly(error)}.") from error
+                raise NotDeliveredError(
+                    f"The mail server: {connection_error_text(error)}."
+                ) from error
             finally:
                 server.close()
         return f"Refused for {', '.join(sorted(refused))}." if refused else ""
 
     def _server(self) -> smtplib.SMTP:
-        """Make what has not connected yet, so that the deadline can see its socket."""
+        """Make an unconnected client, so that the deadline can close its socket."""
         receiver = self._receiver
         if receiver.security == "tls":
             made: smtplib.SMTP = smtplib.SMTP_SSL(

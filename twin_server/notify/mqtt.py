@@ -1,4 +1,4 @@
-"""Events by MQTT: one message each on a topic of its twin, with quality of service 1 or 2.
+"""Publishes events by MQTT: one message each, with quality of service 1 or 2.
 
 The driver, paho-mqtt, is an extra of the package and is imported only where a receiver asks.
 """
@@ -8,12 +8,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from twin_server.receivers import MqttReceiver
+from twin_server.events.receivers import MqttReceiver
 
-from .sending import Message, NotDeliveredError, credentials, plainly
+from .message import Message, NotDeliveredError, connection_error_text, credentials
 from .webhook import tls
 
 _STEP_S = 0.05
+"""Time that the network loop waits at once [s]."""
 
 
 class Mqtt:
@@ -68,7 +69,7 @@ class Mqtt:
             self._wait(client, info.is_published, until_s)
             client.disconnect()
         except (OSError, RuntimeError, ValueError) as error:
-            raise NotDeliveredError(f"The broker: {plainly(error)}.") from error
+            raise NotDeliveredError(f"The broker: {connection_error_text(error)}.") from error
         finally:
             if (sock := client.socket()) is not None:
                 sock.close()

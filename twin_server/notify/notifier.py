@@ -1,4 +1,4 @@
-"""The loop that hands deliveries to their receivers when due, and keeps what becomes of them.
+"""Hands due deliveries to their senders, and records the outcome of each attempt.
 
 Whatever is begun is in the store before it is tried, and stays there as waiting until an
 outcome is durable: a server that is killed in between sends the same message again, under the
@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from slowtime_services.clock import Clock
-from twin_server.deliveries import Delivery, happened_ns, subject
-from twin_server.receivers import AlarmSettings
+from twin_server.events.deliveries import Delivery, happened_ns, subject
+from twin_server.events.receivers import AlarmSettings
 
-from .lanes import Outcome, SendingLane
-from .pauses import pause_s
+from .backoff import retry_delay_s
+from .receiver_queue import Outcome, ReceiverQueue
 from .senders import Sender
 
 logger = logging.getLogger(__name__)
@@ -28,12 +28,17 @@ MIND_S = 5.0
 """How often it is looked at what waits for something else than its time."""
 
 FORGET_S = 3_600.0
+"""Interval at which old deliveries are dropped [s]."""
+
 _LATE = 1_000
+"""Late deliveries that are looked at in one turn."""
+
 _AFTER_TROUBLE_S = 1.0
+"""Pause after a failure of the store [s]."""
 
 
-class Desk(Protocol):
-    """What the notifier asks of the house."""
+class DeliveryStore(Protocol):
+    """Deliveries as the notifier reads and settles them."""
 
     def due(self, receiver: str, now_ns: int, limit: int) -> Sequence[Delivery]:
         """Deliveries that wait and are due, the earliest first."""
@@ -80,17 +85,17 @@ class Notifier:
     def __init__(
         self,
         settings: AlarmSettings,
-        desk: Desk,
+        store: DeliveryStore,
         senders: Mapping[str, Sender],
         clock: Clock,
     ) -> None:
-        self._settings, self._desk, self._clock = settings, desk, clock
+        self._settings, self._store, self._clock = settings, store, clock
         self._outcomes: list[Outcome] = []
         self._lock = threading.Lock()
         self._wake, self._stop = threading.Event(), threading.Event()
         self._minded_s = self._forgot_s = -1e9
-        self._lanes = {
-            name: SendingLane(
+        self._queues = {
+            name: ReceiverQueue(
                 name, sender, settings.receivers[name].concurrency, settings, self._hear
             )
             for name, sender in senders.items()
@@ -99,8 +104,8 @@ class Notifier:
 
     def start(self) -> None:
         """Begin to send."""
-        for lane in self._lanes.values():
-            lane.start()
+        for queue in self._queues.values():
+            queue.start()
         self._thread.start()
 
     def stop(self, timeout_s: float = 3.0) -> None:
@@ -110,17 +115,17 @@ class Notifier:
         if self._thread.is_alive():
             self._thread.join()
         until_s = time.monotonic() + timeout_s
-        for lane in self._lanes.values():
-            lane.stop()
-        for lane in self._lanes.values():
-            lane.join(max(0.0, until_s - time.monotonic()))
+        for queue in self._queues.values():
+            queue.stop()
+        for queue in self._queues.values():
+            queue.join(max(0.0, until_s - time.monotonic()))
         try:
             self._settle()
         except Exception:
             logger.exception("What was sent last could not be kept; it will be sent again.")
 
     def wake(self) -> None:
-        """Look at once: something may have become due."""
+        """Look for due deliveries at once."""
         self._wake.set()
 
     def _hear(self, outcome: Outcome) -> None:
@@ -148,18 +153,18 @@ class Notifier:
             self._mind()
         if now_s - self._forgot_s > FORGET_S:
             self._forgot_s = now_s
-            self._desk.forget(self._now_ns() - round(self._settings.kept_s * 1e9))
-        for name, lane in self._lanes.items():
-            if lane.room > 0:
-                for one in self._desk.due(name, self._now_ns(), lane.held + lane.room):
-                    self._begin(lane, one)
+            self._store.forget(self._now_ns() - round(self._settings.kept_s * 1e9))
+        for name, queue in self._queues.items():
+            if queue.room > 0:
+                for one in self._store.due(name, self._now_ns(), queue.held + queue.room):
+                    self._begin(queue, one)
 
-    def _begin(self, lane: SendingLane, delivery: Delivery) -> None:
+    def _begin(self, queue: ReceiverQueue, delivery: Delivery) -> None:
         """Hand one over; a reminder only of what still holds."""
-        if delivery.reminder and not self._desk.holds(delivery):
-            self._desk.settle([self._ended(delivery, "It has ended, or was acknowledged.")])
+        if delivery.reminder and not self._store.holds(delivery):
+            self._store.settle([self._ended(delivery, "It has ended, or was acknowledged.")])
             return
-        lane.give(delivery)
+        queue.give(delivery)
 
     def _settle(self) -> None:
         """Make durable what has come of attempts, all at once."""
@@ -174,24 +179,24 @@ class Notifier:
             for one in settled
             if one.state == "delivered" and one.remind_s
         ]
-        self._desk.settle([one for one in settled if one.state != "failed"], reminders)
+        self._store.settle([one for one in settled if one.state != "failed"], reminders)
         for one in settled:
             if one.state == "failed":
-                self._desk.give_up(one)
+                self._store.give_up(one)
         with self._lock:
             del self._outcomes[: len(outcomes)]
         for one in settled:
-            self._lanes[one.receiver].settled(one)
+            self._queues[one.receiver].settled(one)
 
     def _after(self, outcome: Outcome, now_ns: int) -> Delivery:
-        """Tell what one is after an attempt: delivered, waiting for the next, or given up."""
+        """Return a delivery after an attempt: delivered, waiting for the next, or failed."""
         before = outcome.delivery
         tries = before.tries + 1
         if outcome.delivered:
             return before._replace(
                 state="delivered", tries=tries, ended_ns=now_ns, error=outcome.said
             )
-        pause = max(pause_s(self._settings, before.id, tries), outcome.wait_s)
+        pause = max(retry_delay_s(self._settings, before.id, tries), outcome.wait_s)
         due_ns = now_ns + round(pause * 1e9)
         failed = before._replace(tries=tries, error=outcome.said, due_ns=due_ns)
         if due_ns - before.created_ns > self._settings.max_age_s * 1e9:
@@ -199,25 +204,25 @@ class Notifier:
         return failed
 
     def _mind(self) -> None:
-        """Look at what is late, and at what has no receiver any more."""
+        """Handle late deliveries, and those without a receiver."""
         now_ns = self._now_ns()
         oldest_ns = now_ns - round(self._settings.max_age_s * 1e9)
         seen: set[tuple[object, ...]] = set()
-        for one in sorted(self._desk.late(_LATE), key=happened_ns, reverse=True):
-            if not self._desk.holds(one):
-                self._desk.settle([self._ended(one, "It had ended when it could be told.")])
+        for one in sorted(self._store.late(_LATE), key=happened_ns, reverse=True):
+            if not self._store.holds(one):
+                self._store.settle([self._ended(one, "It had ended when it could be told.")])
             elif (about := subject(one)) in seen:
-                self._desk.settle([self._ended(one, "A newer one tells the same.")])
-            elif self._desk.is_fresh(one):
+                self._store.settle([self._ended(one, "A newer one tells the same.")])
+            elif self._store.is_fresh(one):
                 seen.add(about)
-                self._desk.settle([one._replace(state="waiting", due_ns=now_ns)])
+                self._store.settle([one._replace(state="waiting", due_ns=now_ns)])
             elif one.created_ns < oldest_ns:
-                self._desk.settle([self._ended(one, "No newer reading has come.")])
+                self._store.settle([self._ended(one, "No newer reading has come.")])
             else:
                 seen.add(about)
-        for one in self._desk.unsendable(list(self._lanes), oldest_ns):
+        for one in self._store.unsendable(list(self._queues), oldest_ns):
             why = f"No receiver is called {one.receiver} any more."
-            self._desk.give_up(one._replace(state="failed", ended_ns=now_ns, error=why))
+            self._store.give_up(one._replace(state="failed", ended_ns=now_ns, error=why))
 
     def _ended(self, one: Delivery, why: str) -> Delivery:
         return one._replace(state="dropped", ended_ns=self._now_ns(), error=why)

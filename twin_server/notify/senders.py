@@ -1,14 +1,14 @@
-"""Kinds of receivers: settings in, what sends to them out."""
+"""Makes the sender of each declared receiver."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from twin_server.receivers import AlarmSettings
+from twin_server.events.receivers import AlarmSettings
 
 from .mail import Email
+from .message import Message, NotDeliveredError
 from .mqtt import Mqtt
-from .own import Own
-from .sending import Message, NotDeliveredError
+from .plugin import PluginSender
 from .webhook import Webhook
 
 
@@ -32,12 +32,12 @@ KINDS: Mapping[str, Callable[[Any], Sender]] = {
     "webhook": Webhook,
     "email": Email,
     "mqtt": Mqtt,
-    "own": Own,
+    "own": PluginSender,
 }
 
 
 def senders_of(settings: AlarmSettings) -> dict[str, Sender]:
-    """Make what sends to each receiver, by its name.
+    """Make the sender of each receiver, by its name.
 
     Raises
     ------

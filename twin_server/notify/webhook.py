@@ -1,4 +1,4 @@
-"""Events by HTTP: one POST each, signed, to the address that an operator has declared.
+"""Sends events by HTTP: one signed POST each to an address that an operator declared.
 
 No redirection is followed and no proxy of the environment is used: the request goes to that
 address or nowhere. Of the answer only the status is read.
@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from twin_server.receivers import WebhookReceiver
+from twin_server.events.receivers import WebhookReceiver
 
 from .deadlines import DEADLINES
-from .sending import Message, NotDeliveredError, plainly
-from .signing import SHORTEST, signature
+from .message import Message, NotDeliveredError, connection_error_text
+from .webhook_signature import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
+"""Longest wait that a receiver may ask for [s]."""
 
 
 class Webhook:
@@ -63,7 +64,9 @@ class Webhook:
                 with connection.getresponse() as answer:
                     status, wait = answer.status, answer.getheader("Retry-After")
             except (OSError, http.client.HTTPException) as error:
-                raise NotDeliveredError(f"The receiver: {plainly(error)}.") from error
+                raise NotDeliveredError(
+                    f"The receiver: {connection_error_text(error)}."
+                ) from error
             if 200 <= status < 300:
                 return ""
             raise NotDeliveredError(
@@ -123,5 +126,5 @@ def _socket(
 
 
 def _wait_s(told: str | None) -> float:
-    """How long a receiver asks to be left in peace; dates are not read."""
+    """Return the wait that a receiver asks for [s]; dates are not read."""
     return min(float(told), _LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0

@@ -1,32 +1,30 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
-from .auditing import Audit, audit
-from .compositing import CompositeRow
-from .copying import backup, restore
-from .diagnosing import DiagnosisRow
-from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .fatigue_rows import HOUR_NS, FatigueRow
-from .ledgering import HeadRow
-from .opening import is_url, open_store
-from .postgres import PostgresStore
-from .sqlite import SqliteStore, audit_file, look_through
-from .store import (
-    Cut,
+from twin_server.persist.tables.rows import (
     DetailRow,
     EventRow,
     FeatureRow,
-    History,
     RunRow,
     StateRow,
-    Store,
     TwinRow,
 )
+
+from .backups import backup, restore
+from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .factory import is_url, open_store
+from .ledger_audit import Audit, audit
+from .postgres import PostgresStore
+from .sqlite import SqliteStore, audit_file, verify_file
+from .store import History, Store, WriteBatch
+from .tables.composites import CompositeRow
+from .tables.diagnoses import DiagnosisRow
+from .tables.fatigue import HOUR_NS, FatigueRow
+from .tables.ledger import HeadRow
 
 __all__ = [
     "HOUR_NS",
     "Audit",
     "CompositeRow",
-    "Cut",
     "DamagedStoreError",
     "DetailRow",
     "DiagnosisRow",
@@ -42,12 +40,13 @@ __all__ = [
     "Store",
     "StoreError",
     "TwinRow",
+    "WriteBatch",
     "WrongStoreError",
     "audit",
     "audit_file",
     "backup",
     "is_url",
-    "look_through",
     "open_store",
     "restore",
+    "verify_file",
 ]

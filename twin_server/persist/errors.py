@@ -1,4 +1,4 @@
-"""What can be wrong with a store."""
+"""Exceptions of the store."""
 
 
 class WrongStoreError(RuntimeError):
@@ -10,4 +10,4 @@ class StoreError(RuntimeError):
 
 
 class DamagedStoreError(WrongStoreError, StoreError):
-    """What is kept is not what was written; the text says what to do."""
+    """Stored data are damaged; the text says what to do."""

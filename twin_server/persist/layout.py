@@ -1,4 +1,4 @@
-"""Layout of the SQLite file: how it is made, brought up to date, and looked through.
+"""Makes, migrates and verifies the layout of the database file.
 
 Beside the checksums of rows, triggers keep a tally of each table, how many rows it has and the
 sum of their checksums, so that a row that has vanished is noticed as well.
@@ -10,13 +10,10 @@ import sqlite3
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from twin_server.states import LAYOUT
+from twin_server.history.states import LAYOUT
 
 from .errors import DamagedStoreError
-from .hashing import Roller, Rolling
-from .ledgering import build_ledger
-from .levels import build
-from .sealing import (
+from .tables.checksums import (
     ACKNOWLEDGEMENTS,
     ASSET_EVENTS,
     COMPOSITES,
@@ -33,7 +30,10 @@ from .sealing import (
     TABLES,
     Table,
 )
-from .sql import insert_all
+from .tables.digests import HistoryHasher, RollingHash
+from .tables.ledger import build_ledger
+from .tables.levels import build
+from .tables.statements import insert
 
 logger = logging.getLogger(__name__)
 
@@ -61,13 +61,13 @@ LACKING: dict[int, tuple[Table, ...]] = {
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
 }
 """Tables that a database of a version before lacks."""
-_AT_ONCE = 2_000
+
 
 Tell = Callable[[str, int], None]
 
 
 def schema() -> str:
-    """All that makes an empty database."""
+    """Return the statements that make an empty database."""
     text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
     return text + _TALLIES + "".join(_triggers(table) for table in TABLES)
 
@@ -136,8 +136,8 @@ end;
 
 def damages(
     reader: sqlite3.Connection, tell: Tell | None = None
-) -> tuple[list[str], dict[str, Rolling]]:
-    """All that is not as it was written: pages, tables, rows, hashes; empty if all is sound.
+) -> tuple[list[str], dict[str, RollingHash]]:
+    """Return all damage of pages, tables, rows and hashes; empty if there is none.
 
     And of each twin the hash of its history, which the same pass has rolled.
     """
@@ -146,7 +146,7 @@ def damages(
         return found, {}
     tallies = {what: rest for what, *rest in reader.execute("select * from tallies")}
     try:
-        roller = Roller(reader)
+        roller = HistoryHasher(reader)
     except DamagedStoreError as error:
         return [str(error)], {}
     for table in TABLES:
@@ -212,7 +212,7 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
             writer.execute(statement)
         for table in TABLES:
             if table.name in names:
-                insert_all(writer, table, _old_rows(writer, table))
+                insert(writer, table, _old_rows(writer, table))
         _number_as_before(writer, names)
         build_levels(writer)
         build_ledger(writer)
@@ -237,7 +237,7 @@ def build_levels(writer: Any) -> None:
 
 
 def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
-    """Make what a version before lacked; all at once, or not at all."""
+    """Add the tables that an older version lacks, in one transaction."""
     tables = LACKING[version]
     writer.execute("begin immediate")
     try:
@@ -272,7 +272,7 @@ def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
     for what, table in (("event", EVENTS), ("diagnosis", DIAGNOSES)):
         value = last.get(f"old_{table.name}", last.get(table.name))
         if value is not None:
-            insert_all(writer, NUMBERS, [(what, value)])
+            insert(writer, NUMBERS, [(what, value)])
 
 
 def _statements(script: str) -> Iterable[str]:

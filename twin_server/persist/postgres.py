@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .hashing import Roller
 from .layout import (
     LACKING,
     VERSION,
@@ -21,9 +20,10 @@ from .layout import (
     postgres_lacking,
     postgres_schema,
 )
-from .ledgering import build_ledger
-from .sealing import FEATURES, LEDGER, LEVELS, TABLES
 from .sql import SqlStore
+from .tables.checksums import FEATURES, LEDGER, LEVELS, TABLES
+from .tables.digests import HistoryHasher
+from .tables.ledger import build_ledger
 
 GUARD = 0x736C6F77
 """Advisory lock of whoever writes."""
@@ -90,13 +90,13 @@ class PostgresStore(SqlStore):
             raise
 
     def verify(self, tell: Callable[[str, int], None] | None = None) -> None:
-        """Look through all rows; raise where any is not as it was written.
+        """Verify all rows; raise where one is damaged.
 
         Rows that vanished are the business of PostgreSQL's page checksums: switch them on when
         the cluster is made (``initdb --data-checksums``).
         """
         with self._reading() as reader:
-            roller = Roller(reader)
+            roller = HistoryHasher(reader)
             for table in TABLES:
                 rows = 0
                 for row in all_rows(reader, table):

@@ -14,9 +14,9 @@ from typing import Literal
 
 from slowtime_services.ledger import Head
 
-from .auditing import Audit, audit
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
+from .ledger_audit import Audit, audit
 from .sql import SqlStore
 
 LOCK_S = 10.0
@@ -76,7 +76,7 @@ class SqliteStore(SqlStore):
             raise
 
     def verify(self, tell: Callable[[str, int], None] | None = None) -> None:
-        """Look through everything; raise where anything is not as it was written.
+        """Verify the whole file; raise where anything is damaged.
 
         Parameters
         ----------
@@ -199,7 +199,7 @@ def open_reader(path: Path, lock_s: float = LOCK_S) -> sqlite3.Connection:
     )
 
 
-def look_through(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
+def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
     """Verify a database that a server may be writing; raise where anything is damaged."""
     with _told(path), contextlib.closing(open_reader(path)) as reader:
         application, version = (
@@ -232,7 +232,7 @@ def audit_file(
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Say what is wrong with a file, and what to do."""
+    """Describe what is wrong with a file, and what to do."""
     try:
         yield
     except UnicodeDecodeError as error:  # of a message that quotes the file

@@ -1,4 +1,4 @@
-"""What the twin asks of its memory: one narrow interface, so that another can stand behind it.
+"""The interface of the store, behind which SQLite or PostgreSQL stands.
 
 One thread writes, in cuts: all that follows from a batch becomes durable together, or not at
 all. Any thread reads, and sees whole cuts only.
@@ -9,85 +9,29 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
-from twin_server.asset_events import AssetEventRow
-from twin_server.buckets import Buckets
-from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
-from twin_server.details import Bodies, Detail
-from twin_server.states import States
+from twin_server.events.asset_events import AssetEventRow
+from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.history.buckets import Buckets
+from twin_server.history.details import Bodies
+from twin_server.history.states import States
+from twin_server.persist.tables.rows import (
+    DetailRow,
+    EventRow,
+    FeatureRow,
+    RunRow,
+    StateRow,
+    TwinRow,
+)
 
-from .compositing import CompositeRow
-from .diagnosing import DiagnosisRow
-from .fatigue_rows import FatigueRow
-from .ledgering import HeadRow
-
-
-class TwinRow(NamedTuple):
-    """A twin as it is kept."""
-
-    site: str
-    asset: str
-    registration: str
-    checkpoint: str
-
-    @property
-    def id(self) -> str:
-        """What everybody else calls it."""
-        return f"{self.site}.{self.asset}"
-
-
-class RunRow(NamedTuple):
-    """A boot and its account as they are kept."""
-
-    number: int
-    site: str
-    asset: str
-    boot: str
-    slow_time_unit: str
-    next: int
-    last: int
-    last_t_ns: int
-    told: int
-    closed: bool
-    lost: str
-    """JSON of the ranges that were passed over."""
-
-
-class FeatureRow(NamedTuple):
-    """Features in order, with the state they led to."""
-
-    number: int
-    sequence: int
-    t_ns: int
-    slow_time: float
-    message: bytes
-    state: bytes
-
-
-class DetailRow(NamedTuple):
-    """What some features led to beside their state, of a twin of elements."""
-
-    number: int
-    sequence: int
-    changes: bytes
-    body: bytes
-
-
-class EventRow(NamedTuple):
-    """An event as it is kept; `number` counts all events of a store, 0 before it is kept."""
-
-    number: int
-    site: str
-    asset: str
-    t_ns: int
-    slow_time: float | None
-    derived: bool
-    """Whether it follows from the features, so that estimating anew makes it anew."""
-    body: str
+from .tables.composites import CompositeRow
+from .tables.diagnoses import DiagnosisRow
+from .tables.fatigue import FatigueRow
+from .tables.ledger import HeadRow
 
 
 @dataclasses.dataclass(slots=True)
-class Cut:
-    """All that becomes durable together."""
+class WriteBatch:
+    """Rows that become durable in one transaction."""
 
     twins: list[TwinRow] = dataclasses.field(default_factory=list)
     runs: list[RunRow] = dataclasses.field(default_factory=list)
@@ -117,16 +61,7 @@ class History(NamedTuple):
     """Detail of each state; empty where none has any."""
 
 
-class StateRow(NamedTuple):
-    """State of some features, made anew."""
-
-    number: int
-    sequence: int
-    state: bytes
-    detail: Detail | None = None
-
-
-class Thinned(NamedTuple):
+class ThinnedHistory(NamedTuple):
     """Part of a history: some states that show what all of them show."""
 
     history: History
@@ -153,7 +88,7 @@ class Store(Protocol):
         """Boot number, sequence and bytes of all features kept until their turn."""
         ...
 
-    def write(self, cut: Cut) -> list[int]:
+    def write(self, cut: WriteBatch) -> list[int]:
         """Make `cut` durable; give the numbers of its events."""
         ...
 
@@ -208,7 +143,7 @@ class Store(Protocol):
         *,
         t_ns: tuple[int | None, int | None] = (None, None),
         slow_time: tuple[float | None, float | None] = (None, None),
-    ) -> Thinned:
+    ) -> ThinnedHistory:
         """At most `max_points` states between two times, and what all of them show.
 
         It costs about the same whether there are a thousand states or a million.
@@ -216,7 +151,7 @@ class Store(Protocol):
         ...
 
     def count(self, twin_id: str) -> int:
-        """How many features a twin has."""
+        """Count the features of a twin."""
         ...
 
     def digest(self, twin_id: str) -> tuple[str, int]:
@@ -284,11 +219,11 @@ class Store(Protocol):
         ...
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
-        """Who has taken note of which alarms of a twin, by the identity of the event."""
+        """Read the acknowledged alarms of a twin, by the identity of the event."""
         ...
 
     def composites(self, composite: str | None = None) -> list[CompositeRow]:
-        """All that was registered of composites, or of one, in order."""
+        """Read the registrations of composites, or of one, in order."""
         ...
 
     def add_composites(self, rows: Sequence[CompositeRow]) -> None:

@@ -1,33 +1,33 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
-from .alarming import Alarms, Bell
+from .alarms import Alarms, NotifierTrigger
 from .asset_events import AssetEvents, orders_in
-from .compositing import Compositions
-from .core import Pipeline
-from .knowledge import Herald, TwinKnowledge
-from .lookout import Lookout
-from .news import Listener, News
-from .ordering import Orders
+from .composites import CompositeRegistry
+from .diagnoses.orders import Diagnoses
+from .feature_traces import FeatureTraces
+from .ingestion.pipeline import Pipeline
+from .ingestion.updates import TwinUpdate, UpdateListener
+from .knowledge import LiveUpdates, TwinKnowledge
+from .monitoring.model_changes import ModelChangeMonitor
 from .recordings import Recordings
-from .tracing import Tracing
-from .workers import Here, Processes, Workers
+from .workers.processes import CallerThread, WorkerProcesses, Workers
 
 __all__ = [
     "Alarms",
     "AssetEvents",
-    "Bell",
-    "Compositions",
-    "Herald",
-    "Here",
-    "Listener",
-    "Lookout",
-    "News",
-    "Orders",
+    "CallerThread",
+    "CompositeRegistry",
+    "Diagnoses",
+    "FeatureTraces",
+    "LiveUpdates",
+    "ModelChangeMonitor",
+    "NotifierTrigger",
     "Pipeline",
-    "Processes",
     "Recordings",
-    "Tracing",
     "TwinKnowledge",
+    "TwinUpdate",
+    "UpdateListener",
+    "WorkerProcesses",
     "Workers",
     "orders_in",
 ]

@@ -1,4 +1,4 @@
-"""Orders to record events of assets in; what was recorded, and what is asked, out."""
+"""Checks and records events of assets, and lists them with open questions."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from slowtime_schemas.asset_events import AssetEvent
 from slowtime_services.clock import Clock, SystemClock
-from twin_server.asset_events import (
+from twin_server.events.asset_events import (
     MOST_KEPT,
     QUESTION,
     AssetEventOrder,
@@ -18,12 +18,12 @@ from twin_server.asset_events import (
     is_same,
     sentence,
 )
-from twin_server.deliveries import identity
+from twin_server.events.deliveries import identity
 from twin_server.persist import Store
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 
-from .core import Pipeline
+from .ingestion.pipeline import Pipeline
 
 MOST_EVENTS = 10_000
 """Newest events of a twin among which questions are looked for."""

@@ -1,4 +1,4 @@
-"""What pipeline and store know together, as those who serve it ask for it."""
+"""Answers the requests of the serve stage from store, pipeline and analysis."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,23 +8,23 @@ from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Fatigue
 from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
-from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
+from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
-from twin_server.registration import Registration
-from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
-from twin_server.thresholds import Limit
+from twin_server.registration.thresholds import Limit
+from twin_server.registration.twin import Registration
+from twin_server.serve import HistoryPart, Hub, Moment, ProblemError, TwinForecast
 
-from .alarming import raised_of
-from .assessing import Assessing
-from .core import Pipeline
-from .fatigue import fatigue_of
-from .news import News
-from .planning import STALE, Planning
-from .prospects import Prospects
-from .routing import UnknownReceiverError
-from .simulating import Simulating
-from .workers import Here, Workers
+from .alarms import raised_of
+from .analysis.fatigue import fatigue_of
+from .analysis.forecast_cache import ForecastCache
+from .analysis.plans import STALE, PlanCache
+from .analysis.risk import RiskCache
+from .analysis.simulations import Simulations
+from .ingestion.pipeline import Pipeline
+from .ingestion.routing import UnknownReceiverError
+from .ingestion.updates import TwinUpdate
+from .workers.processes import CallerThread, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
@@ -53,20 +53,20 @@ class TwinKnowledge:
         workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
-        self._workers = workers or Here()
-        self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
+        self._workers = workers or CallerThread()
+        self.prospects = ForecastCache(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
-        self._assessing = Assessing(pipeline, store, self.prospects, self._workers)
-        self._planning = Planning(pipeline, store, self.prospects, self._workers)
+        self._assessing = RiskCache(pipeline, store, self.prospects, self._workers)
+        self._planning = PlanCache(pipeline, store, self.prospects, self._workers)
         effects = pipeline.settings.diagnose.effects
-        self._simulating = Simulating(store, self._workers, effects)
+        self._simulating = Simulations(store, self._workers, effects)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
         return [twin.id for twin in self._store.twins()]
 
     def registration(self, twin_id: str) -> Registration | None:
-        """How a twin is registered; None where there is none."""
+        """Return the registration of a twin; None where there is none."""
         twin = self._pipeline.twin(twin_id)
         return None if twin is None else twin.registration
 
@@ -103,7 +103,7 @@ class TwinKnowledge:
         """Give the alarms that are raised now: quantity, side and limit of each."""
         return raised_of(self._pipeline.twin(twin_id))
 
-    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+    def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
         """Find the last state, now or at a moment: one, or none."""
         at = at or Moment()
         return _chapter(
@@ -118,7 +118,7 @@ class TwinKnowledge:
 
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
-    ) -> Chapter:
+    ) -> HistoryPart:
         """States between two moments; of too many, those that show what all of them show."""
         start, end = start or Moment(), end or Moment()
         found = self._store.thinned(
@@ -129,7 +129,7 @@ class TwinKnowledge:
         )
         return _chapter(found.history)._replace(bands=found.bands)
 
-    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+    def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
         """States behind the one of `key`."""
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
@@ -141,8 +141,8 @@ class TwinKnowledge:
         count: int,
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
-    ) -> Outlook | None:
-        """Where a twin is heading, or was at a moment; None where too little was known."""
+    ) -> TwinForecast | None:
+        """Forecast a twin from now or from an instant; None where too little is known."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return None
@@ -153,14 +153,14 @@ class TwinKnowledge:
         known = self.prospects.at(twin_id, at.t_ns, at.slow_time)
         if known is None:
             return None
-        return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
+        return _outlook(forecast_from_state(known[0], ahead, count, thresholds), known[1])
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Tell how probable failure is by each limit state of a twin."""
+        """Return the failure probability of a twin by each of its limit states."""
         return self._assessing.risk(twin_id, horizon)
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
         return self._planning.plan(twin_id, stale=STALE if stale else 0)
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
@@ -170,7 +170,7 @@ class TwinKnowledge:
             self._simulating.check(twin, order)
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
-        """Tell what a twin would do under a load, as JSON."""
+        """Simulate a twin under a load, and return the response as JSON."""
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
         if twin is None or not len(found.states):
@@ -179,7 +179,7 @@ class TwinKnowledge:
                 "not-known-yet",
                 f"There are no features of {twin_id} yet. Start the edge agent.",
             )
-        now = now_of(self.prospects.prospect(twin_id))
+        now = current_changes(self.prospects.prospect(twin_id))
         return self._simulating.run(twin_id, twin, found, now, order)
 
     def events(
@@ -225,7 +225,7 @@ class TwinKnowledge:
         return self._pipeline.delete(twin_id)
 
     def troubles(self) -> list[str]:
-        """Say what keeps this server from its work, in sentences; none where all is well."""
+        """Return sentences on what keeps this server from working; none where all is well."""
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
@@ -247,21 +247,21 @@ class TwinKnowledge:
         return {**self._pipeline.counts, **self._pipeline.tallies(), "callback_errors": errors}
 
     def refused(self) -> Mapping[str, int]:
-        """How often each reason for refusal was given."""
+        """Return the number of refusals for each reason."""
         return self._pipeline.refusals.counts
 
     def gauges(self) -> Mapping[str, Any]:
-        """How things are now."""
+        """Return the gauges of the server."""
         return {**self._pipeline.gauges(), "forecasts_due": self.prospects.due}
 
 
-class Herald:
+class LiveUpdates:
     """Tells the live stream what is new."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: TwinUpdate) -> None:
         """Hand on what is new of one twin."""
         self._hub.tell(news.twin_id, news.states, news.runs, news.events, news.bodies)
 
@@ -270,8 +270,8 @@ class Herald:
         self._hub.reset(twin_id)
 
 
-def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
-    return Outlook(
+def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
+    return TwinForecast(
         foresight.since,
         foresight.slow_time,
         foresight.bands,
@@ -285,9 +285,9 @@ def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
     )
 
 
-def _chapter(found: History) -> Chapter:
+def _chapter(found: History) -> HistoryPart:
     boots = [found.boots[number] for number in found.number]
-    return Chapter(
+    return HistoryPart(
         found.states,
         [
             number << SHIFT | sequence

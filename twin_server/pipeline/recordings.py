@@ -1,4 +1,4 @@
-"""Recordings that the server keeps: taken in once they are sound, and played to its twins."""
+"""Keeps uploaded recordings that are sound, and replays them to the twins of the server."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ from slowtime_services.replay import (
     replay,
 )
 from twin_server.serve import ProblemError
-from twin_server.serve.recordings import NAME, Reaches
+from twin_server.serve.routes.recordings import NAME, Reaches
 from twin_server.settings import RecordingSettings
 
 logger = logging.getLogger(__name__)
@@ -63,7 +63,7 @@ class _Replay:
 
 
 class Recordings:
-    """What the door asks of recordings.
+    """The recordings of the server, and their replay.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Recordings:
         return {"kept": self._folder is not None, "max_bytes": limit, "recordings": found}
 
     def path(self, name: str, reaches: Reaches) -> Path:
-        """Where one is that may be seen."""
+        """Return the path of a recording that the caller may see."""
         kept = {path.name: path for path in self._paths()}
         found = kept.get(name)
         look = self._look(found) if found else None

@@ -1,24 +1,24 @@
 """Last stage of the twin: what is known goes out by HTTP, as JSON, as events, as a page."""
 
 from .api import create_app
-from .diagnoses import Ordering
-from .forecasts import foretell
-from .knowledge import Chapter, Knowledge, Outlook
-from .lanes import Lane
+from .http.compute_queue import ComputeQueue
+from .http.problems import ProblemError
+from .instants import Moment
+from .knowledge import HistoryPart, Knowledge, TwinForecast
 from .live import Hub
-from .moments import Moment
-from .plans import fleet_answer
-from .problems import ProblemError
+from .routes.diagnoses import DiagnosisService
+from .routes.forecasts import foretell
+from .routes.plans import fleet_answer
 
 __all__ = [
-    "Chapter",
+    "ComputeQueue",
+    "DiagnosisService",
+    "HistoryPart",
     "Hub",
     "Knowledge",
-    "Lane",
     "Moment",
-    "Ordering",
-    "Outlook",
     "ProblemError",
+    "TwinForecast",
     "create_app",
     "fleet_answer",
     "foretell",

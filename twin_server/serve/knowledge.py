@@ -1,4 +1,4 @@
-"""What the door asks of the house behind it."""
+"""The protocol by which the serve stage reads twins, histories and forecasts."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.degradation import RemainingLife
-from twin_server.buckets import Buckets
-from twin_server.details import Bodies
+from twin_server.history.buckets import Buckets
+from twin_server.history.details import Bodies
+from twin_server.history.states import States
 from twin_server.orders import SimulationOrder
-from twin_server.registration import Registration
-from twin_server.states import States
-from twin_server.thresholds import Limit
+from twin_server.registration.thresholds import Limit
+from twin_server.registration.twin import Registration
 
-from .moments import Moment
+from .instants import Moment
 
 
-class Chapter(NamedTuple):
+class HistoryPart(NamedTuple):
     """Part of a twin's history."""
 
     states: States
@@ -32,8 +32,8 @@ class Chapter(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Outlook:
-    """What is expected of a twin; value, sd, lo and hi at each slow time.
+class TwinForecast:
+    """Forecast of a twin: value, sd, lo and hi at each slow time.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class Outlook:
 
 
 class Knowledge(Protocol):
-    """All that REST, the live stream and the metrics are made of."""
+    """What REST, live stream and metrics read and change of twins."""
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
         ...
 
     def registration(self, twin_id: str) -> Registration | None:
-        """How a twin is registered; None where there is none."""
+        """Return the registration of a twin; None where there is none."""
         ...
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
@@ -99,17 +99,17 @@ class Knowledge(Protocol):
         """Give the alarms that are raised now: quantity, side and limit of each."""
         ...
 
-    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+    def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
         """Find the last state, now or at a moment: one, or none."""
         ...
 
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
-    ) -> Chapter:
+    ) -> HistoryPart:
         """States between two moments; of too many, those that show what all of them show."""
         ...
 
-    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+    def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
         """States behind the one of `key`."""
         ...
 
@@ -120,15 +120,15 @@ class Knowledge(Protocol):
         count: int,
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
-    ) -> Outlook | None:
-        """Where a twin is heading, or was at a moment; None where too little was known."""
+    ) -> TwinForecast | None:
+        """Forecast a twin from now or from an instant; None where too little is known."""
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Tell how probable failure is by each limit state of a twin."""
+        """Return the failure probability of a twin by each of its limit states."""
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
         ...
 
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
@@ -148,7 +148,7 @@ class Knowledge(Protocol):
         ...
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
-        """Tell what a twin would do, as JSON; what cannot be run is a `ProblemError`."""
+        """Simulate a twin, and return the response as JSON; refusals are a `ProblemError`."""
         ...
 
     def events(
@@ -170,7 +170,7 @@ class Knowledge(Protocol):
         ...
 
     def troubles(self) -> list[str]:
-        """Say what keeps this server from its work, in sentences; none where all is well."""
+        """Return sentences on what keeps this server from working; none where all is well."""
         ...
 
     def counts(self) -> Mapping[str, int]:
@@ -178,9 +178,9 @@ class Knowledge(Protocol):
         ...
 
     def refused(self) -> Mapping[str, int]:
-        """How often each reason for refusal was given."""
+        """Return the number of refusals for each reason."""
         ...
 
     def gauges(self) -> Mapping[str, Any]:
-        """How things are now."""
+        """Return the gauges of the server."""
         ...

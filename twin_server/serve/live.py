@@ -17,16 +17,20 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from twin_server.details import Bodies, part
-from twin_server.rendering import event_object, state_objects
-from twin_server.states import States
+from twin_server.history.details import Bodies, part
+from twin_server.history.rendering import event_object, state_objects
+from twin_server.history.states import States
 
 from .knowledge import Knowledge
 
 logger = logging.getLogger(__name__)
 
 PING_S = 10.0
+"""Interval of comments that keep a stream open [s]."""
+
 STUCK_S = 15.0
+"""Time after which a client that takes nothing is cut off [s]."""
+
 SHIFT = 40
 """A key is number << SHIFT | sequence, as in the history."""
 
@@ -40,12 +44,12 @@ class Item(NamedTuple):
 
     @classmethod
     def of_state(cls, key: int, text: str) -> "Item":
-        """Tell of a state."""
+        """Make the item of a state."""
         return cls(key, 0, f"event: state\ndata: {text}\n\n")
 
     @classmethod
     def of_event(cls, number: int, body: str) -> "Item":
-        """Tell of an event."""
+        """Make the item of an event."""
         text = to_json(event_object(number, body)).decode()
         return cls(0, number, f"event: event\ndata: {text}\n\n")
 
@@ -141,7 +145,7 @@ class Hub:
         events: Sequence[tuple[int, str]],
         bodies: Bodies = (),
     ) -> None:
-        """Tell what is new of a twin; costs nothing where nobody watches it."""
+        """Pass items of a twin to its clients; costs nothing where there are none."""
         if twin_id not in self._clients:
             return
         # More at once than a client may be behind: it fetches the history again instead.
@@ -158,7 +162,7 @@ class Hub:
         self._hand_over(twin_id, items)
 
     def reset(self, twin_id: str) -> None:
-        """Tell that a twin's history is another one now."""
+        """Tell clients that a twin's history has been rewritten or deleted."""
         if twin_id in self._clients:
             self._hand_over(twin_id, [RESET])
 

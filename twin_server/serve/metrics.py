@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from pydantic_core import from_json
 
-from twin_server.states import ESTIMATES
+from twin_server.history.states import ESTIMATES
 
-from .alarms import Alarming
+from .http.compute_queue import WAYS, ComputeQueue
 from .knowledge import Knowledge
-from .lanes import WAYS, Lane
+from .routes.alarms import AlarmService
 
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
@@ -73,15 +73,15 @@ def exposition(
     live_clients: int,
     dropped_clients: int,
     most_assets: int,
-    lane: Lane | None = None,
-    alarming: Alarming | None = None,
+    queue: ComputeQueue | None = None,
+    alarm_service: AlarmService | None = None,
 ) -> str:
     """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
     for name, kind, says, metrics in (
         *_server(knowledge, live_clients, dropped_clients),
-        *(() if lane is None else _work(lane)),
-        *(() if alarming is None else _deliveries(alarming)),
+        *(() if queue is None else _work(queue)),
+        *(() if alarm_service is None else _deliveries(alarm_service)),
     ):
         lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
     ids = knowledge.ids()
@@ -114,27 +114,29 @@ def _server(
         yield name, "gauge", says, [Metric({}, gauges.get(name, 0))]
 
 
-def _work(lane: Lane) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+def _work(queue: ComputeQueue) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     yield (
         "work_waiting",
         "gauge",
         "Requests that wait to be computed.",
-        [Metric({}, lane.waiting)],
+        [Metric({}, queue.waiting)],
     )
     yield (
         "work_running",
         "gauge",
         "Requests that are being computed.",
-        [Metric({}, lane.running)],
+        [Metric({}, queue.running)],
     )
-    ends = [Metric({"end": word}, lane.counts[word]) for word in WAYS]
+    ends = [Metric({"end": word}, queue.counts[word]) for word in WAYS]
     yield "work_total", "counter", "Requests that take long, by what became of them.", ends
 
 
-def _deliveries(alarming: Alarming) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+def _deliveries(
+    alarm_service: AlarmService,
+) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     counts: dict[tuple[str, str], int] = {}
     oldest_ns: dict[str, int] = {}
-    for tally in alarming.tallies():
+    for tally in alarm_service.tallies():
         key = tally.receiver, tally.state
         counts[key] = counts.get(key, 0) + tally.number
         if tally.state == "waiting":

@@ -1,8 +1,8 @@
 """Bytes of a live sensor in; blocks with indices, times and an account of losses out."""
 
-from .registry import SCHEMES, Opened, Scheme, Surroundings, check, importing
+from .counts import COUNTERS
+from .registry import SCHEMES, Opened, Scheme, TransportContext, check, importing
 from .sensor import LiveSource
-from .tally import COUNTERS
 
 __all__ = [
     "COUNTERS",
@@ -10,7 +10,7 @@ __all__ = [
     "LiveSource",
     "Opened",
     "Scheme",
-    "Surroundings",
+    "TransportContext",
     "check",
     "importing",
 ]

@@ -1,4 +1,4 @@
-"""What transports deliver and layouts make of it."""
+"""Packets of transports, and the batches of samples that layouts decode from them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The thread that reads: packets in, batches in a bounded queue; it ends when it is told to."""
+"""Reads packets in a thread, and puts their batches into a bounded queue."""
 
 import logging
 import threading
@@ -9,9 +9,9 @@ from typing import Protocol, runtime_checkable
 from slowtime_services.bus import Inbox
 
 from .batch import Batch, GarbledError, Packet
-from .decoding import AnyLayout, Decoder
-from .framing import Framer
-from .tally import Tally
+from .counts import SampleCounts
+from .formats.decoding import AnyLayout, Decoder
+from .formats.framing import Framer
 
 logger = logging.getLogger(__name__)
 
@@ -21,7 +21,7 @@ BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 @runtime_checkable
 class Transport(Protocol):
-    """Something that delivers packets."""
+    """A source of packets."""
 
     is_stream: bool
     """Whether packets are pieces of a stream, with borders to be found in it."""
@@ -42,7 +42,7 @@ class Transport(Protocol):
 
 
 @runtime_checkable
-class Describing(Protocol):
+class DescribingTransport(Protocol):
     """A transport whose first message says what the others hold."""
 
     def describe(self, stop: threading.Event) -> tuple[AnyLayout, float] | None:
@@ -51,7 +51,7 @@ class Describing(Protocol):
 
 
 @runtime_checkable
-class Restarted(Protocol):
+class RestartingTransport(Protocol):
     """A transport that runs code of somebody else, and starts it again where that ends."""
 
     pauses_s: Sequence[float]
@@ -77,14 +77,14 @@ class Reader:
         decoders: Mapping[str, Decoder],
         framer: Framer | None,
         inbox: Inbox[Batch],
-        tally: Tally,
+        tally: SampleCounts,
         stop: threading.Event,
     ) -> None:
         self._transport, self._decoders, self._framer = transport, decoders, framer
         self._inbox, self._tally, self._stop = inbox, tally, stop
         self._garbled = self._garbled_bytes = 0
         self._dropped = 0
-        self._restarted = transport if isinstance(transport, Restarted) else None
+        self._restarted = transport if isinstance(transport, RestartingTransport) else None
         self._thread = threading.Thread(target=self._run, name="sensor", daemon=True)
 
     def start(self) -> None:

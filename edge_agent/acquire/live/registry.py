@@ -1,4 +1,4 @@
-"""The schemes of live sources: which class reads each, what it needs, how its URL looks."""
+"""The registry of URL schemes of live sources."""
 
 import dataclasses
 import importlib
@@ -11,14 +11,14 @@ from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
 from slowtime_services.plugins import plugins
 
-from .decoding import AnyLayout, Decoder
+from .formats.decoding import AnyLayout, Decoder
 
 if TYPE_CHECKING:
     from .reader import Transport
 
 
-class Surroundings(NamedTuple):
-    """What a transport may use besides its settings."""
+class TransportContext(NamedTuple):
+    """Clock, bus and twin id that a transport may use besides its settings."""
 
     clock: Clock
     bus: Bus | None = None
@@ -37,7 +37,7 @@ class Opened(NamedTuple):
     """For messages that are no layout's."""
 
 
-Open = Callable[[LiveInput, Surroundings], Opened]
+Open = Callable[[LiveInput, TransportContext], Opened]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +182,7 @@ def scheme_of(url: str) -> Scheme:
             f"such as {SCHEMES['mqtt'].example}."
         )
     brought = f"of {own[name].distribution} {own[name].version}"
-    return Scheme(name=name, says=brought, example=f"{name}:", opens="own")
+    return Scheme(name=name, says=brought, example=f"{name}:", opens="plugin")
 
 
 def check(settings: LiveInput) -> Scheme:
@@ -195,7 +195,7 @@ def check(settings: LiveInput) -> Scheme:
     """
     scheme = scheme_of(settings.source)
     unknown = sorted(set(settings.parameters) - set(scheme.parameters))
-    if unknown and scheme.opens != "own":
+    if unknown and scheme.opens != "plugin":
         allowed = ", ".join(scheme.parameters) or "none but layout and limits"
         raise ValueError(f"{scheme.name}: has no parameter {unknown}. Allowed: {allowed}.")
     importing(scheme)

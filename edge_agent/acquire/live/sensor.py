@@ -1,4 +1,4 @@
-"""A live sensor as a source: reader thread, queue, places, blocks with their times."""
+"""A live sensor as a source of blocks: reader thread, queue, indices and times."""
 
 import logging
 import threading
@@ -14,22 +14,24 @@ from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock
 from slowtime_services.files.conversion import scaling_of
 
-from .assembly import Assembler, Run
 from .batch import Batch
-from .bursts import Backlog, Bursts
-from .counters import ByCounter
-from .decoding import AnyLayout, Decoder, decoder_of
-from .framing import framer_of
-from .positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
-from .rates import RateWatch
-from .reader import Describing, Reader
+from .counts import SampleCounts
+from .formats.decoding import AnyLayout, Decoder, decoder_of
+from .formats.framing import framer_of
+from .indexing.assembly import Assembler, Run
+from .indexing.bursts import Backlog, Bursts
+from .indexing.counters import ByCounter
+from .indexing.positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
+from .rate_changes import RateWatch
+from .reader import DescribingTransport, Reader
 from .registry import Opened
-from .tally import Tally
-from .timing import Timing
+from .timestamps import Timing
 
 logger = logging.getLogger(__name__)
 
 IDLE_S = 0.1
+"""Time that the queue is waited for before silence is looked at [s]."""
+
 STEADY_NS = 1_000_000_000
 """A clock that is set back by more has been set back."""
 
@@ -48,7 +50,7 @@ class LiveSource:
     ) -> None:
         self._settings, self._opened = settings, opened
         self._clock, self._stop = clock, stop
-        self.tally = Tally()
+        self.tally = SampleCounts()
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
         self._reader: Reader | None = None
         self._dropped = 0
@@ -97,7 +99,7 @@ class LiveSource:
     def __iter__(self) -> Iterator[Block]:
         """Blocks, until the source ends or the agent is stopped."""
         self._heard_ns = self._clock.now_ns()
-        if self._reader is None and isinstance(self._opened.transport, Describing):
+        if self._reader is None and isinstance(self._opened.transport, DescribingTransport):
             described = self._opened.transport.describe(self._stop)
             if described is not None:
                 self._prepare(*described)

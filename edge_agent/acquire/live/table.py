@@ -1,11 +1,11 @@
-"""The tables of docs/live.md, out of the registry of schemes and the names of counters."""
+"""Writes the tables of docs/live.md from the registry of schemes and the counters."""
 
 import re
 import sys
 from pathlib import Path
 
+from .counts import COUNTERS
 from .registry import SCHEMES
-from .tally import COUNTERS
 
 
 def schemes() -> str:
@@ -31,7 +31,7 @@ def counters() -> str:
 
 
 def filled(text: str) -> str:
-    """Put both tables in their places."""
+    """Replace both tables in the text of a page."""
     for place, table in (("table", schemes()), ("counters", counters())):
         pattern = rf"(<!-- {place} -->\n).*?(<!-- end -->)"
         text = re.sub(pattern, lambda m, t=table: f"{m[1]}\n{t}\n\n{m[2]}", text, flags=re.S)  # type: ignore[misc]

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.diagnosis import Diagnosis, Surface, Traces
 from slowtime.dynamics.description import Sensor
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.reports import Chart
 
 from .words import named, placed

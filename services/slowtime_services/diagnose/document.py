@@ -16,8 +16,8 @@ from slowtime.discrepancy.diagnosis import (
 )
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
-from slowtime_schemas import diagnosis_file as file
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files import diagnosis as file
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 
 HUGE = 1e300
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.history_diagnosis import HistoryEffect, HistoryReport, diagnose_history
-from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
+from slowtime_schemas.files.slow_diagnosis import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.dynamics.description import Beam, Description
-from slowtime_schemas.diagnosis_file import DiagnosisFile, FoundEffect, Rival
+from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, write_page
 
 from .charts import gap_chart, residual_charts, run_charts, surface_chart

@@ -12,7 +12,7 @@ from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.work import metered
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 
 from .campaign import gather
 from .compiling import compiling_s

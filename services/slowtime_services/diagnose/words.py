@@ -2,7 +2,7 @@
 
 import re
 
-from slowtime_schemas.diagnosis_file import Estimated
+from slowtime_schemas.files.diagnosis import Estimated
 
 UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
 """A unit at the end of a parameter's name."""

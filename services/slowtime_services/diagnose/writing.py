@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from slowtime.discrepancy.diagnosis import Diagnosis, Surface
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.models import model_text
 
 from .page import write_report

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from slowtime_schemas.modes_file import FoundMode, ModesFile
+from slowtime_schemas.files.modes import FoundMode, ModesFile
 
 HEADINGS = (
     "frequency_hz", "frequency_sd_hz", "damping_ratio", "damping_ratio_sd", "correlation",

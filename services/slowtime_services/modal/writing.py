@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from slowtime_schemas.modes_file import FoundMode, ModesFile
+from slowtime_schemas.files.modes import FoundMode, ModesFile
 from slowtime_services.files import RecordError
 from slowtime_services.files.units import Motion, unit_of
 

@@ -11,8 +11,8 @@ from pydantic_core import ErrorDetails
 
 from slowtime.dynamics.description import Description, DescriptionError
 from slowtime.dynamics.effects import Kind, read_effects
-from slowtime_schemas import model_file as schema
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files import model as schema
+from slowtime_schemas.files.model import ModelFile
 from slowtime_services.descriptions import description_of
 
 from .lines import Path, YamlError, read_with_lines

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from slowtime.dynamics.description import Beam, Description, Element
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 
 from .core_schema import CoreDumper
 

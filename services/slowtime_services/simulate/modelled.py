@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from slowtime.dynamics.description import Description, DescriptionError, assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.files.model import ModelFile
 
 from .fields import NotNegative, Positive
 from .listening import Record, Simulated

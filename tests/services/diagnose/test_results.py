@@ -10,7 +10,7 @@ import pytest
 from slowtime.discrepancy.diagnosis import Experiment, Rival
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
-from slowtime_schemas.diagnosis_file import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.diagnose import document_of, write_results
 from slowtime_services.diagnose.charts import residual_charts
 from slowtime_services.models import read_description

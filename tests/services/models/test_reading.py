@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from slowtime.dynamics.builders import beam, chain, shear_frame
 from slowtime.dynamics.description import Tolerance, assemble
-from slowtime_schemas.documents import DOCUMENTS
+from slowtime_schemas.files.registry import DOCUMENTS
 from slowtime_schemas.frozen import folder
 from slowtime_services.models import (
     MAX_BYTES,

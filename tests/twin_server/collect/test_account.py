@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Health
 from twin_server.collect import DAMAGED, Account, Arrival, Change, Holding
-from twin_server.settings import HealingSettings
+from twin_server.settings import BackfillSettings
 
-HEALING = HealingSettings(
+HEALING = BackfillSettings(
     grace_s=1.0, backoff_s=1.0, max_backoff_s=4.0, tries=2, foreign_patience_s=5.0, max_held=50
 )
 

@@ -8,8 +8,8 @@ from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.record import RecordingWriter
 from twin_server.diagnose import NoSamplesError, Task, pieces_of, within
-from twin_server.diagnose.fast import _pieces
 from twin_server.diagnose.samples import held_back
+from twin_server.diagnose.samples_diagnosis import _pieces
 from twin_server.orders import DiagnosisOrder
 
 RATE = 100.0

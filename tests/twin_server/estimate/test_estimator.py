@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from slowtime_schemas.messages import Mode
 from slowtime_schemas.quantities import Quantity
-from twin_server import states as rows
 from twin_server.estimate import Checkpoint, Twin, estimate
-from twin_server.registration import Registration
+from twin_server.history import states as rows
+from twin_server.registration.twin import Registration
 
 NOMINAL = {"frequency_hz": 3.0, "damping_ratio": 0.02}
 

@@ -7,7 +7,7 @@ import pytest
 from slowtime_schemas.quantities import RENEWALS
 from slowtime_services.simulate import Fatigue, SimulatedFrame, SimulatedStructure
 from twin_server.estimate import Checkpoint, Twin, estimate
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 
 NOMINAL = {"frequency_hz": 3.0, "damping_ratio": 0.02}
 

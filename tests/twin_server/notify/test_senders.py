@@ -14,10 +14,10 @@ from pydantic import TypeAdapter, ValidationError
 from slowtime_schemas.messages import Event
 from slowtime_services.credentials import Authority
 from tests.twin_server.notify.conftest import SECRET
-from twin_server.deliveries import Delivery, identity
+from twin_server.events.deliveries import Delivery, identity
+from twin_server.events.receivers import AlarmSettings, Receiver
+from twin_server.history.rendering import event_body
 from twin_server.notify import NotDeliveredError, WrongReceiverError, message_of, senders_of
-from twin_server.receivers import AlarmSettings, Receiver
-from twin_server.rendering import event_body
 
 
 def message(text="Stiffness change below -3 %.", reminder=0, **of_settings):

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin_server.history.states import LAYOUT, blank
 from twin_server.persist import (
-    Cut,
     DamagedStoreError,
     DetailRow,
     DiagnosisRow,
@@ -18,10 +18,10 @@ from twin_server.persist import (
     RunRow,
     SqliteStore,
     TwinRow,
+    WriteBatch,
     WrongStoreError,
 )
 from twin_server.persist.layout import APPLICATION
-from twin_server.states import LAYOUT, blank
 
 VERSION_3 = (Path(__file__).parent / "version_3.sql").read_text()
 LACKED = {1: ("details", "diagnoses"), 2: ("diagnoses",), 3: ()}
@@ -45,7 +45,7 @@ def filled(path, count=300):
         last = first + 49
         run = RunRow(1, "lab", "beam", "b1", "d", last + 1, last, 10 * last, last, False, "[]")
         store.write(
-            Cut(
+            WriteBatch(
                 twins=[TwinRow("lab", "beam", '{"a":1}', f'{{"b":{last}}}')],
                 runs=[run],
                 features=rows[first : last + 1],
@@ -109,7 +109,7 @@ def test_a_database_of_before_is_brought_up_to_date_with_all_that_is_in_it(tmp_p
         store.close()
     store = SqliteStore(path)
     new = [EventRow(0, "lab", "beam", 6, None, False, "{}")]
-    assert store.write(Cut(events=new)) == [3]
+    assert store.write(WriteBatch(events=new)) == [3]
     assert store.add_diagnosis(DiagnosisRow(0, "lab.beam", 5, None, "queued", "{}"), 9) == 1
     store.close()
 
@@ -201,7 +201,7 @@ def test_a_copy_of_the_pages_of_another_moment_is_noticed(tmp_path):
     shutil.copy(path, tmp_path / "y.sqlite")
     filled_more = SqliteStore(tmp_path / "y.sqlite")
     filled_more.write(
-        Cut(events=[EventRow(0, "lab", "beam", 1, None, True, "{}") for _ in range(200)])
+        WriteBatch(events=[EventRow(0, "lab", "beam", 1, None, True, "{}") for _ in range(200)])
     )
     filled_more.close()
     new = bytearray((tmp_path / "y.sqlite").read_bytes())

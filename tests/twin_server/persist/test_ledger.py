@@ -11,16 +11,23 @@ import pytest
 from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer, make_key
 from slowtime_services.ledger import Entry, Head, unpacked
-from twin_server.deliveries import Acknowledgement
-from twin_server.persist import Cut, SqliteStore, StateRow, TwinRow, audit_file, look_through
-from twin_server.persist.hashing import Rolling, Row, insert_digests, rolled
+from twin_server.events.deliveries import Acknowledgement
+from twin_server.persist import (
+    SqliteStore,
+    StateRow,
+    TwinRow,
+    WriteBatch,
+    audit_file,
+    verify_file,
+)
 from twin_server.persist.layout import build_levels
-from twin_server.persist.ledgering import Ends, of_features, of_registration
-from twin_server.persist.sealing import FEATURES, HEADS, RUNS, TWINS
-from twin_server.persist.searching import whole
-from twin_server.pipeline.ledger_signing import LedgerSigner
+from twin_server.persist.tables.checksums import FEATURES, HEADS, RUNS, TWINS
+from twin_server.persist.tables.digests import HashedRow, RollingHash, insert_digests, rolled
+from twin_server.persist.tables.ledger import ChainEnds, of_features, of_registration
+from twin_server.persist.tables.search import whole
+from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 
-from .test_levels import cut_of, states_of
+from .tables.test_levels import cut_of, states_of
 
 TWINS_OF = ("beam", "mast")
 BOOTS = {1: "beam", 2: "mast", 3: "beam"}
@@ -49,7 +56,7 @@ def house(tmp_path_factory, key):
     path = tmp_path_factory.mktemp("house") / "twin.sqlite"
     store = SqliteStore(path)
     signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
-    store.write(Cut(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
+    store.write(WriteBatch(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     kept = []
     for part in range(8):
         for number in (1, 2, 3) if part != 5 else (3, 2, 1):
@@ -59,7 +66,9 @@ def house(tmp_path_factory, key):
             store.write(cut_of(number, states, asset=BOOTS[number]))
         if part == 4:
             store.write(
-                Cut(acknowledgements=[Acknowledgement("e1", "lab.beam", 7, "ann", "ann", "")])
+                WriteBatch(
+                    acknowledgements=[Acknowledgement("e1", "lab.beam", 7, "ann", "ann", "")]
+                )
             )
         signer.step()
         kept.append(signer.head)
@@ -68,7 +77,7 @@ def house(tmp_path_factory, key):
 
 
 def check(path, key, kept=None):
-    look_through(path)
+    verify_file(path)
     return audit_file(path, public=key[1], kept=kept)
 
 
@@ -202,11 +211,11 @@ def cover_up(writer):
     for table in ("digests", "levels"):
         writer.execute(f"delete from {table}")
     build_levels(writer)
-    ends, owed = Ends(), {}
+    ends, owed = ChainEnds(), {}
     before = writer.execute("select twin, entries from ledger order by rowid").fetchall()
     writer.execute("delete from ledger")
     for twin in sorted(row[0] for row in writer.execute("select id from twins")):
-        rolling, here = Rolling(), dict[int, Entry]()
+        rolling, here = RollingHash(), dict[int, Entry]()
         for span in whole(writer, twin):
             rows = writer.execute(
                 "select id, t_ns, slow_time, message, state from features "
@@ -216,7 +225,7 @@ def cover_up(writer):
             here |= {
                 entry.key: entry for entry in of_features((r[:4] for r in rows), span.boot)
             }
-            taken = (Row(key, message, state, None) for key, _, _, message, state in rows)
+            taken = (HashedRow(key, message, state, None) for key, _, _, message, state in rows)
             insert_digests(writer, rolled(rolling, taken, span.boot))
         text = writer.execute("select registration from twins where id = ?", (twin,)).fetchone()
         owed[twin] = here, of_registration(text[0])
@@ -285,7 +294,7 @@ def store_at(path, key, parts):
     """The database of `house` as it was after some parts."""
     store = SqliteStore(path)
     signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
-    store.write(Cut(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
+    store.write(WriteBatch(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     for part in range(parts):
         store.write(cut_of(1, states_of(np.arange(20 * part, 20 * part + 20))))
         signer.step()
@@ -322,7 +331,7 @@ def test_what_an_operator_does_is_no_forgery(tmp_path, key, act):
         store.rewrite("lab.beam", rows, lambda: (twin, []))
     elif act == "deleted and begun again":
         store.delete("lab.beam")
-        store.write(Cut(twins=[TwinRow("lab", "beam", "{}", "{}")]))
+        store.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "{}")]))
         store.write(cut_of(4, states_of(np.arange(30)), name="b4"))
     else:
         store.write(cut_of(5, states_of(np.arange(10))))

@@ -9,11 +9,11 @@ import pytest
 
 from tests.postgres import schema_of
 from twin_server.persist import (
-    Cut,
     DamagedStoreError,
     EventRow,
     PostgresStore,
     StoreError,
+    WriteBatch,
     WrongStoreError,
     postgres,
 )
@@ -31,7 +31,7 @@ def test_a_database_that_goes_away_is_written_again_once_it_is_back(url, postgre
     import psycopg
 
     store = PostgresStore(url)
-    store.write(Cut(events=[EVENT]))
+    store.write(WriteBatch(events=[EVENT]))
     with psycopg.connect(postgres, autocommit=True) as other:
         other.execute(
             "select pg_terminate_backend(pid) from pg_stat_activity "
@@ -39,11 +39,11 @@ def test_a_database_that_goes_away_is_written_again_once_it_is_back(url, postgre
         )
     for _ in range(2):  # one connection writes, another one reads
         with contextlib.suppress(StoreError):
-            store.write(Cut(events=[EVENT]))
+            store.write(WriteBatch(events=[EVENT]))
         with contextlib.suppress(StoreError):
             store.events()
     before = len(store.events())
-    store.write(Cut(events=[EVENT]))
+    store.write(WriteBatch(events=[EVENT]))
     assert [e.number for e in store.events()] == list(range(1, before + 2))
     store.close()
 
@@ -86,7 +86,7 @@ def test_a_row_that_was_changed_behind_our_back_is_refused(url):
     import psycopg
 
     store = PostgresStore(url)
-    store.write(Cut(events=[EVENT]))
+    store.write(WriteBatch(events=[EVENT]))
     with psycopg.connect(url, autocommit=True) as other:
         other.execute("update events set t_ns = 6")
     with pytest.raises(DamagedStoreError, match="checksum does not hold"):

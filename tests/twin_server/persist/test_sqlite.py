@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from twin_server.history.states import blank
 from twin_server.persist import (
-    Cut,
     EventRow,
     FeatureRow,
     RunRow,
@@ -17,10 +17,10 @@ from twin_server.persist import (
     StateRow,
     StoreError,
     TwinRow,
+    WriteBatch,
     WrongStoreError,
     open_store,
 )
-from twin_server.states import blank
 
 
 def run_row(number, *, last, asset="beam", closed=False):
@@ -47,7 +47,7 @@ def event_row(body="{}", *, derived=True, asset="beam"):
 def write(store, number, entries, **more):
     entries = list(entries)
     run = run_row(number, last=entries[-1][0], **more)
-    store.write(Cut(runs=[run], features=feature_rows(number, entries)))
+    store.write(WriteBatch(runs=[run], features=feature_rows(number, entries)))
 
 
 def told(history):
@@ -58,7 +58,7 @@ def told(history):
 
 def test_what_was_written_is_there_after_reopening(database):
     store = open_store(database("x"))
-    cut = Cut(
+    cut = WriteBatch(
         twins=[TwinRow("lab", "beam", "{}", "{}")],
         runs=[run_row(1, last=2)],
         features=feature_rows(1, [(0, 10, 0.5), (1, 11, 1.5), (2, 12, 2.5)]),
@@ -144,7 +144,7 @@ def test_the_digest_sees_every_byte_and_the_order_of_boots(database):
         state["correlation"] = value
         run = run_row(1, last=0)._replace(boot=first)
         store.write(
-            Cut(
+            WriteBatch(
                 runs=[run, run_row(2, last=0)],
                 features=[
                     FeatureRow(1, 0, 1, 0.0, message, state.tobytes()),
@@ -168,7 +168,7 @@ def test_the_digest_sees_every_byte_and_the_order_of_boots(database):
 
 def test_a_cut_that_fails_leaves_nothing_behind(store):
     write(store, 1, [(0, 1, 0.0)])
-    doubled = Cut(
+    doubled = WriteBatch(
         twins=[TwinRow("lab", "new", "{}", "{}")],
         runs=[run_row(1, last=1)],
         features=feature_rows(1, [(1, 2, 1.0), (0, 1, 0.0)]),
@@ -207,10 +207,10 @@ def test_readers_see_whole_cuts_while_one_writes(store):
 
 
 def test_forgetting_one_twin_leaves_the_others_and_reuses_no_number(store):
-    store.write(Cut(twins=[TwinRow("lab", a, "{}", "{}") for a in ("beam", "arch")]))
+    store.write(WriteBatch(twins=[TwinRow("lab", a, "{}", "{}") for a in ("beam", "arch")]))
     write(store, 1, [(0, 1, 0.0)], asset="arch")
     write(store, 2, [(0, 1, 0.0)])
-    store.write(Cut(events=[event_row(), event_row(asset="arch")], held=[(2, 9, b"h")]))
+    store.write(WriteBatch(events=[event_row(), event_row(asset="arch")], held=[(2, 9, b"h")]))
     assert store.delete("lab.beam")
     assert not store.delete("lab.beam")
     assert [t.id for t in store.twins()] == ["lab.arch"]
@@ -223,7 +223,7 @@ def test_forgetting_one_twin_leaves_the_others_and_reuses_no_number(store):
 
 def test_rewriting_replaces_states_and_derived_events_and_keeps_the_rest(store):
     write(store, 1, [(0, 1, 0.0), (1, 2, 1.0)])
-    store.write(Cut(events=[event_row("derived"), event_row("lost", derived=False)]))
+    store.write(WriteBatch(events=[event_row("derived"), event_row("lost", derived=False)]))
     new = blank(1)
     new["correlation"] = 0.25
     store.rewrite(
@@ -238,7 +238,7 @@ def test_rewriting_replaces_states_and_derived_events_and_keeps_the_rest(store):
 
 
 def test_the_newest_events_and_those_after_a_number(store):
-    store.write(Cut(events=[event_row(str(i)) for i in range(9)]))
+    store.write(WriteBatch(events=[event_row(str(i)) for i in range(9)]))
     assert [e.body for e in store.events(limit=2, newest=True)] == ["7", "8"]
     assert [e.number for e in store.events("lab.beam", after=4, limit=2)] == [5, 6]
     assert store.events("lab.other") == []
@@ -273,9 +273,9 @@ def test_a_full_disk_is_said_to_be_one(tmp_path):
     store._writer.execute("pragma max_page_count = 20")
     rows = feature_rows(1, [(i, i, 0.0) for i in range(2000)])
     with pytest.raises(StoreError, match=r"full.*Make room on the disk"):
-        store.write(Cut(runs=[run_row(1, last=1999)], features=rows))
+        store.write(WriteBatch(runs=[run_row(1, last=1999)], features=rows))
     assert store.count("lab.beam") == 0
     store._writer.execute("pragma max_page_count = 100000")
-    store.write(Cut(runs=[run_row(1, last=1999)], features=rows))
+    store.write(WriteBatch(runs=[run_row(1, last=1999)], features=rows))
     assert store.count("lab.beam") == 2000
     store.close()

@@ -8,11 +8,11 @@ import pytest
 
 from slowtime_schemas.streams import ASSET_EVENT
 from slowtime_services.bus import MemoryBus, Sample
-from twin_server.asset_events import QUESTION, TOLD, AssetEventOrder
+from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
 from twin_server.persist import SqliteStore
-from twin_server.pipeline import AssetEvents, Lookout, Pipeline, TwinKnowledge
-from twin_server.pipeline.prospects import Prospects
-from twin_server.registration import Registration
+from twin_server.pipeline import AssetEvents, ModelChangeMonitor, Pipeline, TwinKnowledge
+from twin_server.pipeline.analysis.forecast_cache import ForecastCache
+from twin_server.registration.twin import Registration
 from twin_server.serve import Moment, ProblemError
 from twin_server.settings import TwinSettings
 
@@ -50,8 +50,8 @@ def life(ageing):
     return [*ageing(60), *ageing(60, first=60, seed=1)]
 
 
-def record(keeping, given, principal="ann"):
-    return keeping.record(TWIN, BEAM, AssetEventOrder.model_validate(given), principal)
+def record(asset_events, given, principal="ann"):
+    return asset_events.record(TWIN, BEAM, AssetEventOrder.model_validate(given), principal)
 
 
 def foreseen(prospects, twin=TWIN):
@@ -63,17 +63,17 @@ def foreseen(prospects, twin=TWIN):
 
 def ahead(pipeline, store):
     """Bands of each quantity, by what a server that starts now would know."""
-    return foreseen(Prospects(pipeline, store))
+    return foreseen(ForecastCache(pipeline, store))
 
 
 def test_the_forecast_restarts_at_once_from_a_repair(opened, life, sample):
-    pipeline, store, keeping = opened()
-    prospects = Prospects(pipeline, store)
+    pipeline, store, asset_events = opened()
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
     before = foreseen(prospects)
     assert before["stiffness_change"][0, 0] == pytest.approx(-0.21, abs=0.02)
-    told, new = record(keeping, REPAIR)
+    told, new = record(asset_events, REPAIR)
     assert (new, told["slow_time"]) == (True, 59.0)
     after = foreseen(prospects)
     value, sd, low, high = after["stiffness_change"][0]
@@ -99,18 +99,18 @@ def then(knowledge, moment):
 
 
 def test_undoing_gives_back_the_forecast_of_before(opened, life, sample):
-    pipeline, store, keeping = opened()
-    prospects = Prospects(pipeline, store)
+    pipeline, store, asset_events = opened()
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
     before = foreseen(prospects)["stiffness_change"]
-    record(keeping, REPAIR)
+    record(asset_events, REPAIR)
     between = foreseen(prospects)["stiffness_change"]
-    record(keeping, {"event": "u1", "kind": "note", "reverses": "r1"})
+    record(asset_events, {"event": "u1", "kind": "note", "reverses": "r1"})
     after = foreseen(prospects)["stiffness_change"]
     np.testing.assert_array_equal(after, before)
     assert not np.array_equal(between, before)
-    listed = keeping.listed(TWIN)["events"]
+    listed = asset_events.listed(TWIN)["events"]
     assert [(one["event"], one["reversed_by"]) for one in listed] == [
         ("u1", None),
         ("r1", "u1"),
@@ -118,12 +118,12 @@ def test_undoing_gives_back_the_forecast_of_before(opened, life, sample):
 
 
 def test_the_forecast_of_a_past_moment_knows_no_later_repair(opened, life, sample):
-    pipeline, store, keeping = opened()
+    pipeline, store, asset_events = opened()
     pipeline.ingest(map(sample, life[:80]))
     knowledge = TwinKnowledge(pipeline, store)
     moment = Moment(t_ns=life[55].t_ns)
     before = then(knowledge, moment)
-    record(keeping, REPAIR | {"slow_time": 59.5})
+    record(asset_events, REPAIR | {"slow_time": 59.5})
     after = then(knowledge, moment)
     np.testing.assert_array_equal(before["stiffness_change"], after["stiffness_change"])
     later = then(knowledge, Moment(t_ns=life[62].t_ns))
@@ -131,9 +131,9 @@ def test_the_forecast_of_a_past_moment_knows_no_later_repair(opened, life, sampl
 
 
 def test_the_alarm_on_the_damaged_state_clears_after_the_repair(opened, life, sample):
-    pipeline, store, keeping = opened()
+    pipeline, store, asset_events = opened()
     pipeline.ingest(map(sample, life[:60]))
-    record(keeping, REPAIR)
+    record(asset_events, REPAIR)
     pipeline.ingest(map(sample, life[60:75]))
     kinds = [json.loads(row.body)["kind"] for row in store.events(TWIN, limit=100)]
     about = [kind for kind in kinds if kind in ("alarm", TOLD, "alarm_cleared")]
@@ -141,15 +141,15 @@ def test_the_alarm_on_the_damaged_state_clears_after_the_repair(opened, life, sa
 
 
 def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened, life, sample):
-    pipeline, store, keeping = opened("first")
+    pipeline, store, asset_events = opened("first")
     stream = [sample(one, replayed=True) for one in life[:100]]
     pipeline.ingest(stream[:60])
-    record(keeping, REPAIR | {"text": "Bolts.", "conditions": {"temperature_c": 11.5}})
+    record(asset_events, REPAIR | {"text": "Bolts.", "conditions": {"temperature_c": 11.5}})
     pipeline.ingest(stream[60:80])
     scan = {"detected": False, "probability_of_detection": {"a50": 0.1, "slope": 2.0}}
-    record(keeping, {"event": "i1", "kind": "inspection", "detection": scan})
+    record(asset_events, {"event": "i1", "kind": "inspection", "detection": scan})
     pipeline.ingest(stream[80:])
-    record(keeping, {"event": "u1", "kind": "note", "reverses": "i1"})
+    record(asset_events, {"event": "u1", "kind": "note", "reverses": "i1"})
     key = ASSET_EVENT.key("lab", "beam")
     bodies = [row.body.encode() for row in store.asset_events(TWIN)]
 
@@ -175,24 +175,24 @@ def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened,
 def test_an_accepted_event_is_said_on_the_bus(opened):
     bus, heard = MemoryBus(), list[Sample]()
     bus.subscribe(ASSET_EVENT.everywhere, heard.append)
-    _, store, keeping = opened(bus=bus)
-    record(keeping, REPAIR)
-    record(keeping, REPAIR)
+    _, store, asset_events = opened(bus=bus)
+    record(asset_events, REPAIR)
+    record(asset_events, REPAIR)
     assert [one.payload.decode() for one in heard] == [
         row.body for row in store.asset_events(TWIN)
     ]
 
 
 def test_the_same_twice_is_one_event_and_another_under_its_id_is_refused(opened, life, sample):
-    pipeline, store, keeping = opened()
+    pipeline, store, asset_events = opened()
     pipeline.ingest(map(sample, life[:60]))
-    first, new = record(keeping, REPAIR)
+    first, new = record(asset_events, REPAIR)
     pipeline.ingest(map(sample, life[60:70]))
-    assert record(keeping, REPAIR) == (first, False)
-    assert record(keeping, REPAIR | {"slow_time": None}) == (first, False)
+    assert record(asset_events, REPAIR) == (first, False)
+    assert record(asset_events, REPAIR | {"slow_time": None}) == (first, False)
     for other in ({"text": "x"}, {"person": "Bob"}, {"slow_time": 3.0}, {"repair": None}):
         with pytest.raises(ProblemError, match="says otherwise: Repair recorded by Ann"):
-            record(keeping, REPAIR | other)
+            record(asset_events, REPAIR | other)
     assert len(store.asset_events(TWIN)) == 1
     assert new
 
@@ -206,24 +206,24 @@ def test_the_same_twice_is_one_event_and_another_under_its_id_is_refused(opened,
     ],
 )
 def test_what_does_not_fit_is_refused(opened, life, sample, given, match):
-    pipeline, _, keeping = opened()
+    pipeline, _, asset_events = opened()
     pipeline.ingest(map(sample, life[:60]))
     with pytest.raises(ProblemError, match=match):
-        record(keeping, REPAIR | given)
+        record(asset_events, REPAIR | given)
 
 
 @pytest.mark.parametrize(
     ("name", "match"), [("r9", "r9 was given. Recorded, and not taken"), ("u1", "u1 was")]
 )
 def test_only_what_holds_is_taken_back(opened, life, sample, name, match):
-    pipeline, _, keeping = opened()
+    pipeline, _, asset_events = opened()
     pipeline.ingest(map(sample, life[:10]))
-    record(keeping, REPAIR)
-    record(keeping, {"event": "u1", "kind": "note", "reverses": "r1"})
+    record(asset_events, REPAIR)
+    record(asset_events, {"event": "u1", "kind": "note", "reverses": "r1"})
     with pytest.raises(ProblemError, match=match):
-        record(keeping, {"event": "u2", "kind": "note", "reverses": name})
+        record(asset_events, {"event": "u2", "kind": "note", "reverses": name})
     with pytest.raises(ProblemError, match="r1 was taken back by u1 already"):
-        record(keeping, {"event": "u2", "kind": "note", "reverses": "r1"})
+        record(asset_events, {"event": "u2", "kind": "note", "reverses": "r1"})
 
 
 @pytest.fixture
@@ -231,64 +231,64 @@ def watched(opened, life, sample, eventually):
     """Feed a life, with or without the repair told, to a pipeline whose twins are watched."""
 
     def run(*, told, upto=66):
-        pipeline, store, keeping = opened()
-        lookout = Lookout(pipeline, store)
-        pipeline.listen(lookout)
-        lookout.start()
+        pipeline, store, asset_events = opened()
+        monitor = ModelChangeMonitor(pipeline, store)
+        pipeline.listen(monitor)
+        monitor.start()
         try:
             pipeline.ingest(map(sample, life[:60]))
             if told:
-                record(keeping, REPAIR)
+                record(asset_events, REPAIR)
             for one in life[60:upto]:
                 pipeline.ingest([sample(one)])
-            assert eventually(lambda: lookout._seen.get(TWIN) == float(upto - 1))
-            assert eventually(lambda: not lookout._news)
-            lookout.stop()
+            assert eventually(lambda: monitor._seen.get(TWIN) == float(upto - 1))
+            assert eventually(lambda: not monitor._news)
+            monitor.stop()
             events = [json.loads(row.body) for row in store.events(TWIN, limit=1000)]
         finally:
-            lookout.stop()
-        return pipeline, keeping, events
+            monitor.stop()
+        return pipeline, asset_events, events
 
     return run
 
 
 def test_a_repair_that_nobody_told_is_asked_about_within_five_epochs(watched):
-    _, keeping, events = watched(told=False, upto=65)
+    _, asset_events, events = watched(told=False, upto=65)
     (asked,) = [event for event in events if event["kind"] == QUESTION]
     assert asked["severity"] == "warning"
     assert asked["details"]["since"] == AT
     assert asked["details"]["size"] == pytest.approx(0.2, abs=0.03)
     assert asked["details"]["noticed"] <= AT + 5
     assert "Was something repaired? stiffness_change went from -1" in asked["message"]
-    (question,) = keeping.listed(TWIN)["questions"]
+    (question,) = asset_events.listed(TWIN)["questions"]
     assert question["answered_by"] is None
-    record(keeping, REPAIR | {"slow_time": 58.0})
-    assert keeping.listed(TWIN)["questions"][0]["answered_by"] == "r1"
-    record(keeping, {"event": "u1", "kind": "note", "reverses": "r1"})
-    assert keeping.listed(TWIN)["questions"][0]["answered_by"] is None
+    record(asset_events, REPAIR | {"slow_time": 58.0})
+    assert asset_events.listed(TWIN)["questions"][0]["answered_by"] == "r1"
+    record(asset_events, {"event": "u1", "kind": "note", "reverses": "r1"})
+    assert asset_events.listed(TWIN)["questions"][0]["answered_by"] is None
     record(
-        keeping,
+        asset_events,
         {"event": "n1", "kind": "note", "answers": question["event_id"], "text": "Frost."},
     )
-    assert keeping.listed(TWIN)["questions"][0]["answered_by"] == "n1"
+    assert asset_events.listed(TWIN)["questions"][0]["answered_by"] == "n1"
 
 
 def test_a_told_repair_is_no_sudden_change_and_asks_nothing(watched):
-    _, keeping, events = watched(told=True, upto=90)
+    _, asset_events, events = watched(told=True, upto=90)
     assert {event["kind"] for event in events} & {QUESTION, "model_changed"} == set()
-    assert keeping.listed(TWIN)["questions"] == []
+    assert asset_events.listed(TWIN)["questions"] == []
 
 
 @pytest.mark.long
 def test_a_repair_of_one_element_leaves_the_others_as_they_were(opened, frame, sample):
     edge = frame()
-    pipeline, store, keeping = opened()
+    pipeline, store, asset_events = opened()
     twin = "lab.frame"
     registration = Registration.model_validate(edge.registration(learn_epochs=5))
     pipeline.register(twin, registration)
     losses = [(0.0, -0.006 * max(n - 5, 0), -0.003 * max(n - 5, 0)) for n in range(36)]
     pipeline.ingest(sample(edge.epoch(n, changes)) for n, changes in enumerate(losses))
-    prospects = Prospects(pipeline, store)
+    prospects = ForecastCache(pipeline, store)
     pipeline.listen(prospects)
     before = foreseen(prospects, twin)
     for name, kind in (("storey9", "repair"), (None, "inspection")):
@@ -297,9 +297,9 @@ def test_a_repair_of_one_element_leaves_the_others_as_they_were(opened, frame, s
             given["measured"] = {"value": -0.1, "sd": 0.01}
         order = AssetEventOrder.model_validate(given)
         with pytest.raises(ProblemError, match="storey1, storey2, storey3"):
-            keeping.record(twin, registration, order, "ann")
+            asset_events.record(twin, registration, order, "ann")
     order = AssetEventOrder.model_validate(REPAIR | {"quantity": "storey2"})
-    keeping.record(twin, registration, order, "ann")
+    asset_events.record(twin, registration, order, "ann")
     after = foreseen(prospects, twin)
     np.testing.assert_array_equal(after["storey3"], before["storey3"])
     assert before["storey2"][0, 0] == pytest.approx(-0.19, abs=0.04)

@@ -8,15 +8,17 @@ import pytest
 
 from slowtime_services.clock import SystemClock
 from twin_server.collect.refusals import REASONS
-from twin_server.serve import models
+from twin_server.serve.models.forecasts import ForecastModel
+from twin_server.serve.models.history import EventList, HistoryModel
+from twin_server.serve.models.twins import ModesModel, State, TwinModel
 
 TWIN = "/api/v1/twins/lab.beam"
 
 
 def test_the_list_shows_each_twin_with_its_latest_state(server):
     (twin,) = server.get("/api/v1/twins").json()["twins"]
-    models.TwinModel.model_validate(twin)
-    models.State.model_validate({k: twin[k] for k in models.State.model_fields if k in twin})
+    TwinModel.model_validate(twin)
+    State.model_validate({k: twin[k] for k in State.model_fields if k in twin})
     assert twin["id"] == "lab.beam"
     assert twin["slow_time"] == 299.0
     assert twin["registration"]["name"] == "Beam"
@@ -25,7 +27,7 @@ def test_the_list_shows_each_twin_with_its_latest_state(server):
 
 
 def test_history_holds_every_state_in_order(server):
-    found = models.HistoryModel.model_validate(server.get(f"{TWIN}/history").json())
+    found = HistoryModel.model_validate(server.get(f"{TWIN}/history").json())
     assert [p.sequence for p in found.points] == list(range(300))
     held = []
     for point in found.points:
@@ -56,7 +58,7 @@ def test_a_thinned_history_tells_what_all_readings_show(server, max_points):
     every = server.get(f"{TWIN}/history").json()
     assert "bands" not in every
     found = server.get(f"{TWIN}/history", max_points=max_points).json()
-    bands = models.HistoryModel.model_validate(found).bands
+    bands = HistoryModel.model_validate(found).bands
     assert bands is not None
     assert bands.readings == sum(bands.count) == 300
     assert sum(bands.valid) == sum(p["valid"] for p in every["points"])
@@ -105,7 +107,7 @@ def test_a_twin_as_it_was(server):
 @pytest.mark.long
 def test_the_forecast_goes_on_where_the_history_ends(server):
     found = server.get(f"{TWIN}/forecast", horizon=30, points=3).json()
-    models.ForecastModel.model_validate(found)
+    ForecastModel.model_validate(found)
     assert [p["slow_time"] for p in found["points"]] == [309.0, 319.0, 329.0]
     assert found["points"][0]["mass_change"] is None
     last = found["points"][-1]["stiffness_change"]
@@ -115,7 +117,7 @@ def test_the_forecast_goes_on_where_the_history_ends(server):
 
 def test_the_forecast_says_when_a_threshold_is_reached(server):
     found = server.get(f"{TWIN}/forecast", threshold=-0.3, horizon=300).json()
-    models.ForecastModel.model_validate(found)
+    ForecastModel.model_validate(found)
     (crossing,) = found["crossings"]
     assert crossing["quantity"] == "stiffness_change"
     assert crossing["source"] == "request"
@@ -177,7 +179,7 @@ def test_a_forecast_after_a_restart_is_the_one_that_would_have_been(
 
 def test_events_from_the_first_or_from_a_number_on(server):
     found = server.get(f"{TWIN}/events").json()
-    models.EventList.model_validate(found)
+    EventList.model_validate(found)
     assert [e["kind"] for e in found["events"]] == ["registered"]
     number = found["events"][-1]["number"]
     assert server.get(f"{TWIN}/events", after=number).json() == {"events": []}
@@ -350,7 +352,7 @@ def test_registering_again_estimates_again_and_deleting_forgets(serving, ageing,
     body = {"changes": "mass", "nominal": {"frequency_hz": 3.0}}
     answer = own.client.put(TWIN, json=body)
     assert answer.status_code == 200
-    models.TwinModel.model_validate(answer.json())
+    TwinModel.model_validate(answer.json())
     again = own.get(f"{TWIN}/history").json()["points"]
     assert len(again) == 60
     assert again[0]["mass_change"] is not None
@@ -363,7 +365,7 @@ def test_a_twin_without_features_says_so(serving):
     own = serving()
     assert own.client.put(TWIN, json={}).status_code == 201
     twin = own.get(TWIN).json()
-    models.TwinModel.model_validate(twin)
+    TwinModel.model_validate(twin)
     assert twin["reasons"] == [
         "There are no features yet. Start the edge agent, or ask for a later one."
     ]
@@ -427,7 +429,7 @@ def framed(serving, frame, eventually):
 @pytest.mark.long
 def test_a_twin_of_elements_tells_what_changed_and_its_modes(framed):
     twin = framed.get(FRAME).json()
-    known = models.TwinModel.model_validate(twin)
+    known = TwinModel.model_validate(twin)
     assert known.suspects == ["storey2"]
     assert known.elements["storey2"].hi < -0.05
     assert known.posterior_to_prior["storey2"] < 0.1
@@ -441,7 +443,7 @@ def test_a_twin_of_elements_tells_what_changed_and_its_modes(framed):
 
 @pytest.mark.long
 def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
-    found = models.ModesModel.model_validate(framed.get(f"{FRAME}/modes").json())
+    found = ModesModel.model_validate(framed.get(f"{FRAME}/modes").json())
     assert [mode.model_mode for mode in found.modes] == [0, 1, 2]
     assert found.channels == ["a_floor1", "a_floor2", "a_floor3"]
     moved = [
@@ -450,9 +452,9 @@ def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
     ]
     assert all(0.95 < ratio < 1.003 for ratio in moved)
     assert min(moved) < 0.985
-    first = models.ModesModel.model_validate(framed.get(f"{FRAME}/modes", at="slow:0").json())
+    first = ModesModel.model_validate(framed.get(f"{FRAME}/modes", at="slow:0").json())
     assert first.slow_time == 0.0
-    (one,) = models.ModesModel.model_validate(server.get(f"{TWIN}/modes").json()).modes
+    (one,) = ModesModel.model_validate(server.get(f"{TWIN}/modes").json()).modes
     assert one.shape is None
     assert one.frequency_hz.value == server.get(TWIN).json()["frequency_hz"]["value"]
     none = framed.get(f"{FRAME}/modes", at="slow:-1").json()
@@ -464,7 +466,7 @@ def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
 @pytest.mark.parametrize("shapes", [False, True])
 def test_the_history_of_elements_has_shapes_where_they_are_asked_for(framed, shapes):
     found = framed.get(f"{FRAME}/history", shapes=shapes).json()
-    points = models.HistoryModel.model_validate(found).points
+    points = HistoryModel.model_validate(found).points
     assert [bool(point.elements) for point in points] == [False] * 20 + [True] * 40
     shaped = {mode.shape is not None for point in points for mode in point.modes}
     assert shaped == {shapes}
@@ -493,7 +495,7 @@ def test_what_changed_is_told_once_and_by_name(framed):
 @pytest.mark.long
 def test_each_element_is_forecast(framed):
     asked = framed.get(f"{FRAME}/forecast", horizon=10, points=5).json()
-    forecast = models.ForecastModel.model_validate(asked)
+    forecast = ForecastModel.model_validate(asked)
     assert forecast.since == 59.0
     assert [point.slow_time for point in forecast.points] == [61.0, 63.0, 65.0, 67.0, 69.0]
     for point in forecast.points:
@@ -519,11 +521,11 @@ def test_what_is_normal_is_told_and_what_has_entered(serving, features, eventual
         made.append(message.model_copy(update={"covariates": {"temperature_c": warm}}))
     server.feed(made[:60])
     assert eventually(lambda: server.count() == 60)
-    before = models.TwinModel.model_validate(server.get(TWIN).json())
+    before = TwinModel.model_validate(server.get(TWIN).json())
     assert any("still being learnt" in reason for reason in before.reasons)
     server.feed(made[60:])
     assert eventually(lambda: server.count() == 80)
-    twin = models.TwinModel.model_validate(server.get(TWIN).json())
+    twin = TwinModel.model_validate(server.get(TWIN).json())
     (normal,) = twin.normal
     assert normal.law == "linear"
     assert normal.entered is not None

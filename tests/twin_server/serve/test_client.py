@@ -7,21 +7,34 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 
 from slowtime_services.client import AnswerError, Client, UnreachableError, answers
-from twin_server.serve import models
+from twin_server.serve.models.forecasts import (
+    CrossingModel,
+    CrossingTime,
+    ForecastModel,
+    ForecastPoint,
+)
+from twin_server.serve.models.history import (
+    BandModel,
+    BandsModel,
+    EventModel,
+    HashModel,
+    InstantsModel,
+)
+from twin_server.serve.models.twins import State, TwinModel
 
 TWIN = "lab.beam"
 PAIRS = (
-    (answers.State, models.State),
-    (answers.Twin, models.TwinModel),
-    (answers.Forecast, models.ForecastModel),
-    (answers.ForecastPoint, models.ForecastPoint),
-    (answers.Crossing, models.CrossingModel),
-    (answers.CrossingTime, models.CrossingTime),
-    (answers.Event, models.EventModel),
-    (answers.Digest, models.HashModel),
-    (answers.Bands, models.BandsModel),
-    (answers.Band, models.BandModel),
-    (answers.Instants, models.InstantsModel),
+    (answers.State, State),
+    (answers.Twin, TwinModel),
+    (answers.Forecast, ForecastModel),
+    (answers.ForecastPoint, ForecastPoint),
+    (answers.Crossing, CrossingModel),
+    (answers.CrossingTime, CrossingTime),
+    (answers.Event, EventModel),
+    (answers.Digest, HashModel),
+    (answers.Bands, BandsModel),
+    (answers.Band, BandModel),
+    (answers.Instants, InstantsModel),
 )
 
 

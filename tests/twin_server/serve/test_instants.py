@@ -1,57 +1,36 @@
-"""What was known at an instant of the past, and what is raised and was heard now."""
-
-import time
+"""Moments in every form that is promised."""
 
 import pytest
 
-TWIN = "/api/v1/twins/lab.beam"
-BODY = {
-    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
-    "alarms": [{"quantity": "stiffness_change", "below": -0.05, "certainty": 0.9}],
-}
+from twin_server.serve.instants import Moment, MomentError, parse_moment
 
 
-@pytest.fixture(scope="module")
-def aged(serving, ageing, eventually):
-    """A server whose twin has lost so much that its alarm is raised; before and after."""
-    server = serving()
-    assert server.client.put(TWIN, json=BODY).status_code == 201
-    before = server.get(TWIN).json()
-    messages = ageing(80, loss=0.2)
-    server.feed(messages[:60])
-    assert eventually(lambda: server.count() == 60)
-    foretold = server.client.get(f"{TWIN}/forecast", timeout=300).json()
-    server.feed(messages[60:])
-    assert eventually(lambda: server.count() == 80)
-    return server, before, foretold
+@pytest.mark.parametrize(
+    ("text", "t_ns"),
+    [
+        ("1970-01-01T00:00:00Z", 0),
+        ("2026-11-20T12:00:00Z", 1_795_176_000_000_000_000),
+        ("2026-11-20T13:00:00+01:00", 1_795_176_000_000_000_000),
+        ("2026-11-20T13:00:00 01:00", 1_795_176_000_000_000_000),
+        ("2026-11-20T12:00:00.25Z", 1_795_176_000_250_000_000),
+        ("2026-11-20T12:00:00.123456789Z", 1_795_176_000_123_456_789),
+        ("1795176000000000000", 1_795_176_000_000_000_000),
+    ],
+)
+def test_sensor_time_is_read_to_the_nanosecond(text, t_ns):
+    assert parse_moment(text) == Moment(t_ns=t_ns)
 
 
-@pytest.mark.long
-def test_what_was_foretold_at_a_past_instant_is_foretold_again(aged):
-    server, _, foretold = aged
-    again = server.client.get(
-        f"{TWIN}/forecast", params={"at": "slow:59.5"}, timeout=300
-    ).json()
-    assert again == foretold
-    assert again["since"] == 59.0
-    now = server.client.get(f"{TWIN}/forecast", timeout=300).json()
-    assert now["since"] == 79.0
-    early = server.get(f"{TWIN}/forecast", at="slow:-1").json()
-    assert early["points"] == []
-    wrong = server.get(f"{TWIN}/forecast", at="yesterday")
-    assert (wrong.status_code, "At query.at" in wrong.json()["detail"]) == (422, True)
+@pytest.mark.parametrize(("text", "slow"), [("slow:812.5", 812.5), ("slow:-1e3", -1000.0)])
+def test_slow_time_is_read(text, slow):
+    assert parse_moment(text) == Moment(slow_time=slow)
 
 
-def test_an_alarm_that_is_raised_is_told_with_its_limit(aged):
-    server, before, _ = aged
-    assert before["raised"] == []
-    raised = [{"quantity": "stiffness_change", "side": "below", "limit": -0.05}]
-    assert server.get(TWIN).json()["raised"] == raised
-    assert server.get("/api/v1/twins").json()["twins"][0]["raised"] == raised
-
-
-def test_it_is_told_when_features_last_came(aged):
-    server, before, _ = aged
-    assert before["heard_ns"] is None
-    heard = server.get(TWIN).json()["heard_ns"]
-    assert 0 <= time.time_ns() - heard < 60e9
+@pytest.mark.parametrize(
+    "text",
+    ["", "now", "slow:", "slow:nan", "slow:inf", "2026-11-20T12:00:00", "12345678901234567890",
+     "9999999999999999999", "-5", "1969-12-31T23:59:59Z", "2026-13-01T00:00:00Z", "٣"],
+)  # fmt: skip
+def test_anything_else_is_refused_with_the_forms_there_are(text):
+    with pytest.raises(MomentError, match=r"is no moment\. Give RFC 3339.*slow:812\.5"):
+        parse_moment(text)

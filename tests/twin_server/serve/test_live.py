@@ -10,10 +10,10 @@ from typing import Any
 import httpx
 import pytest
 
-from twin_server.serve import Chapter, live
+from twin_server.history.states import blank
+from twin_server.serve import HistoryPart, live
 from twin_server.serve.live import RESET, Client, Hub, Item, LiveResponse
 from twin_server.settings import ServeSettings
-from twin_server.states import blank
 
 LIVE = "/api/v1/twins/lab.beam/live"
 
@@ -116,7 +116,7 @@ def test_more_clients_than_allowed_are_told_to_come_later(serving, ageing, event
 def nothing_missed() -> Any:
     """Knowledge of a twin whose client has seen everything."""
     return SimpleNamespace(
-        since=lambda *_: Chapter(blank(0), [], [], []), events=lambda *_, **__: []
+        since=lambda *_: HistoryPart(blank(0), [], [], []), events=lambda *_, **__: []
     )
 
 

@@ -11,7 +11,7 @@ from .condition import Verdict as Verdict
 from .condition import conclude as conclude
 from .condition import condition_of as condition_of
 from .condition import covariates_of as covariates_of
-from .kept import KeptNormal as KeptNormal
-from .kept import KeptWatch as KeptWatch
+from .stored import StoredNormal as StoredNormal
+from .stored import StoredWatch as StoredWatch
 from .training import Training as Training
 from .training import training_of as training_of

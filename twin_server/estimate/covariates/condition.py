@@ -19,10 +19,10 @@ from jaxtyping import Float
 
 from slowtime.evolution.covariates import ChangeEstimate, NormalModel, Watch, learn_normal
 from slowtime_schemas.messages import Features
-from twin_server import states as st
-from twin_server.registration import Covariates
+from twin_server.history import states as st
+from twin_server.registration.nominal import Covariates
 
-from .kept import KeptNormal, KeptWatch
+from .stored import StoredNormal, StoredWatch
 from .training import Training
 
 SPANS = 10.0
@@ -32,6 +32,7 @@ CALM = 0.1
 """Share of the limit below which evidence must fall for an alarm to end."""
 
 _LEAST_SD = 1e-9
+"""Least standard deviation of a frequency over the frequency [1]: keeps weights finite."""
 
 
 class NotLearntError(ValueError):
@@ -39,7 +40,7 @@ class NotLearntError(ValueError):
 
 
 class Removed(NamedTuple):
-    """What is known of a frequency's dependence at some covariates.
+    """Effect of some covariates on a frequency, with its standard deviation.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ class Removed(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Something has entered, or is seen no more."""
+    """Start or end of a change that covariates do not explain."""
 
     holds: bool
     entry: ChangeEstimate
@@ -72,7 +73,7 @@ class Verdict(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Condition:
-    """What is normal for one frequency, and how it is watched.
+    """Normal behaviour of one frequency under covariates, and the state of its watch.
 
     Parameters
     ----------
@@ -88,12 +89,12 @@ class Condition:
         Whether an alarm is.
     """
 
-    normal: KeptNormal
+    normal: StoredNormal
     reference: tuple[float, ...]
     frequency_hz: float
     readings: int
     limit: float
-    watch: KeptWatch
+    watch: StoredWatch
     raised: bool = False
 
     @property
@@ -115,7 +116,7 @@ class Condition:
         return table[:, 1:5]
 
     def remove(self, covariates: Float[np.ndarray, " covariate"]) -> Removed:
-        """Tell what a frequency measured at these covariates is off by."""
+        """Return the effect of covariates on a frequency."""
         if not np.isfinite(covariates).all():
             return Removed(math.nan, math.nan, math.nan, math.nan, st.NO_COVARIATE)
         normal = self.normal.read()
@@ -148,7 +149,7 @@ class Condition:
         if judgement.left_out is not None and after is state:
             return self, None
         raised = judgement.evidence >= self.limit * (CALM if self.raised else 1.0)
-        condition = dataclasses.replace(self, watch=KeptWatch.of(after), raised=raised)
+        condition = dataclasses.replace(self, watch=StoredWatch.of(after), raised=raised)
         if raised == self.raised:
             return condition, None
         return condition, Verdict(raised, watch.entry(after), judgement.evidence, self.limit)
@@ -172,9 +173,9 @@ def condition_of(content: dict[str, Any] | None) -> Condition | None:
         return None
     watch = content["watch"]
     parts = {
-        "normal": KeptNormal(**content["normal"]),
+        "normal": StoredNormal(**content["normal"]),
         "reference": tuple(content["reference"]),
-        "watch": KeptWatch(**{**watch, "held": tuple(watch["held"])}),
+        "watch": StoredWatch(**{**watch, "held": tuple(watch["held"])}),
     }
     return Condition(**{**content, **parts})
 
@@ -216,7 +217,7 @@ def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Co
         raise NotLearntError(str(error)) from error
     means = dict(zip(wanted.names, covariates.mean(axis=0).tolist(), strict=True))
     reference = tuple((means | dict(wanted.reference or {}))[name] for name in wanted.names)
-    kept = KeptNormal.of(normal)
+    kept = StoredNormal.of(normal)
     between = wanted.time_between_false_alarms or SPANS * (training.last - training.first)
     start = Watch(normal=normal, time_between_false_alarms=1.0).start()
     there = _features(kept.read(), np.array(reference))
@@ -225,7 +226,7 @@ def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Co
     if not np.isfinite(numbers).all():
         raise NotLearntError("The law that was learnt is not finite.")
     return Condition(
-        kept, reference, known, len(table), together * between, KeptWatch.of(start)
+        kept, reference, known, len(table), together * between, StoredWatch.of(start)
     )
 
 

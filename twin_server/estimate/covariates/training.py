@@ -1,4 +1,4 @@
-"""Readings of the training span, from which is learnt what is normal; a bounded number."""
+"""A bounded number of training readings, from which normal behaviour is learnt."""
 
 import dataclasses
 from typing import Any
@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from twin_server.registration import Covariates
+from twin_server.registration.nominal import Covariates
 
-from .packing import pack, unpack
+from .array_text import pack, unpack
 
 MOST = 1_000
 """Readings that are kept; of a longer span every second, every fourth and so on."""
@@ -16,7 +16,7 @@ MOST = 1_000
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Training:
-    """What has been gathered of one frequency.
+    """Training readings of one frequency.
 
     Parameters
     ----------

@@ -5,16 +5,16 @@ differs from it later is called a change, so that an error of the model is none.
 """
 
 from .channel_units import told_shape, units_of
-from .epochs import Found, Reading, follow, posterior_of
+from .epochs import EpochEstimate, TrackedEpochs, posterior_of, track_epochs
 from .suspects import Suspect, size
 
 __all__ = [
-    "Found",
-    "Reading",
+    "EpochEstimate",
     "Suspect",
-    "follow",
+    "TrackedEpochs",
     "posterior_of",
     "size",
     "told_shape",
+    "track_epochs",
     "units_of",
 ]

@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from slowtime.dynamics.units import UNITS as MODEL_UNITS
 from slowtime_schemas.messages import Features, Mode
 from slowtime_services.files.units import unit_of
-from twin_server.model import POWERS, Model, Worth
+from twin_server.registration.structure import POWERS, Model, Worth
 
 UNSTATED = frozenset(("", "1", "-"))
 """Units by which an edge says that nobody told it one."""
@@ -29,7 +29,7 @@ DIGITS = 12
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ChannelUnits:
-    """How the channels of a message go into one shape.
+    """Factors by which the channels of a message form one displacement shape.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def channel_units(
 
 
 def units_of(features: Features, model: Model) -> ChannelUnits:
-    """Tell how the channels of a message go into one shape."""
+    """Return the factors by which the channels of a message form one shape."""
     return channel_units(model, features.channels, features.units)
 
 

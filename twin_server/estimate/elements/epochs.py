@@ -35,15 +35,15 @@ from slowtime.evolution.structures import (
 )
 from slowtime.evolution.structures.measured_modes import mode_misfit
 from slowtime_schemas.messages import Features
-from twin_server import states as st
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
-from twin_server.estimate.memory import Baseline, Memory
-from twin_server.model import Model
-from twin_server.registration import Covariates
+from twin_server.estimate.elements.memory import Baseline, Memory
+from twin_server.history import states as st
+from twin_server.registration.nominal import Covariates
+from twin_server.registration.structure import Model
 
-from .learning import conclude, gather, is_enough
-from .matching import aligned, match, remember
-from .seeing import Seen, seen
+from .baseline_learning import conclude, gather, is_enough
+from .mode_matching import aligned, match, update_reference
+from .observed_modes import ObservedMode, observed_modes
 from .suspects import Suspect, suspects_of
 
 STARTS = 2
@@ -59,12 +59,15 @@ QUANTILE = float(ndtri(0.975))
 """Half of a 95 % interval, in standard deviations."""
 
 _MOST_CHANGED = 2
-_FAR = 0.3  # shift of a frequency at which the model loses its meaning
+"""Parameters that one hypothesis lets change at most."""
+
+_FAR = 0.3
+"""Relative shift of a frequency from which estimates are beyond the recommended range [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """What one epoch has told.
+class EpochEstimate:
+    """Estimates of one epoch.
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ class Reading:
     """
 
     features: Features
-    seen: tuple[Seen, ...]
+    seen: tuple[ObservedMode, ...]
     pairs: dict[int, int]
     reasons: int
     changes: Float[np.ndarray, "parameter 4"] | None = None
@@ -94,8 +97,8 @@ class Reading:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Found:
-    """What some epochs have told, and what is remembered of them.
+class TrackedEpochs:
+    """Estimates of some epochs, and the memory after them.
 
     Parameters
     ----------
@@ -107,18 +110,18 @@ class Found:
     """
 
     memory: Memory
-    readings: tuple[Reading, ...]
+    readings: tuple[EpochEstimate, ...]
     lessons: tuple[tuple[int, int], ...]
     verdicts: tuple[tuple[int, int, Verdict], ...] = ()
 
 
-def follow(
+def track_epochs(
     memory: Memory,
     model: Model,
     features: Sequence[Features],
     learn_epochs: int,
     wanted: Covariates | None = None,
-) -> Found:
+) -> TrackedEpochs:
     """Take in the next epochs of one twin.
 
     Parameters
@@ -129,10 +132,10 @@ def follow(
     readings, lessons, verdicts = [], [], []
     nominal = _Nominal.of(memory, model) if memory.knows else None
     for row, message in enumerate(features):
-        modes = seen(message, model)
+        modes = observed_modes(message, model)
         if nominal is None:
             memory, reasons = _taught(memory, message, modes, wanted)
-            readings.append(Reading(message, tuple(modes), {}, reasons))
+            readings.append(EpochEstimate(message, tuple(modes), {}, reasons))
             if is_enough(memory, learn_epochs, wanted):
                 memory = conclude(memory, model, wanted)
                 lessons.append((row, len(memory.baselines)))
@@ -140,7 +143,7 @@ def follow(
             continue
         pairs = match(memory.references, modes, message.boot)
         references = tuple(
-            remember(one, modes[pairs[i]] if i in pairs else None, message.boot)
+            update_reference(one, modes[pairs[i]] if i in pairs else None, message.boot)
             for i, one in enumerate(memory.references)
         )
         memory = dataclasses.replace(memory, references=references)
@@ -150,7 +153,7 @@ def follow(
             baselines, judged = _watched(memory, message, modes, pairs, wanted)
             memory = dataclasses.replace(memory, baselines=baselines)
             verdicts += [(row, mode, verdict) for mode, verdict in judged]
-    return Found(memory, tuple(readings), tuple(lessons), tuple(verdicts))
+    return TrackedEpochs(memory, tuple(readings), tuple(lessons), tuple(verdicts))
 
 
 def posterior_of(
@@ -160,7 +163,7 @@ def posterior_of(
 
     None where it tells nothing.
     """
-    nominal, modes = _Nominal.of(memory, model), seen(message, model)
+    nominal, modes = _Nominal.of(memory, model), observed_modes(message, model)
     pairs = match(memory.references, modes, message.boot)
     removed = _removed(message, nominal, wanted)
     if not pairs or any(one.reasons & st.NO_COVARIATE for one in removed):
@@ -171,7 +174,7 @@ def posterior_of(
 
 
 def _taught(
-    memory: Memory, message: Features, modes: Sequence[Seen], wanted: Covariates | None
+    memory: Memory, message: Features, modes: Sequence[ObservedMode], wanted: Covariates | None
 ) -> tuple[Memory, int]:
     """Learn from an epoch; also the bits that stand against it."""
     nothing = 0 if modes else st.NO_MODE
@@ -202,7 +205,7 @@ def _removed(
 def _watched(
     memory: Memory,
     message: Features,
-    modes: Sequence[Seen],
+    modes: Sequence[ObservedMode],
     pairs: dict[int, int],
     wanted: Covariates,
 ) -> tuple[tuple[Baseline, ...], list[tuple[int, Verdict]]]:
@@ -243,29 +246,29 @@ class _Nominal:
 
 def _read(
     message: Features,
-    modes: Sequence[Seen],
+    modes: Sequence[ObservedMode],
     pairs: dict[int, int],
     nominal: _Nominal,
     removed: Sequence[Removed],
-) -> Reading:
+) -> EpochEstimate:
     numbers = {modes[j].place: nominal.baselines[i].mode for i, j in sorted(pairs.items())}
     if not pairs:
         reasons = st.NO_MODEL_MODE if modes else st.NO_MODE
-        return Reading(message, tuple(modes), numbers, reasons)
+        return EpochEstimate(message, tuple(modes), numbers, reasons)
     against = functools.reduce(operator.or_, (one.reasons for one in removed), 0)
     if against & st.NO_COVARIATE:
-        return Reading(message, tuple(modes), numbers, against)
+        return EpochEstimate(message, tuple(modes), numbers, against)
     matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
     measured = _measured(matched, nominal, removed)
     posterior = estimate(nominal.structure, measured, nominal.model.prior_sd, starts=STARTS)
     changes = _changes(posterior)
     if changes is None:
-        return Reading(message, tuple(modes), numbers, st.NOT_REPRESENTABLE)
+        return EpochEstimate(message, tuple(modes), numbers, st.NOT_REPRESENTABLE)
     reasons = against | (st.MODEL_MISFIT if posterior.p_value < MISFIT else 0)
     away = [abs(_freed(mode, i, removed)[0] / o.frequency_hz - 1.0) for o, i, mode in matched]
     if max(away) >= _FAR:
         reasons |= int(Reason.BEYOND_RECOMMENDED)
-    return Reading(
+    return EpochEstimate(
         message,
         tuple(modes),
         numbers,
@@ -276,7 +279,7 @@ def _read(
     )
 
 
-def _freed(mode: Seen, i: int, removed: Sequence[Removed]) -> tuple[float, float]:
+def _freed(mode: ObservedMode, i: int, removed: Sequence[Removed]) -> tuple[float, float]:
     """Frequency at the reference of the covariates, and what that adds to its relative sd."""
     if not removed:
         return mode.frequency_hz, 0.0
@@ -285,7 +288,7 @@ def _freed(mode: Seen, i: int, removed: Sequence[Removed]) -> tuple[float, float
 
 
 def _measured(
-    matched: Sequence[tuple[Baseline, int, Seen]],
+    matched: Sequence[tuple[Baseline, int, ObservedMode]],
     nominal: _Nominal,
     removed: Sequence[Removed],
 ) -> MeasuredModes:
@@ -309,7 +312,7 @@ def _measured(
 
 
 def _shape(
-    baseline: Baseline, mode: Seen, model: Float[np.ndarray, " channel"]
+    baseline: Baseline, mode: ObservedMode, model: Float[np.ndarray, " channel"]
 ) -> tuple[Float[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
     """Shape of the model plus what has changed since learning; NaN where not known."""
     nothing = np.full(len(model), np.nan)

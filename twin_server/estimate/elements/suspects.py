@@ -1,11 +1,11 @@
-"""From hypotheses on what has changed to words: "j2", or "j1 or j4" where nobody can tell."""
+"""Names the elements that have changed: "j2", or "j1 or j4" where data cannot tell."""
 
 import dataclasses
 import math
 from collections.abc import Sequence
 
 from slowtime.evolution.structures import Hypothesis, NamedChanges
-from twin_server.model import MASS
+from twin_server.registration.structure import MASS
 
 RIVAL = 0.2
 """Of the probability of the best hypothesis, from which another is one to be reckoned with."""
@@ -16,7 +16,7 @@ TOLD = 0.9
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Suspect:
-    """Something that has changed.
+    """One or more parameters of which one has changed.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
-        """Say it to a person.
+        """Describe the suspect in a sentence.
 
         Examples
         --------
@@ -46,7 +46,7 @@ class Suspect:
 
 
 def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
-    """Say what has changed: what all hypotheses of weight share, then what they differ in."""
+    """Return the changed parameters: first those that all likely hypotheses share."""
     place = {name: i for i, name in enumerate(named.inclusion)}
     rivals = _rivals(named.hypotheses)
     shared = set.intersection(*(set(one.names) for one in rivals))
@@ -68,7 +68,7 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
 
 
 def size(name: str, change: float, sd: float) -> str:
-    """Say by how much a parameter has changed.
+    """Describe the size of a change.
 
     Examples
     --------

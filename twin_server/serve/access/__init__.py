@@ -1,7 +1,7 @@
-"""Who asks, and may they? A request with a token → the same request with a principal, or no."""
+"""Requests with tokens in; requests with principals, or refusals, out."""
 
-from twin_server.principals import EVERYBODY, Principal, Scope, principal_of
-from twin_server.tokens import Token, TokenFile, WrongTokenFileError
+from twin_server.identity.principals import EVERYBODY, Principal, Scope, principal_of
+from twin_server.identity.tokens import Token, TokenFile, WrongTokenFileError
 
 from .guard import Guard, NotSecuredError, guarded
 from .openid import OpenId

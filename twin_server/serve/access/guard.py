@@ -1,4 +1,4 @@
-"""The door: every request is told who asks, or refused before anything of it is read."""
+"""ASGI middleware that authenticates and authorizes each request before it is read."""
 
 import asyncio
 import ipaddress
@@ -12,10 +12,10 @@ from typing import Any, Self
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from twin_server.principals import EVERYBODY, KEY, NOBODY, Principal
-from twin_server.serve.problems import MEDIA_TYPE, problem
+from twin_server.identity.principals import EVERYBODY, KEY, NOBODY, Principal
+from twin_server.identity.tokens import LONGEST, RefusedTokenError, TokenFile
+from twin_server.serve.http.problems import MEDIA_TYPE, problem
 from twin_server.settings import TwinSettings
-from twin_server.tokens import LONGEST, RefusedTokenError, TokenFile
 
 from .openid import OpenId
 from .policy import UNKNOWN, Reach, Rule, find

@@ -14,9 +14,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from twin_server.principals import Principal, Scope
+from twin_server.identity.principals import Principal, Scope
+from twin_server.identity.tokens import RefusedTokenError, WrongTokenFileError
 from twin_server.settings import OpenIdSettings
-from twin_server.tokens import RefusedTokenError, WrongTokenFileError
 
 if TYPE_CHECKING:
     import jwt
@@ -24,14 +24,22 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 LARGEST = 2**20
+"""Bytes that are read of a document of the provider, at most."""
+
 REMEMBERED = 2_000
+"""Verified tokens that are remembered, the newest."""
+
 REMEMBERED_S = 60.0
+"""Time for which a verified token is remembered [s]."""
+
 KEYS_LAST_S = 600.0
+"""Age at which the keys of the provider are fetched again [s]."""
+
 PAUSE_S = 30.0
 
 
 class OpenId:
-    """What one provider's tokens are worth here.
+    """Verifies the tokens of one OpenID provider.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which route wants whom: one line a route, and what has none is for an admin of all sites.
+"""The scope and sites that each route requires; unknown ones require an admin of all sites.
 
 A new route is added here, with the least scope that will do, and to `docs/access.md` by the
 command that its test prints.
@@ -10,11 +10,11 @@ import re
 
 from starlette.routing import compile_path
 
-from twin_server.principals import Scope
+from twin_server.identity.principals import Scope
 
 
 class Reach(enum.Enum):
-    """Of which sites a caller must be."""
+    """The sites that a caller must belong to."""
 
     OPEN = "anybody, without a token"
     ANY = "of any site"
@@ -25,7 +25,7 @@ class Reach(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Rule:
-    """What one route wants."""
+    """Scope and sites that one route requires."""
 
     method: str
     path: str

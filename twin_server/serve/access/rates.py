@@ -1,4 +1,4 @@
-"""How often somebody may ask: a bucket of tokens each, in memory that does not grow."""
+"""Limits the rate of requests of each caller by a token bucket, in bounded memory."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -8,7 +8,7 @@ CALLERS = 10_000
 
 
 class Rate:
-    """So many requests a second each, and a burst beyond it.
+    """Token buckets: a rate of requests a second for each caller, and a burst.
 
     Parameters
     ----------

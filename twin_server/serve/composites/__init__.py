@@ -3,11 +3,11 @@
 from .assessment import assess
 from .failure import Failure, failure_probability
 from .graphs import CONTAINS, WrongGraphError, composites_of
-from .routes import Compositing, routes
+from .routes import CompositeService, routes
 
 __all__ = [
     "CONTAINS",
-    "Compositing",
+    "CompositeService",
     "Failure",
     "WrongGraphError",
     "assess",

@@ -9,13 +9,13 @@ import numpy as np
 from pydantic_core import from_json
 
 from slowtime.reliability.trees import analyse, any_dependence, band, members
-from twin_server.composites import Composite
-from twin_server.compositions import below, groups_of, tree_of, twins_of
-from twin_server.rendering import state_objects
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import below, groups_of, tree_of, twins_of
+from twin_server.history.rendering import state_objects
 from twin_server.serve.knowledge import Knowledge
 
 from .failure import Failure, failure_probability, unknown
-from .pooled import pooled
+from .pooled_rates import pooled
 
 Composites = Mapping[str, Composite]
 
@@ -39,7 +39,7 @@ def assess(
     composite_id: str,
     horizon: float | None = None,
 ) -> dict[str, Any]:
-    """Tell all that is known of a composite.
+    """Return health, failure probability, importance and rates of a composite.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _member(
     name: str,
     failures: Mapping[str, Failure],
 ) -> dict[str, Any]:
-    """Tell of a direct member: a twin, or a composite with the twins within it."""
+    """Describe a direct member: a twin, or a composite with the twins within it."""
     if name not in composites:
         one = _health_of(knowledge, name)
         return {

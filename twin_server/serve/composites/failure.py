@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 from scipy import stats
 from scipy.special import ndtri
 
-from twin_server.composites import Failing
-from twin_server.registration import Registration
+from twin_server.composites.composite import Failing
+from twin_server.registration.thresholds import Limit
+from twin_server.registration.twin import Registration
 from twin_server.serve.knowledge import Knowledge
-from twin_server.thresholds import Limit
 
 PATHS = 2000
 """Futures that a forecast draws: the probability of a crossing is a share of so many."""

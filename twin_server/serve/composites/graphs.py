@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from twin_server.composites import Composite
-from twin_server.registration import ID
+from twin_server.composites.composite import Composite
+from twin_server.registration.twin import ID
 
 CONTAINS = (
     "has_member", "hasMember", "hasMembers", "contains", "hasPart", "has_part", "hasParts",
@@ -32,7 +32,7 @@ class WrongGraphError(ValueError):
 
 
 class Found(NamedTuple):
-    """What a graph describes.
+    """Composites that a graph describes.
 
     Parameters
     ----------

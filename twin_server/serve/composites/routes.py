@@ -7,17 +7,17 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic_core import to_json
 
 from slowtime_schemas.quantities import Plain
-from twin_server.composites import Composite
-from twin_server.compositions import above, memberships, twins_of
-from twin_server.principals import principal_of
-from twin_server.registration import ID, Registration
-from twin_server.serve import problems
-from twin_server.serve.few import Few
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import above, memberships, twins_of
+from twin_server.identity.principals import principal_of
+from twin_server.registration.twin import ID, Registration
+from twin_server.serve.http import problems
+from twin_server.serve.http.body_queue import release_body_slot
+from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.compute_queue import ComputeQueue
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.lanes import Lane
-from twin_server.serve.problems import ProblemError
-from twin_server.serve.registered import TwinId
-from twin_server.serve.turnstile import passed
+from twin_server.serve.routes.twin_path import TwinId
 
 from . import models
 from .assessment import assess, health
@@ -35,8 +35,8 @@ _PROBLEMS = problems.answers(
 CompositeId = Annotated[str, Path(pattern=ID), Plain]
 
 
-class Compositing(Protocol):
-    """All that the door asks of composites; what cannot be is a `ProblemError`."""
+class CompositeService(Protocol):
+    """Service of composites; refusals are raised as `ProblemError`."""
 
     def all(self) -> Mapping[str, Composite]:
         """All composites, in the order of their registration."""
@@ -57,9 +57,9 @@ class Compositing(Protocol):
 
 def routes(
     knowledge: Knowledge,
-    compositing: Compositing,
+    composite_service: CompositeService,
     known: Callable[[str], Awaitable[Registration]],
-    lane: Lane,
+    queue: ComputeQueue,
 ) -> APIRouter:
     """Make the routes.
 
@@ -67,16 +67,16 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    lane
+    queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["composites"])
-    listing, changing = Few(2), Few(1)
+    listing, changing = BoundedThreads(2), BoundedThreads(1)
     Known = Annotated[Registration, Depends(known)]
 
     def seen(request: Request, composite_id: str) -> Mapping[str, Composite]:
         """All composites, where the caller may see every twin within one."""
-        composites = compositing.all()
+        composites = composite_service.all()
         if composite_id not in composites:
             there = [name for name in composites if _sees(request, name, composites)]
             raise ProblemError(
@@ -94,7 +94,7 @@ def routes(
         """List composites with their members and health; ask for one to get all else."""
 
         def listed() -> bytes:
-            composites = compositing.all()
+            composites = composite_service.all()
             briefs = [
                 {
                     "id": name,
@@ -114,7 +114,7 @@ def routes(
         request: Request, composite_id: str, horizon: float | None, status: int = 200
     ) -> Response:
         composites = dict(seen(request, composite_id))
-        body = await lane.run(
+        body = await queue.run(
             request,
             lambda: to_json(assess(knowledge, composites, composite_id, horizon)),
             group=composite_id,
@@ -131,11 +131,11 @@ def routes(
         request: Request, composite_id: CompositeId, wanted: Composite
     ) -> Response:
         """Register a composite, or register it anew; what it was before is kept."""
-        passed(request.scope)
-        after = {**compositing.all(), composite_id: wanted}
+        release_body_slot(request.scope)
+        after = {**composite_service.all(), composite_id: wanted}
         _reach(request, composite_id, after)
         who = principal_of(request.scope).name
-        new = await changing.run(lambda: compositing.register(composite_id, wanted, who))
+        new = await changing.run(lambda: composite_service.register(composite_id, wanted, who))
         return await assessed(request, composite_id, None, 201 if new else 200)
 
     @api.get(
@@ -159,7 +159,7 @@ def routes(
         """Delete a composite; its members stay, and so do its former registrations."""
         seen(request, composite_id)
         who = principal_of(request.scope).name
-        await changing.run(lambda: compositing.delete(composite_id, who))
+        await changing.run(lambda: composite_service.delete(composite_id, who))
         return Response(status_code=204)
 
     @api.get(
@@ -185,7 +185,9 @@ def routes(
     def revisions(request: Request, composite_id: CompositeId) -> Response:
         """List all registrations of a composite, in order."""
         seen(request, composite_id)
-        return _json({"id": composite_id, "revisions": compositing.revisions(composite_id)})
+        return _json(
+            {"id": composite_id, "revisions": composite_service.revisions(composite_id)}
+        )
 
     @api.get(
         "/twins/{twin_id}/memberships",
@@ -194,7 +196,7 @@ def routes(
     )
     def of_twin(request: Request, twin_id: TwinId, registration: Known) -> Response:
         """List the composites that a twin is in: at once, and at any height."""
-        composites = compositing.all()
+        composites = composite_service.all()
         seen = {name for name in composites if _sees(request, name, composites)}
         told = {
             "id": twin_id,

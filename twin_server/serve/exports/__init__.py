@@ -1,7 +1,7 @@
-"""What a twin knows in forms that other tools read: CSV, Parquet, DTDL."""
+"""Histories and registrations in; CSV, Parquet, DTDL and JSON-LD out."""
 
 from .dtdl import Asset, graph, models
-from .linked import as_json_ld
+from .json_ld import as_json_ld
 from .routes import Form, assets_of, routes, written_as
 from .tables import NotInstalledError, columns_of, pages_of, written
 from .telemetry import as_version_2

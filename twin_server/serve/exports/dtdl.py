@@ -16,9 +16,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from twin_server.composites import Composite
-from twin_server.compositions import twins_of
-from twin_server.registration import Registration
+from twin_server.composites.composite import Composite
+from twin_server.composites.hierarchy import twins_of
+from twin_server.registration.twin import Registration
 
 from .telemetry import QUANTITIES, telemetry_of
 
@@ -26,6 +26,8 @@ Node = dict[str, Any]
 
 CONTEXT = ["dtmi:dtdl:context;3", QUANTITIES]
 LONGEST_ID = 128
+"""Characters of a model identifier, as DTDL v3 allows them."""
+
 _MEMBERS = "Twins and other composites."
 _PARTS = ("value", "sd", "lo", "hi")
 _OF = {

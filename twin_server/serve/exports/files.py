@@ -1,4 +1,4 @@
-"""Files that are made while they are given: few at once, and a piece at a time."""
+"""Streams files while they are made, a few at a time."""
 
 import threading
 from collections.abc import AsyncIterator, Iterator, Mapping
@@ -7,7 +7,7 @@ import anyio
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from twin_server.serve.problems import ProblemError
+from twin_server.serve.http.problems import ProblemError
 
 AT_ONCE = 2
 """Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""

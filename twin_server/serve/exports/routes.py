@@ -7,20 +7,20 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import from_json, to_json
 
 from slowtime_schemas.quantities import Name
-from twin_server.composites import Composite
-from twin_server.principals import principal_of
-from twin_server.registration import Registration
-from twin_server.rendering import state_objects
-from twin_server.serve import problems
-from twin_server.serve.few import Few
+from twin_server.composites.composite import Composite
+from twin_server.history.rendering import state_objects
+from twin_server.identity.principals import principal_of
+from twin_server.registration.twin import Registration
+from twin_server.serve.http import problems
+from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.instants import MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.moments import MomentText, moment_of
-from twin_server.serve.problems import ProblemError
-from twin_server.serve.registered import TwinId
+from twin_server.serve.routes.twin_path import TwinId
 
 from .dtdl import Asset, graph
 from .files import Files
-from .linked import as_json_ld
+from .json_ld import as_json_ld
 from .tables import Format, NotInstalledError, columns_of, pages_of, written
 from .telemetry import as_version_2
 
@@ -76,7 +76,7 @@ def routes(
     composites
         Gives all composites there are.
     """
-    under_way, listing = Files(most), Few(2)
+    under_way, listing = Files(most), BoundedThreads(2)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 

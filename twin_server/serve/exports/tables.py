@@ -1,4 +1,4 @@
-"""A history as a table, a page at a time: memory is that of a page, not of the history.
+"""Writes a history as CSV or Parquet page by page, in the memory of one page.
 
 One row a state, in order. Numbers are written so that they read back to the last bit; what is
 not estimated is empty in CSV and null in Parquet.
@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Bool
 from pydantic_core import from_json
 
-from twin_server.registration import Registration
-from twin_server.serve.knowledge import Chapter, Knowledge
-from twin_server.serve.moments import Moment
-from twin_server.states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
+from twin_server.history.states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
+from twin_server.registration.twin import Registration
+from twin_server.serve.instants import Moment
+from twin_server.serve.knowledge import HistoryPart, Knowledge
 
 Format = Literal["csv", "parquet"]
 Table = Mapping[str, list[Any]]
@@ -26,7 +26,7 @@ PAGE = 5_000
 
 
 class Column(NamedTuple):
-    """What a column holds: of an element, which and which part of its estimate."""
+    """Content of a column; of an element, its name and the part of its estimate."""
 
     kind: str
     element: str = ""
@@ -51,7 +51,7 @@ _KINDS = {
 
 
 class NotInstalledError(ImportError):
-    """What a format needs is not there."""
+    """A library that the format needs is not installed."""
 
 
 def columns_of(registration: Registration) -> dict[str, Column]:
@@ -73,7 +73,7 @@ def pages_of(
     twin_id: str,
     start: Moment | None = None,
     end: Moment | None = None,
-) -> Iterator[Chapter]:
+) -> Iterator[HistoryPart]:
     """States from `start` to `end`, both included, a page at a time."""
     key = -1
     while True:
@@ -87,7 +87,7 @@ def pages_of(
 
 
 def written(
-    pages: Iterable[Chapter], columns: Mapping[str, Column], form: Format, twin_id: str
+    pages: Iterable[HistoryPart], columns: Mapping[str, Column], form: Format, twin_id: str
 ) -> Iterator[bytes]:
     """Bytes of the table, as they become ready.
 
@@ -112,8 +112,8 @@ def _within(
     return inside
 
 
-def _rows(page: Chapter, kept: list[int]) -> Chapter:
-    return Chapter(
+def _rows(page: HistoryPart, kept: list[int]) -> HistoryPart:
+    return HistoryPart(
         page.states[kept],
         [page.keys[row] for row in kept],
         [page.boots[row] for row in kept],
@@ -122,7 +122,7 @@ def _rows(page: Chapter, kept: list[int]) -> Chapter:
     )
 
 
-def _table(page: Chapter, columns: Mapping[str, Column]) -> Table:
+def _table(page: HistoryPart, columns: Mapping[str, Column]) -> Table:
     states = page.states
     reasons, notes = states["reasons"].tolist(), states["notes"].tolist()
     said = {bits: " ".join(sentences(bits)) for bits in {*reasons}}

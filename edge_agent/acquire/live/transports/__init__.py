@@ -1,1 +1,1 @@
-"""Ways on which samples come: one module each, imported when its scheme is used."""
+"""Transports of live samples, one module each, imported when its scheme is used."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings
-from edge_agent.acquire.live.scan import Scan, batches_of, element_of, scan_of
+from edge_agent.acquire.live.formats.iio_scan import Scan, batches_of, element_of, scan_of
+from edge_agent.acquire.live.registry import Opened, TransportContext
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
@@ -18,7 +18,11 @@ from slowtime_services.clock import Clock
 logger = logging.getLogger(__name__)
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 AT_ONCE = 65_536
+"""Bytes that are read at once, at most."""
+
 UNITS = {"accel": "m/s^2", "anglvel": "rad/s", "voltage": "mV", "magn": "G", "temp": "mdegC"}
 """Units after scale and offset, by kind of channel, as the kernel's documents fix them."""
 
@@ -139,7 +143,7 @@ class Buffer:
         """Do nothing: what is open is closed with each connection."""
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Find the device, choose its channels and read how they are packed."""
     device = Device(
         settings.sysfs, settings.source.partition(":")[2].strip("/").partition("?")[0]

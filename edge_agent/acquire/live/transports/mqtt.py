@@ -12,13 +12,19 @@ import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 CONNECT_S = 10.0
+"""Time that the broker has for its answer to a connection [s]."""
+
 KEEP_ALIVE_S = 15
+"""Interval of the keep-alive of MQTT [s]."""
+
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 
 
@@ -121,7 +127,7 @@ def tls_context(settings: LiveInput) -> ssl.SSLContext:
     return context
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to the topic of the URL, or to those of the channels."""
     layout, rate_hz = declared(settings, settings.scheme)
     address, user, topic = parts_of(settings.source)

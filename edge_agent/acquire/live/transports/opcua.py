@@ -13,12 +13,14 @@ from asyncua.client.client import Client
 from asyncua.common.node import Node
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings
+from edge_agent.acquire.live.registry import Opened, TransportContext
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
 
 POLL_S = 0.1
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 QUEUE = 1_000
 """Values of a variable that the server keeps between two messages."""
 
@@ -92,7 +94,7 @@ async def _ended(client: Client) -> None:
         return
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to the nodes that the URL names."""
     nodes = [name for name in settings.parameters.get("channels", "").split(",") if name]
     if not nodes or settings.rate_hz is None:

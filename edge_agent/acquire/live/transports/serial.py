@@ -7,12 +7,15 @@ from urllib.parse import unquote, urlsplit
 import serial
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 AT_ONCE = 65_536
+"""Bytes that are read at once, at most."""
 
 
 class SerialPort:
@@ -39,7 +42,7 @@ class SerialPort:
         """Do nothing: what is open is closed with each connection."""
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Open the port that the URL names."""
     device = unquote(urlsplit(settings.source).path)
     if not device:

@@ -7,12 +7,15 @@ import threading
 from collections.abc import Iterator
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 AT_ONCE = 65_536
+"""Bytes that are read at once, at most."""
+
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
 
 
 class StandardInput:
@@ -40,6 +43,6 @@ class StandardInput:
         """Do nothing: what is open is closed with each connection."""
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Read standard input."""
     return Opened(StandardInput(around.clock), *declared(settings, "stdin"))

@@ -6,12 +6,16 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 AT_ONCE = 65_536
+"""Bytes that are read at once, at most."""
+
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 Address = tuple[str, int]
 
 
@@ -59,7 +63,7 @@ class TcpServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that is listened on."""
         port: int = self._listener.getsockname()[1]
         return port
 
@@ -98,7 +102,7 @@ def received(
         yield Packet(data, clock.now_ns())
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Connect, or listen, by the scheme."""
     layout, rate_hz = declared(settings, settings.scheme)
     address = address_of(settings.source)

@@ -5,13 +5,15 @@ import threading
 from collections.abc import Iterator
 
 from edge_agent.acquire.live.batch import Packet
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
 from .tcp import POLL_S, Address, address_of
 
 LARGEST = 65_535
+"""Bytes of the largest datagram of UDP over IPv4, header included."""
+
 KERNEL_BYTES = 4 * 2**20
 """Of the socket's buffer: what comes while this process waits for a processor."""
 
@@ -31,7 +33,7 @@ class Datagrams:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that is listened on."""
         port: int = self._socket.getsockname()[1]
         return port
 
@@ -50,7 +52,7 @@ class Datagrams:
         self._socket.close()
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Bind the port."""
     layout, rate_hz = declared(settings, settings.scheme)
     return Opened(Datagrams(address_of(settings.source), around.clock), layout, rate_hz)

@@ -7,8 +7,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from edge_agent.acquire.live.batch import Batch, GarbledError, Packet
-from edge_agent.acquire.live.decoding import AnyLayout
-from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.acquire.live.formats.decoding import AnyLayout
+from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, Counter, JsonLayout
 from slowtime_schemas.codec import Refused, decode
@@ -18,6 +18,8 @@ from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
+"""Time that data are waited for before `stop` is looked at [s]."""
+
 MOST_BYTES = 64 * 2**20
 """That wait between a thread of the bus and the reader."""
 
@@ -100,7 +102,7 @@ class _Decoder:
         return [Batch(rows, arrival_ns, told.first_index)]
 
 
-def opened(settings: LiveInput, around: Surroundings) -> Opened:
+def opened(settings: LiveInput, around: TransportContext) -> Opened:
     """Subscribe to a key, or to the samples of this asset."""
     if around.bus is None:
         raise ValueError("zenoh: needs the bus of an edge agent.")

@@ -10,11 +10,11 @@ import httpx
 import pytest
 
 from slowtime_cli.offline import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
-from twin_server.registration import Registration
+from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
+from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
-from twin_server.serve.problems import ProblemError
+from twin_server.serve.http.problems import ProblemError
 from twin_server.settings import TwinSettings
 
 DAY = datetime.timedelta(days=1)
@@ -87,7 +87,7 @@ def door(tmp_path_factory):
         hub = Passing(9, 99, 9)
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
-            alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            compositing=Compositions(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            composite_service=CompositeRegistry(pipeline, store),
         )  # fmt: skip
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

@@ -8,9 +8,9 @@ import time
 
 import pytest
 
+from twin_server.identity.tokens import RefusedTokenError
 from twin_server.serve.access import OpenId, Scope, WrongTokenFileError
 from twin_server.settings import OpenIdSettings
-from twin_server.tokens import RefusedTokenError
 
 jwt = pytest.importorskip("jwt")
 ISSUER, AUDIENCE = "https://id.example", "slowtime"

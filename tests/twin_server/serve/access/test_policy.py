@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve.access import POLICY, Reach, Scope, find
 from twin_server.serve.access.policy import UNKNOWN
 

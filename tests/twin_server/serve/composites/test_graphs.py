@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from twin_server.composites import Composite
-from twin_server.registration import Registration
+from twin_server.composites.composite import Composite
+from twin_server.registration.twin import Registration
 from twin_server.serve.composites import WrongGraphError, composites_of
 from twin_server.serve.exports import Asset, as_json_ld, graph
 

@@ -11,7 +11,7 @@ from slowtime.reliability.trees import (
     series,
     simulate,
 )
-from twin_server.estimate import foresight
+from twin_server.estimate.forecast import changes as foresight
 from twin_server.serve.composites import failure
 
 from .conftest import IDS, YARD

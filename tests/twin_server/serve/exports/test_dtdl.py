@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from twin_server.registration import Registration
+from twin_server.registration.twin import Registration
 from twin_server.serve.exports import Asset, graph, models
 from twin_server.serve.exports.dtdl import segment
 

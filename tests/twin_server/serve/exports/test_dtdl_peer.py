@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from twin_server.composites import Composite
-from twin_server.registration import MODEL_EXAMPLE, Registration
+from twin_server.composites.composite import Composite
+from twin_server.registration.twin import MODEL_EXAMPLE, Registration
 from twin_server.serve.composites import composites_of
 from twin_server.serve.exports import Asset, as_json_ld, as_version_2, graph
 

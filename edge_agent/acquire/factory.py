@@ -1,0 +1,59 @@
+"""Opens the source that the settings name."""
+
+import threading
+
+from edge_agent.inputs import BoardsInput, LiveInput
+from edge_agent.settings import FileInput, Input, SimulatedInput
+from slowtime_services.bus import Bus
+from slowtime_services.clock import Clock
+
+from .file import FileSource
+from .live import LiveSource, TransportContext, check, importing
+from .recording import RecordingSource
+from .simulated import SimulatedSource
+from .source import Pacer, Source
+
+
+def check_input(settings: Input) -> None:
+    """Refuse an input that cannot be opened, before anything else is begun.
+
+    Raises
+    ------
+    ValueError
+        Where a scheme, a parameter or a library is missing.
+    """
+    boards = settings.boards if isinstance(settings, BoardsInput) else (settings,)
+    for board in boards:
+        if isinstance(board, LiveInput):
+            check(board)
+
+
+def open_source(
+    settings: Input,
+    clock: Clock,
+    stop: threading.Event,
+    covariates: tuple[str, ...] = (),
+    *,
+    bus: Bus | None = None,
+    twin: tuple[str, str] = ("", ""),
+) -> Source:
+    """Open the source that the settings name.
+
+    Parameters
+    ----------
+    covariates
+        Channels that a file's reader shall keep.
+    bus, twin
+        Bus of the agent, and site and asset; for samples that come over it.
+    """
+    pacer = Pacer(clock, stop)
+    if isinstance(settings, SimulatedInput):
+        return SimulatedSource(settings, pacer)
+    if isinstance(settings, FileInput):
+        return FileSource(settings, pacer, covariates=covariates)
+    if isinstance(settings, LiveInput):
+        opened = importing(check(settings))(settings, TransportContext(clock, bus, twin))
+        return LiveSource(settings, opened, clock, stop)
+    if isinstance(settings, BoardsInput):
+        raise ValueError("Several boards are opened one by one.")
+    return RecordingSource(settings, pacer)

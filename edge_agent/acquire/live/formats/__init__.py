@@ -1,0 +1,1 @@
+"""Messages, lines, frames and scans in; batches of numbers out."""

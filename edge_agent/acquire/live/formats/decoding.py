@@ -1,0 +1,217 @@
+"""Decodes messages and lines to batches by a declared layout."""
+
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from edge_agent.acquire.live.batch import Batch, GarbledError, Rows
+from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
+
+from .packed import decode_frame
+
+MOST_SAMPLES = 1_000_000
+"""Of one message; more are garbage."""
+
+Decoder = Callable[[bytes, int], list[Batch]]
+AnyLayout = JsonLayout | CsvLayout | PackedLayout
+
+
+def decoder_of(layout: AnyLayout, lane: int = 0, columns: Sequence[int] = ()) -> Decoder:
+    """Give what turns a payload and its time of arrival into batches.
+
+    Parameters
+    ----------
+    lane, columns
+        Which group of channels a payload holds, and which channels those are; empty for all.
+
+    Returns
+    -------
+    A function that raises `GarbledError` where the payload is not what the layout declares.
+    """
+    places = tuple(columns) or tuple(range(len(layout.channels)))
+    decode: Decoder
+    if isinstance(layout, JsonLayout):
+        decode = _JsonDecoder(layout, lane, places)
+    elif isinstance(layout, CsvLayout):
+        decode = _CsvDecoder(layout, lane, places)
+    else:
+        return lambda data, arrival_ns: [
+            decode_frame(layout, data, arrival_ns)._replace(lane=lane)
+        ]
+    return lambda data, arrival_ns: _checked(decode, data, arrival_ns)
+
+
+def _checked(decode: Decoder, data: bytes, arrival_ns: int) -> list[Batch]:
+    try:
+        return decode(data, arrival_ns)
+    except GarbledError:
+        raise
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        raise GarbledError(f"{type(error).__name__}: {error}") from error
+
+
+class _JsonDecoder:
+    def __init__(self, layout: JsonLayout, lane: int, columns: tuple[int, ...]) -> None:
+        self._lane = lane
+        chosen = [layout.channels[n] for n in columns]
+        self._paths = [_path(channel.at, channel.name) for channel in chosen]
+        self._rows = None if layout.rows is None else layout.rows.split(".")
+        self._counter = None if layout.counter is None else _path(layout.counter.at, "")
+        self._stamp = None if layout.stamp is None else _path(layout.stamp.at, "")
+        self._last = layout.stamp is not None and layout.stamp.of == "last"
+        self._modulus = 2 ** (64 if layout.counter is None else layout.counter.bits)
+        self._by_message = layout.counter is not None and layout.counter.counts == "messages"
+
+    def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
+        told = json.loads(data)
+        parts = told if isinstance(told, list) else [told]
+        return [batch for part in parts for batch in self._part(part, arrival_ns)]
+
+    def _part(self, part: Any, arrival_ns: int) -> list[Batch]:
+        rows: Rows
+        if self._rows is not None:
+            rows = _matrix(_at(part, self._rows), len(self._paths))
+        else:
+            values = [_at(part, path) for path in self._paths]
+            if not isinstance(values[0], list):
+                # Quick: this is how most boards send.
+                rows = [[_number(value) for value in values]]
+            else:
+                rows = _matrix(values, None).T
+        counters = None if self._counter is None else _at(part, self._counter)
+        stamps = None if self._stamp is None else _at(part, self._stamp)
+        if not isinstance(counters, list) and not isinstance(stamps, list):
+            at = len(rows) - 1 if self._last else 0
+            counter = None if counters is None else _whole(counters)
+            stamp = None if stamps is None else _whole(stamps)
+            return [Batch(rows, arrival_ns, counter, stamp, at, self._lane)]
+        return split(
+            rows, _each(counters, len(rows)), _each(stamps, len(rows)), arrival_ns,
+            self._modulus, self._lane,
+        )  # fmt: skip
+
+
+class _CsvDecoder:
+    def __init__(self, layout: CsvLayout, lane: int, columns: tuple[int, ...]) -> None:
+        self._lane, self._delimiter = lane, layout.delimiter
+        self._counter, self._stamp, channels = layout.places
+        self._channels = [channels[n] for n in columns]
+        self._modulus = 2 ** (64 if layout.counter is None else layout.counter.bits)
+
+    def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
+        rows, counters, stamps = [], [], []
+        for line in data.decode("ascii").splitlines():
+            if not line.strip():
+                continue
+            cells = line.split(None if self._delimiter == " " else self._delimiter)
+            rows.append([float(cells[n]) for n in self._channels])
+            if self._counter is not None:
+                counters.append(_whole(float(cells[self._counter])))
+            if self._stamp is not None:
+                stamps.append(_whole_text(cells[self._stamp]))
+        if not rows:
+            raise GarbledError("It has no line of numbers.")
+        return split(
+            rows, counters or None, stamps or None, arrival_ns, self._modulus, self._lane
+        )
+
+
+def split(
+    rows: Any,
+    counters: Sequence[int] | None,
+    stamps: Sequence[int] | None,
+    arrival_ns: int,
+    modulus: int,
+    lane: int,
+) -> list[Batch]:
+    """Cut rows with a counter each where it does not go on by one; with stamps alone, each."""
+    if len(rows) == 1 or (counters is None and stamps is None):
+        return [
+            Batch(
+                rows,
+                arrival_ns,
+                counters[0] if counters else None,
+                stamps[0] if stamps else None,
+                0,
+                lane,
+            )
+        ]
+    cuts = [
+        n
+        for n in range(1, len(rows))
+        if counters is None or (counters[n] - counters[n - 1]) % modulus != 1
+    ]
+    return [
+        Batch(
+            rows[begin:end],
+            arrival_ns,
+            counters[begin] if counters else None,
+            stamps[begin] if stamps else None,
+            0,
+            lane,
+        )
+        for begin, end in zip([0, *cuts], [*cuts, len(rows)], strict=True)
+    ]
+
+
+def _path(place: str | int | None, otherwise: str) -> list[str]:
+    return (otherwise if place is None else str(place)).split(".")
+
+
+def _at(told: Any, path: Sequence[str]) -> Any:
+    for part in path:
+        told = told[int(part)] if isinstance(told, list) else told[part]
+    return told
+
+
+def _number(value: Any) -> float:
+    if value is None:
+        return float("nan")  # a missing value, as JSON has no NaN
+    if type(value) not in (int, float):
+        raise GarbledError(f"{value!r:.40} is no number.")
+    return float(value)
+
+
+def _matrix(values: Any, columns: int | None) -> np.ndarray:
+    if not isinstance(values, list) or not all(isinstance(row, list) for row in values):
+        raise GarbledError("Some channels are arrays and some are not.")
+    rows = [[_number(value) for value in row] for row in values]
+    lengths = {len(row) for row in rows}
+    if len(lengths) != 1 or 0 in lengths or (columns is not None and lengths != {columns}):
+        raise GarbledError(f"Arrays of {sorted(lengths)} numbers.")
+    if max(len(rows), *lengths) > MOST_SAMPLES:
+        raise GarbledError(f"More than {MOST_SAMPLES:,} samples.")
+    return np.array(rows)
+
+
+def _whole(value: Any) -> int:
+    if type(value) is int:
+        return value
+    if type(value) is float and value.is_integer():
+        return int(value)
+    raise GarbledError(f"{value!r:.40} is no whole number.")
+
+
+def _whole_text(text: str) -> int:
+    """Read a stamp; as a float, nanoseconds since 1970 would lose their last digits."""
+    try:
+        return int(text)
+    except ValueError:
+        return round(float(text))
+
+
+def _each(values: Any, count: int) -> list[int] | None:
+    if values is None:
+        return None
+    if not isinstance(values, list) or len(values) != count:
+        raise GarbledError(f"A counter or stamp for each of {count} samples was expected.")
+    return [_whole(value) for value in values]

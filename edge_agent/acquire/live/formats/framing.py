@@ -1,0 +1,161 @@
+"""Finds lines and frames in byte streams; bytes between them are garbage."""
+
+from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
+
+from edge_agent.acquire.live.batch import GarbledError
+from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
+
+from .packed import is_sound, read_header, samples_of
+
+MOST_LINE_BYTES = 2**20
+"""Bytes of a line, beyond which it is garbage."""
+MOST_WAITING_BYTES = 2**16
+"""Longest frame whose length stands in its header: a false one would hold up those after it."""
+
+
+@runtime_checkable
+class Framer(Protocol):
+    """Finds messages in a stream."""
+
+    garbage_bytes: int
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Messages that are complete with `data`."""
+        ...
+
+    def reset(self) -> None:
+        """Forget what was begun: the connection is another."""
+        ...
+
+
+def framer_of(layout: JsonLayout | CsvLayout | PackedLayout) -> Framer:
+    """Give what finds the messages of a layout.
+
+    Raises
+    ------
+    ValueError
+        Where frames could not be found again after garbage.
+    """
+    if not isinstance(layout, PackedLayout):
+        return LineFramer()
+    if not layout.sync:
+        raise ValueError(
+            "A packed layout on a byte stream was given without `sync`: frames could not be "
+            "found again after a lost byte. Give the bytes that each begins with, such as "
+            "sync = 'a55a', or send datagrams."
+        )
+    if layout.samples is None and "samples" not in (what for what, _, _ in layout.fields):
+        raise ValueError(
+            "A packed layout on a byte stream was given that does not say how long a frame is. "
+            "Give `samples`, or 'samples:u8' in the header."
+        )
+    return FrameFramer(layout)
+
+
+class LineFramer:
+    """Lines end with a line feed; comments, headings and what is too long are garbage.
+
+    Examples
+    --------
+    >>> framer = LineFramer()
+    >>> list(framer.feed(b"1,2" + bytes([10]) + b"3")), list(framer.feed(b",4" + bytes([10])))
+    ([b'1,2'], [b'3,4'])
+    """
+
+    def __init__(self) -> None:
+        self.garbage_bytes = 0
+        self._begun = b""
+        self._overlong = False
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Lines that are complete with `data`, without their ends."""
+        *lines, self._begun = (self._begun + data).split(b"\n")
+        for line in lines:
+            if self._overlong:
+                self.garbage_bytes += len(line) + 1
+                self._overlong = False
+            elif stripped := line.strip():
+                yield stripped
+        if len(self._begun) > MOST_LINE_BYTES:
+            self.garbage_bytes += len(self._begun)
+            self._begun, self._overlong = b"", True
+
+    def reset(self) -> None:
+        """Forget the line that was begun."""
+        self.garbage_bytes += len(self._begun)
+        self._begun, self._overlong = b"", False
+
+
+class FrameFramer:
+    """Frames begin with sync bytes; length and checksum tell them from chance.
+
+    Without a checksum, a frame after garbage is believed once another one follows it.
+    """
+
+    def __init__(self, layout: PackedLayout) -> None:
+        self.garbage_bytes = 0
+        self._layout, self._sync = layout, layout.sync_bytes
+        self._buffer = bytearray()
+        self._locked = layout.checksum != "none"
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Frames that are complete with `data`."""
+        self._buffer += data
+        while self._skip_to_sync():
+            size = self._frame_bytes()
+            if size is None:
+                return
+            if size == 0 or (len(self._buffer) >= size and not self._believes(size)):
+                self._drop(1)
+                self._locked = self._layout.checksum != "none"
+                continue
+            needed = size if self._locked else size + len(self._sync)
+            if len(self._buffer) < needed:
+                return
+            frame = bytes(self._buffer[:size])
+            del self._buffer[:size]
+            self._locked = True
+            yield frame
+
+    def reset(self) -> None:
+        """Forget the frame that was begun."""
+        self._drop(len(self._buffer))
+        self._locked = self._layout.checksum != "none"
+
+    def _skip_to_sync(self) -> bool:
+        """Drop what is before the next sync; False where there is none yet."""
+        place = self._buffer.find(self._sync)
+        if place > 0:
+            self._locked = self._layout.checksum != "none"
+        if place >= 0:
+            self._drop(place)
+            return True
+        # The end of it may be the beginning of a sync.
+        self._drop(max(0, len(self._buffer) - len(self._sync) + 1))
+        return False
+
+    def _frame_bytes(self) -> int | None:
+        """Length of the frame that begins here; 0 where it cannot be one, None to wait."""
+        if len(self._buffer) < self._layout.begin_bytes:
+            return None
+        try:
+            header = read_header(self._layout, bytes(self._buffer[: self._layout.begin_bytes]))
+            count = samples_of(self._layout, header)
+        except GarbledError:
+            return 0
+        if count is None or count < 1:
+            return 0
+        size = self._layout.frame_bytes(count)
+        fixed = count == self._layout.samples
+        return size if fixed or size <= MOST_WAITING_BYTES else 0
+
+    def _believes(self, size: int) -> bool:
+        if self._layout.checksum != "none":
+            return is_sound(self._layout, bytes(self._buffer[:size]))
+        following = self._buffer[size : size + len(self._sync)]
+        return self._locked or self._sync.startswith(bytes(following))
+
+    def _drop(self, count: int) -> None:
+        self.garbage_bytes += count
+        del self._buffer[:count]

@@ -1,0 +1,89 @@
+"""Keeps damaged bytes of a spool in files, and which features were in them."""
+
+import logging
+from pathlib import Path
+
+from .spool_records import Damage
+
+logger = logging.getLogger(__name__)
+
+SUFFIX = ".damaged"
+MOST_BYTES = 16 * 2**20
+"""Of all files of damaged bytes together; beyond, the oldest are deleted."""
+
+
+class DamagedBytes:
+    """Damaged bytes of the segments of one spool.
+
+    The damaged bytes of a segment are copied to ``SEGMENT.OFFSET.damaged`` beside it, for
+    whoever wants to look at them; the segment itself is left as it is until the twin has
+    acknowledged it.
+
+    Parameters
+    ----------
+    folder
+        The spool.
+    most_bytes
+        Of all copies together.
+    """
+
+    def __init__(self, folder: Path, most_bytes: int = MOST_BYTES) -> None:
+        self._folder, self._most_bytes = folder, most_bytes
+        self._found: dict[tuple[Path, int], tuple[str, Damage]] = {}
+        self._features = 0
+
+    @property
+    def features(self) -> int:
+        """Number of features found damaged since the spool was opened."""
+        return self._features
+
+    def found(self, segment: Path, boot: str, data: bytes, damage: Damage) -> None:
+        """Note damage, and set its bytes aside; what is known already is not noted again."""
+        if (segment, damage.begin) in self._found:
+            return
+        self._found[segment, damage.begin] = boot, damage
+        lost = max(0, damage.last - damage.first + 1)
+        self._features += lost
+        logger.error(
+            "%s: bytes %d to %d are damaged; features %s of boot %s were in them and are lost. "
+            "The bytes are kept in %s. Check the disk.",
+            segment.name,
+            damage.begin,
+            damage.end,
+            f"{damage.first} to {damage.last}" if lost else "none",
+            boot,
+            self._folder,
+        )
+        self._set_aside(segment, data[damage.begin : damage.end], damage.begin)
+
+    def ranges(self, boot: str) -> list[tuple[int, int]]:
+        """First and last of each range of features of `boot` that is damaged, ascending."""
+        return sorted(
+            (damage.first, damage.last)
+            for of_boot, damage in self._found.values()
+            if of_boot == boot and damage.last >= damage.first
+        )
+
+    def forget(self, segment: Path) -> None:
+        """Know nothing of a segment any more: it is acknowledged, or dropped."""
+        for key in [key for key in self._found if key[0] == segment]:
+            del self._found[key]
+
+    def _set_aside(self, segment: Path, damaged: bytes, begin: int) -> None:
+        if not damaged:
+            return
+        path = segment.with_name(f"{segment.name}.{begin:010d}{SUFFIX}")
+        try:
+            path.write_bytes(damaged[: self._most_bytes])
+            self._keep_within_bounds(path)
+        except OSError as error:
+            logger.warning("%s cannot be written: %s", path, error)
+
+    def _keep_within_bounds(self, newest: Path) -> None:
+        files = {path: path.stat() for path in self._folder.glob(f"*{SUFFIX}")}
+        size = sum(status.st_size for status in files.values())
+        for path in sorted(files, key=lambda path: files[path].st_mtime_ns):
+            if size <= self._most_bytes or path == newest:
+                return
+            path.unlink(missing_ok=True)
+            size -= files[path].st_size

@@ -1,0 +1,64 @@
+"""Keeps the newest fatigue message of each boot on disk.
+
+The sums only grow, so that the newest message of a boot holds all that earlier ones said: a
+twin that takes the newest of each boot counts each cycle once, however often it is told.
+"""
+
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+logger = logging.getLogger(__name__)
+
+SUFFIX = ".fatigue"
+MOST_BOOTS = 256
+"""Boots whose sums are kept; beyond, the oldest go."""
+
+
+class FatigueStore:
+    """Messages of all boots in a folder.
+
+    Parameters
+    ----------
+    folder
+        Of the spool; it exists.
+    """
+
+    def __init__(self, folder: Path, boot: str) -> None:
+        self._folder, self._boot = folder, boot
+        self._turn = 0
+
+    def put(self, payload: bytes) -> None:
+        """Keep the newest of this boot, whole on the disk before it is named."""
+        path = self._folder / f"{self._boot}{SUFFIX}"
+        partial = path.with_suffix(".partial")
+        try:
+            with partial.open("wb") as file:
+                file.write(payload)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+            for old in self._paths()[:-MOST_BOOTS]:
+                old.unlink(missing_ok=True)
+        except OSError:
+            # Without a disk the structure is still worth listening to.
+            logger.exception("Fatigue of this boot is sent without being kept.")
+
+    def all(self) -> Iterator[bytes]:
+        """Read what is kept, of all boots."""
+        for path in self._paths():
+            yield path.read_bytes()
+
+    def turn(self) -> bytes | None:
+        """Read what is kept of one boot after the other, so that each is told again in time."""
+        paths = self._paths()
+        if not paths:
+            return None
+        self._turn = (self._turn + 1) % len(paths)
+        return paths[self._turn].read_bytes()
+
+    def _paths(self) -> list[Path]:
+        # Names of boots sort as they began, unless somebody gives them.
+        paths = self._folder.glob(f"*{SUFFIX}")
+        return sorted(paths, key=lambda path: (path.stat().st_mtime_ns, path.name))

@@ -1,0 +1,1 @@
+"""The files that slowtime reads and writes, as pydantic models with frozen schemas."""

@@ -1,0 +1,85 @@
+"""Health of edge agents, what they are, and acknowledgements of the twin."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, StringConstraints
+
+from slowtime_schemas.quantities import (
+    Count,
+    Free,
+    Sequence,
+)
+
+from .base import Message
+
+ACK_VERSION = "ack_version"
+"""Counter of `Health`: newest version of `Acknowledgement` the agent reads; 1 if absent."""
+
+FOREIGN_ACKS = "foreign_acks"
+"""Counter of `Health`: acknowledgements of readings that another agent must have made."""
+
+
+class Health(Message):
+    """How an edge agent is doing; also the tail of its account (`last_sequence`)."""
+
+    MESSAGE: ClassVar[str] = "health"
+    VERSION: ClassVar[int] = 1
+
+    version: Literal[1] = 1
+    last_sequence: Annotated[
+        int,
+        Field(
+            ge=-1,
+            lt=2**63,
+            description="Newest features sequence of this boot; -1 before the first.",
+        ),
+    ]
+    first_held: Annotated[
+        int,
+        Field(
+            ge=-1,
+            lt=2**63,
+            description="Oldest features sequence of this boot still in the spool; -1 if none.",
+        ),
+    ]
+    dropped: Annotated[
+        int, Field(ge=0, lt=2**63, description="Features the full spool has dropped unsent.")
+    ] = 0
+    uptime_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    counters: dict[str, Count] = Field(default_factory=dict)
+
+
+class About(Message):
+    """What an edge agent is: its software and the settings that decide its features."""
+
+    MESSAGE: ClassVar[str] = "about"
+    VERSION: ClassVar[int] = 1
+
+    version: Literal[1] = 1
+    software: str
+    settings: Free
+
+
+class Acknowledgement(Message):
+    """The twin's word that features are durable, up to and including `sequence` of `boot`.
+
+    An agent whose own features from `first` to `sequence` have another digest deletes nothing:
+    another agent sends under its name.
+    """
+
+    MESSAGE: ClassVar[str] = "ack"
+    VERSION: ClassVar[int] = 2
+
+    version: Literal[2] = 2
+    first: Annotated[
+        Sequence | None,
+        Field(description="From where on `digest` counts; null where there is none."),
+    ] = None
+    digest: Annotated[
+        Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{16}$")] | None,
+        Field(
+            description="Sum modulo 2^64, in hexadecimal, of the digests of the features from "
+            "`first` to `sequence`: BLAKE2b of 8 bytes of each payload, little-endian, keyed "
+            "with its sequence as 8 bytes, little-endian."
+        ),
+    ] = None

@@ -1,0 +1,102 @@
+"""Backups under load, and their way back."""
+
+import shutil
+import threading
+
+import pytest
+
+from slowtime_cli.__main__ import main
+from twin_server.persist import SqliteStore, WrongStoreError, backup, restore, verify_file
+from twin_server.pipeline import Pipeline
+from twin_server.settings import TwinSettings
+
+
+def ran(*words):
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, words)])
+    return ended.value.code
+
+
+def test_a_backup_under_load_is_exactly_what_was_acknowledged_by_then(tmp_path, ageing, sample):
+    samples = [sample(message) for message in ageing(1200)]
+    store = SqliteStore(tmp_path / "twin.sqlite")
+    pipeline = Pipeline(TwinSettings(pipeline={"batch_messages": 20}), store)
+    begun = threading.Event()
+
+    def work():
+        pipeline.ingest(samples[:100])
+        begun.set()
+        pipeline.ingest(samples[100:])
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    begun.wait()
+    acknowledged = []
+    for number in range(3):
+        before = store.count("lab.beam")
+        backup(tmp_path / "twin.sqlite", tmp_path / f"{number}.sqlite")
+        acknowledged.append((before, store.count("lab.beam")))
+    worker.join()
+    store.close()
+    for number, (least, most) in enumerate(acknowledged):
+        restored = tmp_path / "restored" / "twin.sqlite"
+        restore(tmp_path / f"{number}.sqlite", restored)
+        kept = SqliteStore(restored)
+        count = kept.count("lab.beam")
+        assert least <= count <= most
+        quiet = SqliteStore(tmp_path / f"quiet-{number}.sqlite")
+        Pipeline(TwinSettings(), quiet).ingest(samples[:count])
+        assert kept.digest("lab.beam") == quiet.digest("lab.beam")
+        assert kept.twins() == quiet.twins()
+        Pipeline(TwinSettings(), kept).ingest(samples[count:])
+        assert kept.count("lab.beam") == 1200
+        kept.close()
+        quiet.close()
+
+
+def test_what_was_there_is_kept_aside_with_its_log(tmp_path):
+    path = tmp_path / "twin.sqlite"
+    store = SqliteStore(path)
+    backup(path, tmp_path / "a.sqlite")
+    with pytest.raises(WrongStoreError, match="in use by another twin server"):
+        restore(tmp_path / "a.sqlite", path)
+    shutil.copy(path, tmp_path / "busy.sqlite")
+    shutil.copy(str(path) + "-wal", tmp_path / "busy.sqlite-wal")
+    store.close()
+    aside = restore(tmp_path / "a.sqlite", tmp_path / "busy.sqlite")
+    assert aside == tmp_path / "busy.sqlite.aside-1"
+    assert (tmp_path / "busy.sqlite.aside-1-wal").exists()
+    assert not (tmp_path / "busy.sqlite-wal").exists()
+    assert restore(tmp_path / "a.sqlite", tmp_path / "busy.sqlite") != aside
+
+
+def test_a_damaged_database_gives_no_backup_and_a_damaged_backup_is_not_restored(tmp_path):
+    path = tmp_path / "twin.sqlite"
+    SqliteStore(path).close()
+    damaged = bytearray(path.read_bytes())
+    damaged[4096] ^= 0xFF  # what kind of page it is
+    (tmp_path / "bad.sqlite").write_bytes(damaged)
+    with pytest.raises(WrongStoreError):
+        backup(tmp_path / "bad.sqlite", tmp_path / "b.sqlite")
+    assert not (tmp_path / "b.sqlite").exists()
+    before = path.read_bytes()
+    with pytest.raises(WrongStoreError):
+        restore(tmp_path / "bad.sqlite", path)
+    assert path.read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_verbs_say_in_a_sentence_what_they_found(tmp_path, capsys):
+    path, copy = tmp_path / "twin.sqlite", tmp_path / "copy.sqlite"
+    SqliteStore(path).close()
+    assert ran("check", path) == 0
+    assert "features: 0 rows" in capsys.readouterr().out
+    assert ran("backup", path, "--out", copy) == 0
+    assert ran("backup", path, "--out", copy) == 2
+    assert "exists. Give a new file" in capsys.readouterr().err
+    assert ran("restore", copy, "--database", path) == 0
+    assert "What was there is" in capsys.readouterr().out
+    path.write_bytes(b"no database of anybody " * 400)
+    assert ran("check", path) == 2
+    assert "restore the last backup with `slowtime restore`" in capsys.readouterr().err
+    verify_file(copy)

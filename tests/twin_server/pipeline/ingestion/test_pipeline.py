@@ -1,0 +1,417 @@
+"""The pipeline: whatever happens on the way, the history of an undisturbed run."""
+
+import contextlib
+import itertools
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slowtime_schemas.codec import decode_sample, encode
+from slowtime_schemas.messages import Health, TwinState
+from slowtime_schemas.streams import ACK, EVENT, HEALTH, REGISTRATION, STATE
+from slowtime_services.bus import MemoryBus, Sample
+from slowtime_services.clock import HandClock
+from twin_server import estimate as estimators
+from twin_server.persist import SqliteStore, StoreError, open_store
+from twin_server.pipeline import Pipeline
+from twin_server.pipeline.ingestion import estimation as estimating
+from twin_server.registration.twin import Registration
+from twin_server.settings import TwinSettings
+
+
+@pytest.fixture
+def open_twin(database, settings):
+    """Start pipelines on databases, and end what is left of them."""
+    running = []
+
+    def start(bus=None, *, name="twin", with_settings=settings):
+        store = open_store(database(name))
+        pipeline = Pipeline(with_settings, store, bus=bus)
+        pipeline.start()
+        running.append((pipeline, store))
+        return pipeline, store
+
+    yield start
+    for pipeline, store in running:
+        pipeline.stop()
+        store.close()
+
+
+def undisturbed(tmp_path, messages, sample, registration=None):
+    """The digest of a run in which nothing went wrong."""
+    store = SqliteStore(tmp_path / f"undisturbed-{time.monotonic_ns()}.sqlite")
+    pipeline = Pipeline(TwinSettings(), store)
+    if registration is not None:
+        pipeline.register("lab.beam", registration)
+    pipeline.ingest(map(sample, messages))
+    pipeline.give_up()
+    digest = store.digest("lab.beam")
+    store.close()
+    return digest
+
+
+@settings(
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_any_order_doubles_and_cuts_give_the_same_history(
+    tmp_path, ageing, sample, data, database
+):
+    messages = ageing(40) + ageing(15, boot="b2")
+    expected = undisturbed(tmp_path, messages, sample)
+    with contextlib.closing(open_store(database(f"x{time.monotonic_ns()}"))) as store:
+        pipeline = Pipeline(TwinSettings(), store)
+        places = [
+            *data.draw(st.permutations(range(40))),
+            *data.draw(st.permutations(range(40, 55))),
+        ]
+        places += data.draw(st.lists(st.integers(0, 54), max_size=10))
+        arriving = [messages[place] for place in places]
+        while arriving:
+            some = data.draw(st.integers(1, len(arriving)))
+            pipeline.ingest(map(sample, arriving[:some]))
+            arriving = arriving[some:]
+            if data.draw(st.booleans()):
+                pipeline = Pipeline(TwinSettings(), store)  # as after a SIGKILL
+        assert store.digest("lab.beam") == expected
+
+
+def test_a_flood_with_losses_is_healed_over_the_bus(
+    open_twin, edge, ageing, sample, tmp_path, eventually
+):
+    messages = ageing(300)
+    with MemoryBus() as bus:
+        _, store = open_twin(bus)
+        beam = edge(MemoryBus(joins=bus))
+        for message in messages:
+            beam.make(message, send=message.sequence % 7 != 3)
+        assert eventually(lambda: store.count("lab.beam") == 300)
+        assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
+        beam.close()
+
+
+def test_a_server_that_starts_late_has_all_that_the_edge_still_holds(
+    open_twin, edge, ageing, eventually
+):
+    with MemoryBus() as bus:
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(50):
+            beam.make(message)
+        beam.forget("b1", *range(10))
+        _, store = open_twin(bus)
+        assert eventually(lambda: store.count("lab.beam") == 40)
+        (lost,) = [json.loads(e.body) for e in store.events() if "features_lost" in e.body]
+        assert (lost["details"]["first"], lost["details"]["last"]) == (0, 9)
+        assert lost["severity"] == "info"
+
+
+def test_a_lost_tail_is_fetched_on_the_word_of_health(open_twin, edge, ageing, eventually):
+    with MemoryBus() as bus:
+        _, store = open_twin(bus)
+        beam = edge(MemoryBus(joins=bus))
+        *most, last = ageing(10)
+        for message in most:
+            beam.make(message)
+        assert eventually(lambda: store.count("lab.beam") == 9)
+        beam.make(last, send=False)
+        health = Health(
+            site="lab", asset="beam", boot="b1", sequence=0, t_ns=1, last_sequence=9,
+            first_held=0, uptime_s=1.0,
+        )  # fmt: skip
+        bus.publish(HEALTH.key("lab", "beam"), encode(health), encoding=HEALTH.encoding)
+        assert eventually(lambda: store.count("lab.beam") == 10)
+
+
+def test_only_what_is_durable_is_acknowledged(open_twin, edge, ageing, eventually, tmp_path):
+    acknowledged: list[tuple[int, int]] = []
+    with MemoryBus() as bus:
+        _, store = open_twin(bus)
+
+        def hear(sample):
+            sequence = decode_sample(sample.key, sample.payload).sequence
+            acknowledged.append((sequence, store.count("lab.beam")))
+
+        bus.subscribe(ACK.everywhere, hear)
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(200):
+            beam.make(message)
+            time.sleep(0.0005)
+        assert eventually(lambda: acknowledged and acknowledged[-1][0] == 199)
+    assert all(count >= sequence + 1 for sequence, count in acknowledged)
+
+
+def test_states_events_and_registrations_travel_as_the_messages_they_are(
+    open_twin, edge, ageing, eventually
+):
+    heard: list[Sample] = []
+    with MemoryBus() as bus:
+        pipeline, store = open_twin(bus)
+        for stream in (STATE, EVENT, REGISTRATION):
+            bus.subscribe(stream.everywhere, heard.append)
+        pipeline.register("lab.beam", Registration(nominal={"frequency_hz": 3.0}))
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(30):
+            beam.make(message)
+        states = lambda: [s for s in heard if s.key == STATE.key("lab", "beam")]  # noqa: E731
+        assert eventually(lambda: len(states()) == 30)
+    messages = [decode_sample(s.key, s.payload) for s in heard]
+    told = [m for m in messages if isinstance(m, TwinState)]
+    assert [m.sequence for m in told] == list(range(30))
+    assert told[-1].truth is not None
+    assert {m.MESSAGE for m in messages} == {"state", "registration"}
+    assert not store.events()[0].derived
+
+
+def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
+    open_twin, ageing, sample, tmp_path
+):
+    kept: list[Sample] = []
+    registration = Registration(nominal={"frequency_hz": 3.0, "damping_ratio": 0.02})
+    with MemoryBus() as bus:
+        bus.subscribe(REGISTRATION.everywhere, kept.append)
+        pipeline, _ = open_twin(bus)
+        pipeline.register("lab.beam", registration)
+    messages = ageing(40)
+    pipeline, store = open_twin(name="fresh.sqlite")
+    pipeline.ingest([sample(messages[0]), kept[0], *map(sample, messages[1:])])
+    assert pipeline.twin("lab.beam").registration == Registration()
+    pipeline.ingest([kept[0]._replace(replayed=True)])
+    assert pipeline.twin("lab.beam").registration == registration
+    assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample, registration)
+
+
+@pytest.mark.parametrize("later", [{"nominal": {"frequency_hz": 3.0}}, {"changes": "mass"}])
+def test_registering_anew_gives_the_history_of_having_known_before(
+    open_twin, ageing, sample, tmp_path, heard, later, monkeypatch
+):
+    monkeypatch.setattr(estimating, "REESTIMATE_BATCH", 7)
+    messages = ageing(60, loss=0.5) + ageing(10, boot="b2")
+    pipeline, store = open_twin()
+    pipeline.listen(heard)
+    pipeline.ingest(map(sample, messages))
+    assert pipeline.register("lab.beam", Registration(**later)) is False
+    assert heard.resets == ["lab.beam"]
+    expected = undisturbed(tmp_path, messages, sample, Registration(**later))
+    assert store.digest("lab.beam") == expected
+    pipeline.ingest([sample(m) for m in ageing(20, boot="b2")[10:]])
+    assert store.count("lab.beam") == 80
+    kinds = [json.loads(e.body)["kind"] for e in store.events()]
+    assert kinds.count("registered") == 2
+    assert kinds.count("nominal_learnt") == (0 if "nominal" in later else 1)
+
+
+@pytest.mark.long
+def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
+    features, sample, tmp_path, database
+):
+    rng, messages = np.random.default_rng(3), []
+    for i in range(70):
+        warm = 10.0 * np.sin(i / 4.0)
+        lost = 0.97 if i >= 55 else 1.0
+        frequency = 3.0 * lost * np.exp(-0.004 * warm + 0.001 * rng.standard_normal())
+        message = features(i, frequency_hz=float(frequency), sd=0.003)
+        messages.append(message.model_copy(update={"covariates": {"temperature_c": warm}}))
+    weather = {"names": ["temperature_c"], "train_epochs": 40}
+    registration = Registration(covariates=weather)
+    expected = undisturbed(tmp_path, messages, sample, registration)
+    with contextlib.closing(open_store(database("killed"))) as store:
+        Pipeline(TwinSettings(), store).register("lab.beam", registration)
+        for first, last in itertools.pairwise((0, 13, 39, 40, 56, 70)):
+            killed = Pipeline(TwinSettings(), store)  # each begins from what is durable
+            killed.ingest(map(sample, messages[first:last]))
+        assert store.digest("lab.beam") == expected
+        kinds = [json.loads(e.body)["kind"] for e in store.events("lab.beam")]
+        assert kinds == ["registered", "normal_learnt", "change_entered"]
+    with contextlib.closing(open_store(database("anew"))) as store:
+        pipeline = Pipeline(TwinSettings(), store)
+        pipeline.ingest(map(sample, messages))
+        pipeline.register("lab.beam", registration)
+        assert store.digest("lab.beam") == expected
+
+
+def test_registering_the_same_again_changes_nothing(open_twin, heard):
+    pipeline, store = open_twin()
+    assert pipeline.register("lab.beam", Registration()) is True
+    pipeline.listen(heard)
+    assert pipeline.register("lab.beam", Registration()) is False
+    assert not heard.resets
+    assert len(store.events()) == 1
+
+
+def test_a_deleted_twin_is_born_again_by_its_edge(open_twin, edge, ageing, eventually):
+    with MemoryBus() as bus:
+        pipeline, store = open_twin(bus)
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(10):
+            beam.make(message)
+        assert eventually(lambda: store.count("lab.beam") == 10)
+        assert pipeline.delete("lab.beam")
+        assert not pipeline.delete("lab.nobody")
+        assert eventually(lambda: store.count("lab.beam") == 10)
+
+
+def test_listeners_hear_each_state_once_in_order(open_twin, ageing, sample, heard):
+    pipeline, _ = open_twin()
+    pipeline.listen(heard)
+    messages = ageing(50)
+    for part in (messages[:20], messages[10:30], messages[30:]):
+        pipeline.ingest(map(sample, part))
+    sequences = [s for news in heard.news for s in news.states["sequence"].tolist()]
+    assert sequences == list(range(50))
+    kinds = [json.loads(body)["kind"] for news in heard.news for _, body in news.events]
+    assert kinds == ["registered", "nominal_learnt"]
+
+
+def test_a_disk_that_is_full_for_a_while_loses_nothing(
+    open_twin, edge, ageing, sample, tmp_path, eventually, monkeypatch
+):
+    messages = ageing(60)
+    with MemoryBus() as bus:
+        pipeline, store = open_twin(bus)
+        beam = edge(MemoryBus(joins=bus))
+        for message in messages[:20]:
+            beam.make(message)
+        assert eventually(lambda: store.count("lab.beam") == 20)
+        write = store.write
+        monkeypatch.setattr(store, "write", _full)
+        for message in messages[20:40]:
+            beam.make(message)
+        assert eventually(lambda: "disk full" in pipeline.failing)
+        monkeypatch.setattr(store, "write", write)
+        for message in messages[40:]:
+            beam.make(message)
+        assert eventually(lambda: store.count("lab.beam") == 60)
+        assert eventually(lambda: not pipeline.failing)
+        assert pipeline.counts["failed_batches"] > 0
+        assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
+
+
+def _full(cut):
+    raise StoreError("disk full")
+
+
+def test_features_that_make_the_server_fail_stop_no_others(
+    open_twin, ageing, sample, monkeypatch, caplog
+):
+    def fragile(twins, features, owners, missing):
+        if any(f.asset == "bad" and f.sequence == 5 for f in features):
+            raise ZeroDivisionError("a fault of ours")
+        return estimators.estimate(twins, features, owners, missing)
+
+    monkeypatch.setattr(estimating, "estimate", fragile)
+    pipeline, store = open_twin()
+    mixed = [m for pair in zip(ageing(20), ageing(20, asset="bad"), strict=True) for m in pair]
+    pipeline.ingest(map(sample, mixed))
+    assert store.count("lab.beam") == 20
+    assert store.count("lab.bad") == 5
+    assert pipeline.refusals.counts["failed"] == 1
+    pipeline.give_up()
+    assert store.count("lab.bad") == 19
+    assert "Please report it" in caplog.text
+
+
+def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_path, settings):
+    small = settings.model_copy(
+        update={"pipeline": settings.pipeline.model_copy(update={"inbox_messages": 10})}
+    )
+    store = SqliteStore(tmp_path / "x.sqlite")
+    with MemoryBus() as bus:
+        pipeline = Pipeline(small, store, bus=bus)
+        blocked = threading.Event()
+        pipeline.start()
+        holding = threading.Thread(target=pipeline.call, args=(lambda: blocked.wait(60),))
+        holding.start()
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(100):
+            beam.make(message)
+        assert pipeline.refusals.counts["inbox_full"] > 50
+        blocked.set()
+        holding.join()
+        assert eventually(lambda: store.count("lab.beam") == 100)
+        pipeline.stop()
+    store.close()
+
+
+def test_an_asset_nobody_registered_is_refused_where_settings_say_so(
+    open_twin, ageing, sample, settings
+):
+    strict = settings.model_copy(update={"auto_register": False})
+    pipeline, store = open_twin(with_settings=strict)
+    pipeline.register("lab.beam", Registration())
+    pipeline.ingest(map(sample, ageing(5) + ageing(5, asset="other")))
+    assert [twin.id for twin in store.twins()] == ["lab.beam"]
+    assert pipeline.refusals.counts["not_registered"] == 5
+
+
+def test_stopping_finishes_what_has_arrived(tmp_path, settings, edge, ageing):
+    store = SqliteStore(tmp_path / "x.sqlite")
+    with MemoryBus() as bus:
+        pipeline = Pipeline(settings, store, bus=bus)
+        pipeline.start()
+        beam = edge(MemoryBus(joins=bus))
+        first, *rest = ageing(300)
+        beam.make(first)
+        while not store.count("lab.beam"):
+            time.sleep(0.01)
+        for message in rest:
+            beam.make(message)
+        pipeline.stop()
+    assert store.count("lab.beam") == 300
+    assert not pipeline.working
+    store.close()
+
+
+def test_a_clock_moved_by_hand_judges_messages(tmp_path, features, sample):
+    now = 1_800_000_000 * 10**9
+    store = SqliteStore(tmp_path / "x.sqlite")
+    pipeline = Pipeline(TwinSettings(), store, clock=HandClock(now))
+    pipeline.ingest(
+        [
+            sample(features(0, time_base="live", t_ns=now)),
+            sample(features(1, time_base="live", t_ns=now + 10**12)),
+        ]
+    )
+    assert store.count("lab.beam") == 1
+    assert pipeline.refusals.counts["future_clock"] == 1
+    store.close()
+
+
+def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
+    database, settings, ageing, edge, eventually, monkeypatch
+):
+    (message,) = ageing(1)
+    names = [f"a{number}" for number in range(60)]
+    with contextlib.closing(open_store(database())) as store, MemoryBus() as bus:
+        edges = [edge(MemoryBus(joins=bus), asset=name) for name in names]
+        for one in edges:
+            one.conceal()  # each is asked once, when its first features have come
+        pipeline = Pipeline(settings, store, bus=bus)
+        pipeline.start()
+        write, written = store.write, []
+
+        def slowly(cut):
+            # The disk is slower than all edges together.
+            assert not cut.features or eventually(
+                lambda: pipeline.tallies()["asked"] >= len(names)
+            )
+            written.append(cut)
+            return write(cut)
+
+        monkeypatch.setattr(store, "write", slowly)
+        all_sent = threading.Event()
+        busy = threading.Thread(target=pipeline.call, args=(all_sent.wait,))
+        busy.start()
+        for name, one in zip(names, edges, strict=True):
+            one.make(message.model_copy(update={"asset": name}))
+        all_sent.set()
+        busy.join()
+        assert eventually(lambda: all(store.count(f"lab.{name}") == 1 for name in names))
+        pipeline.stop()
+        for one in edges:
+            one.close()
+    assert len(written) < 10

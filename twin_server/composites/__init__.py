@@ -1,0 +1,1 @@
+"""Composites: twins made of twins, and the trees they form."""

@@ -1,0 +1,1 @@
+"""Past changes and known events in; forecasts of the changes out."""

@@ -1,0 +1,180 @@
+"""Computes a maintenance plan from the forecast of a twin and its owner's costs."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.decisions import (
+    Ensemble,
+    EstimateError,
+    Observation,
+    Plan,
+    Terms,
+    from_paths,
+    make_plan,
+)
+from slowtime.degradation import Mixture
+from twin_server.registration.costs import SECONDS, CostTable, Deciding
+
+PATHS, POINTS = 2000, 120
+"""Futures and their times: 2,000 tell an expected cost to 2 % of the spread of costs."""
+
+MEMORY = 5.0
+"""Readings over which the error of an estimate is forgotten: about as many as a forecast's
+filter averages."""
+
+LEAST_DAMAGE = 0.02
+"""Damage, over that at failure, below which the past tells no rate of ageing [1]: futures after
+a repair then go on as those before it."""
+
+MORE = (1, 3, 10, 30)
+"""Counts of further readings of the sensor that is there, whose worth is told."""
+
+
+class NotPlannableError(ValueError):
+    """A plan that cannot be made; the text says why and what to do."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class PlanOrder:
+    """Input of a plan of one twin.
+
+    Parameters
+    ----------
+    laws
+        Degradation laws of the quantity that fails, after its last reading.
+    common
+        Of the error that all readings share, over 1 + change [1].
+    reading_sd
+        Of one reading of the change [1].
+    every
+        Slow time between readings.
+    pace
+        Seconds of the calendar in one slow time; None where that is not known.
+    age
+        Slow time from the first reading that is used to the last.
+    """
+
+    costs: CostTable
+    decision: Deciding
+    laws: Mixture
+    common: float
+    reading_sd: float
+    every: float
+    pace: float | None
+    age: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Planned:
+    """A plan, in the owner's unit of time, and how many slow times one of these is."""
+
+    plan: Plan
+    slow_per_unit: float
+
+
+def slow_per_unit(costs: CostTable, pace: float | None) -> float:
+    """Slow times in one unit of the owner's times.
+
+    Raises
+    ------
+    NotPlannableError
+        Where the pace is needed and not known.
+    """
+    if costs.time_unit == "slow_time":
+        return 1.0
+    if pace is None or not pace > 0:
+        raise NotPlannableError(
+            f"costs.time_unit is {costs.time_unit!r}, and the history does not yet tell how "
+            "slow time goes with the calendar. Wait for two readings at different times, or "
+            "give costs.time_unit='slow_time'."
+        )
+    return SECONDS[costs.time_unit] / pace
+
+
+def plan_of(order: PlanOrder) -> Planned:
+    """Draw futures of the quantity that fails, and compare all that may be done."""
+    unit = slow_per_unit(order.costs, order.pace)
+    futures = futures_of(order, unit)
+    limit = abs(order.decision.failure.at)
+    now = float(np.std(futures.damage[:, 0]))
+    terms = Terms(
+        restored=order.decision.restored,
+        error=EstimateError(now, MEMORY * order.every / unit),
+        window=order.decision.window or 0.0,
+        inspection=_inspection(order.decision, limit),
+        observations=_observations(order, limit, unit),
+    )
+    return Planned(make_plan(futures, order.costs.costs(), terms), unit)
+
+
+def futures_of(order: PlanOrder, unit: float) -> Ensemble:
+    """Draw futures of the damage: the change over its value at failure."""
+    at, laws = order.decision.failure.at, order.laws
+    horizon = laws.now + order.decision.horizon * unit
+    drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
+    grid = np.linspace(0.0, order.decision.horizon, POINTS + 1)
+    common_sd = order.common * abs(1.0 + at)
+    damage = (drawn.paths + common_sd * drawn.common[:, None]) / at
+    age = order.age / unit
+    if not (age > 0.0 and float(damage[:, 0].mean()) > LEAST_DAMAGE):
+        return from_paths(grid, damage)
+    return from_paths(grid, damage, renewed=lambda start: _renewed(grid, damage, age, start))
+
+
+def _renewed(
+    grid: Float[np.ndarray, " time"],
+    damage: Float[np.ndarray, "path time"],
+    age: float,
+    start: float,
+) -> Ensemble:
+    """Give futures of an asset that ages as this one has: its past, then its futures.
+
+    Damage that grows faster with age begins slowly again after a repair. The past is a
+    straight line from no damage to today's.
+    """
+    now = damage[:, :1]
+    since = grid + age * min(start / float(now.mean()), 1.0)
+    later = np.clip(since - age, 0.0, grid[-1])
+    step = grid[1] - grid[0]
+    place = np.minimum((later / step).astype(int), len(grid) - 2)
+    part = later / step - place
+    ahead = damage[:, place] * (1.0 - part) + damage[:, place + 1] * part
+    whole = np.where(since < age, now * since / age, ahead)
+    return from_paths(grid, whole - whole[:, :1] + start)
+
+
+def _inspection(decision: Deciding, limit: float) -> Observation | None:
+    given = decision.inspection
+    if given is None:
+        return None
+    if given.sd is not None:
+        return Observation(name=given.name, sd=given.sd / limit)
+    assert given.detects_half is not None
+    half = given.detects_half / limit
+    return Observation(name=given.name, kind="detection", half=half, slope=given.detects_slope)
+
+
+def _observations(order: PlanOrder, limit: float, unit: float) -> tuple[Observation, ...]:
+    """Sensors that may be added, and more readings of the one that is there."""
+    found = [
+        Observation(
+            name=one.name,
+            kind="readings",
+            sd=one.sd / limit,
+            count=one.count,
+            every=one.every,
+            cost=one.cost,
+        )
+        for one in order.decision.sensors
+    ]
+    every = order.every / unit
+    for count in MORE:
+        if count * every <= order.decision.horizon / 2:
+            name = "one more reading" if count == 1 else f"{count} more readings"
+            sd = order.reading_sd / limit
+            found.append(
+                Observation(name=name, kind="readings", sd=sd, count=count, every=every)
+            )
+    return tuple(found)

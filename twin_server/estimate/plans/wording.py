@@ -1,0 +1,192 @@
+"""Writes a plan in words: what to do, by when and why, and what would change it."""
+
+import dataclasses
+import datetime
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from slowtime.decisions import ITEMS, BreakEven, Option, Plan, Worth
+
+LAST_S = 2.5e11
+"""Moments beyond the year 9890 have no date."""
+
+ITEM_WORDS = {
+    "failure": "a failure", "repair": "a repair", "inspection": "an inspection",
+    "downtime": "downtime", "closing": "closing", "closed": "being closed",
+}  # fmt: skip
+assert set(ITEM_WORDS) == set(ITEMS)
+
+UNITS = {"slow_time": "", "s": "s", "h": "h", "d": "days", "month": "months", "year": "years"}
+
+CHANGES_SHOWN = 3
+"""Costs that are named, by whose change the plan would be another."""
+
+FAR = 20.0
+"""Break-even costs beyond so many times the given cost, or below its inverse, are not told."""
+
+
+def money(amount: float, currency: str) -> str:
+    """Write an amount with three digits.
+
+    Examples
+    --------
+    >>> money(1234567.0, "EUR"), money(-0.01234, "EUR")
+    ('1,230,000 EUR', '−0.0123 EUR')
+    """
+    rounded = float(f"{amount:.3g}")
+    text = f"{rounded:,.0f}" if abs(rounded) >= 100 else f"{rounded:.3g}"
+    return f"{text} {currency}".replace("-", "−")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class When:
+    """Says spans and moments for a person, with dates where the calendar is known.
+
+    Parameters
+    ----------
+    unit
+        Of times, as in the registration.
+    since_ns
+        Sensor time of the last reading [ns].
+    seconds
+        In one unit; None where it is not known.
+    """
+
+    unit: str
+    since_ns: int | None
+    seconds: float | None
+
+    def span(self, time: float) -> str:
+        """Describe a span of time."""
+        word = UNITS[self.unit]
+        return f"{time:.3g} {word}" if word else f"{time:.4g} of slow time"
+
+    def moment(self, time: float) -> str:
+        """Describe an instant, relative to now."""
+        said = self.span(time)
+        if self.since_ns is None or self.seconds is None or self.seconds * time < 86400.0:
+            return said
+        at_s = self.since_ns / 1e9 + time * self.seconds
+        if at_s > LAST_S:
+            return said
+        return f"{said} ({datetime.datetime.fromtimestamp(at_s, datetime.UTC):%Y-%m-%d})"
+
+
+def percent(probability: float) -> str:
+    """Write a probability.
+
+    Examples
+    --------
+    >>> percent(0.9979), percent(0.0312), percent(1e-5)
+    ('99.8 %', '3.1 %', 'less than 0.01 %')
+    """
+    if probability < 1e-4:
+        return "less than 0.01 %" if probability > 0 else "0 %"
+    digits = 3 if probability > 0.1 else 2
+    return f"{100 * min(probability, 1.0):.{digits}g} %"
+
+
+def option_words(option: Option, when: When) -> str:
+    """Name an option with its parameters."""
+    given: Mapping[str, float] = option.parameters
+    share = f"{100 * given.get('damage', 0.0):.3g} %"
+    words: dict[str, Callable[[], str]] = {
+        "nothing": lambda: "run to failure",
+        "age": lambda: f"repair at an age of {when.span(given['age'])} from now on",
+        "fixed_interval": lambda: f"repair every {when.span(given['every'])}",
+        "estimate_threshold": lambda: f"repair once the estimate reaches {share} of failure",
+        "probability_threshold": lambda: (
+            f"repair once the probability of a failure within {when.span(given['window'])} "
+            f"reaches {percent(given['probability'])}"
+        ),
+        "periodic_inspection": lambda: (
+            f"inspect every {when.span(given['every'])} and repair from {share} of failure on"
+        ),
+        "repair_now": lambda: "repair now",
+        "repair_at": lambda: f"repair in {when.moment(given['at'])}",
+        "inspect_now": lambda: "inspect now and decide by what is found",
+        "inspect_at": lambda: (
+            f"inspect in {when.moment(given['at'])} and decide by what is found"
+        ),
+        "close": lambda: "close",
+    }
+    return words[option.name]()
+
+
+def sentence_of(plan: Plan, currency: str, when: When) -> str:
+    """Describe the best option, its time and reason, or that it cannot be decided."""
+    ranking = plan.ranking
+    if not ranking.is_known and ranking.other is not None:
+        return _undecided(plan, currency, when)
+    words, horizon = option_words(plan.best, when), when.moment(plan.futures.horizon)
+    cost = money(float(plan.costs[ranking.best]), currency)
+    said = f"{words[0].upper()}{words[1:]}{_due(plan, when)}: expected cost {cost} in {horizon}"
+    if ranking.other is not None:
+        other = option_words(plan.options[ranking.other], when)
+        said += f"; the alternative “{other}” costs {money(ranking.difference, currency)} more"
+    failing = percent(float(plan.failure_probability[-1]))
+    return f"{said}. Without a repair it fails within that time with probability {failing}."
+
+
+def _due(plan: Plan, when: When) -> str:
+    """Describe the time of a repair that depends on later readings."""
+    best, weights = plan.best, plan.futures.weights
+    times = best.repair_time
+    if (
+        times is None
+        or best.now == "repair"
+        or best.name in ("repair_at", "fixed_interval", "age")
+    ):
+        return ""
+    order = np.argsort(times)
+    total = np.cumsum(weights[order])
+    at = float(times[order][min(int(np.searchsorted(total, 0.5)), len(times) - 1)])
+    if not np.isfinite(at):
+        return ", probably not within the horizon"
+    return f", expected in {when.moment(at)}"
+
+
+def _undecided(plan: Plan, currency: str, when: When) -> str:
+    ranking = plan.ranking
+    assert ranking.other is not None
+    first = option_words(plan.best, when)
+    second = option_words(plan.options[ranking.other], when)
+    low, high = money(ranking.low, currency), money(ranking.high, currency)
+    said = (
+        f"Cannot decide between “{first}” and “{second}”: their expected costs differ by "
+        f"{money(ranking.difference, currency)} ({low} to {high})."
+    )
+    advice = plan.advice
+    if advice is None:
+        return (
+            f"{said} No inspection or reading on offer is worth its cost: either will do, "
+            "until the costs are known better."
+        )
+    return f"{said} It would be decided by {worth_words(advice, currency, when)}."
+
+
+def worth_words(worth: Worth, currency: str, when: When) -> str:
+    """Name an observation, when it is made, and what it is worth beyond its cost."""
+    place = "now" if worth.at == 0.0 else f"within {when.moment(worth.at)}"
+    if worth.net > 0:
+        return f"{worth.observation.name} {place}, worth {money(worth.net, currency)} net"
+    return f"{worth.observation.name} {place}, not worth its cost or its wait"
+
+
+def changes_of(plan: Plan, currency: str, when: When) -> list[str]:
+    """Describe the costs at which another plan would be best."""
+    if plan.ranking.other is None:
+        return []
+    other = option_words(plan.options[plan.ranking.other], when)
+    near = [one for one in plan.ranking.break_even if 1 / FAR < one.at / one.given < FAR]
+    return [_change(one, other, currency) for one in near[:CHANGES_SHOWN]]
+
+
+def _change(one: BreakEven, other: str, currency: str) -> str:
+    side = "more" if one.at > one.given else "less"
+    words = ITEM_WORDS[one.item]
+    return (
+        f"“{other}” is better if {words} costs {side} than {money(one.at, currency)} "
+        f"(given: {money(one.given, currency)})."
+    )

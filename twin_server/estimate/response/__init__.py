@@ -1,0 +1,1 @@
+"""The current structure and a load in; its simulated response with bands out."""

@@ -1,0 +1,1 @@
+"""Events of assets, the deliveries of events, and the receivers they go to."""

@@ -1,0 +1,153 @@
+"""States of a twin after each features message, as rows of a structured array.
+
+The array is what estimation fills, persistence keeps byte by byte and REST answers from; its
+layout is therefore part of the database's format (see `LAYOUT`).
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from slowtime.evolution import explain
+
+LAYOUT = 1
+"""Number of the layout of `STATE`; another one needs a new database or a migration."""
+
+ESTIMATES = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_change")
+"""Quantities a state holds, each as value, sd, lo and hi."""
+
+STATE = np.dtype(
+    [
+        ("sequence", "<i8"),
+        ("t_ns", "<i8"),
+        ("slow_time", "<f8"),
+        *((name, "<f8", (4,)) for name in ESTIMATES),
+        ("correlation", "<f8"),
+        ("truth", "<f8", (4,)),
+        ("missing_before", "<i8"),
+        ("reasons", "<u4"),
+        ("notes", "<u4"),
+    ]
+)
+"""One state; NaN where there is nothing to say. `truth` is in the order of `ESTIMATES`."""
+
+States: TypeAlias = Shaped[np.ndarray, " time"]
+"""An array of `STATE`."""
+
+ASSUMES_STIFFNESS = 1
+ASSUMES_MASS = 2
+USED_SMOOTHED = 4
+"""Bits of `notes`."""
+
+NO_MODE = 1 << 16
+LEARNING = 1 << 17
+NO_DAMPING = 1 << 18
+NOT_REPRESENTABLE = 1 << 19
+NO_MODEL_MODE = 1 << 20
+MODEL_MISFIT = 1 << 21
+TRAINING = 1 << 22
+NO_COVARIATE = 1 << 23
+BEYOND_COVARIATES = 1 << 24
+"""Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
+
+BEGINNING = LEARNING | TRAINING
+"""While one of these is set, what there is to compare with is not known yet."""
+
+_OURS = {
+    NO_MODE: (
+        "No mode was identified in this epoch, so that nothing is estimated from it. Look at "
+        "the excitation, the sensor, and the band in which the mode is sought."
+    ),
+    LEARNING: (
+        "The nominal model is still being learnt from the first epochs. Wait, or give the "
+        "nominal frequency and damping ratio in the twin's registration."
+    ),
+    NO_DAMPING: (
+        "No damping ratio was found while learning the nominal model, so that mass and "
+        "stiffness cannot be told apart. Give the nominal damping ratio in the registration."
+    ),
+    NOT_REPRESENTABLE: (
+        "A change came out infinite or undefined and is left out. Look at the frequency and "
+        "its standard deviation."
+    ),
+    NO_MODEL_MODE: (
+        "None of the modes of this epoch is one that the structure had while its model was "
+        "learnt, so that nothing is estimated from it. Look at the sensors; or register the "
+        "twin anew, with a model of the structure as it is now."
+    ),
+    MODEL_MISFIT: (
+        "The modes have moved in a way that no change of the free parameters explains. Look at "
+        "the sensors and at the temperature, or let more elements and masses be free in the "
+        "registration."
+    ),
+    TRAINING: (
+        "What temperature and load do to the frequencies is still being learnt, and it is "
+        "assumed that nothing else changes meanwhile. Wait, or shorten the training under "
+        "`covariates` in the registration."
+    ),
+    NO_COVARIATE: (
+        "A covariate of the registration is missing in this epoch, so that what it does cannot "
+        "be taken out. Look at its sensor and its name at the edge, or leave it out of "
+        "`covariates.names`."
+    ),
+    BEYOND_COVARIATES: (
+        "A covariate is beyond all that was seen in training, so that what it does is a guess. "
+        "Register the twin anew with a longer `covariates.train_span`."
+    ),
+}
+
+_LEVELS: dict[int, tuple[str, ...]] = {}
+
+
+def sentences(reasons: int) -> tuple[str, ...]:
+    """Return sentences on why a state is not valid.
+
+    Examples
+    --------
+    >>> sentences(0)
+    ()
+    >>> sentences(NO_MODE)[0][:23]
+    'No mode was identified '
+    """
+    if reasons not in _LEVELS:
+        ours = tuple(text for bit, text in _OURS.items() if reasons & bit)
+        _LEVELS[reasons] = ours + explain(reasons & (NO_MODE - 1))
+    return _LEVELS[reasons]
+
+
+def assumed(notes: int) -> tuple[str, ...]:
+    """Name the quantities that were assumed, not estimated."""
+    return tuple(
+        name
+        for bit, name in (
+            (ASSUMES_STIFFNESS, "stiffness_change"),
+            (ASSUMES_MASS, "mass_change"),
+        )
+        if notes & bit
+    )
+
+
+def blank(count: int) -> States:
+    """`count` states that say nothing yet."""
+    states: States = np.zeros(count, STATE)
+    for name in (*ESTIMATES, "truth"):
+        states[name] = np.nan
+    return states
+
+
+def from_bytes(rows: Iterable[bytes]) -> States:
+    """States out of the bytes they were kept as, a row or many at a time."""
+    return np.frombuffer(b"".join(rows), STATE)
+
+
+def estimates_of(states: States, name: str) -> Float[np.ndarray, "time 4"]:
+    """Value, sd, lo and hi of one quantity over time."""
+    columns: Float[np.ndarray, "time 4"] = states[name]
+    return columns
+
+
+def shown(states: States) -> Sequence[str]:
+    """Name the quantities that vary in `states`: those that a plot shows."""
+    return [name for name in ESTIMATES if np.ptp(np.nan_to_num(states[name][:, 0])) > 0]

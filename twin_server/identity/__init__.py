@@ -1,0 +1,1 @@
+"""Principals, their scopes, and the tokens that name them."""

@@ -1,0 +1,90 @@
+"""The principal of a request: name, scope, sites and expiry."""
+
+import dataclasses
+import enum
+import math
+from collections.abc import Callable, MutableMapping
+from typing import Any, Self
+
+KEY = "slowtime.principal"
+
+
+class Scope(enum.IntEnum):
+    """Scope of a principal; each includes those before it."""
+
+    VIEWER = 1
+    OPERATOR = 2
+    ADMIN = 3
+
+    @classmethod
+    def of(cls, word: str) -> Self:
+        """Read a word.
+
+        Raises
+        ------
+        ValueError
+            Naming the words that are.
+        """
+        try:
+            return cls[word.upper()]
+        except KeyError:
+            raise ValueError(
+                f"{word!r} is no scope. Allowed: {', '.join(s.word for s in cls)}."
+            ) from None
+
+    @property
+    def word(self) -> str:
+        """As it is written."""
+        return self.name.lower()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Principal:
+    """An authenticated caller.
+
+    Parameters
+    ----------
+    sites
+        Those it reaches; None for all.
+    until
+        When that ends [s since 1970].
+    still
+        Whether it has not been taken back meanwhile; asked by what lasts, such as a stream.
+    """
+
+    name: str
+    scope: Scope
+    sites: frozenset[str] | None
+    until: float = math.inf
+    still: Callable[[], bool] = lambda: True
+
+    def reaches(self, site: str) -> bool:
+        """Whether it may see anything of a site."""
+        return self.sites is None or site in self.sites
+
+    def sees(self, twin_id: str) -> bool:
+        """Whether it may see a twin."""
+        return self.reaches(twin_id.partition(".")[0])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Render the principal for its own session."""
+        return {
+            "name": self.name,
+            "scope": self.scope.word,
+            "sites": ["*"] if self.sites is None else sorted(self.sites),
+            "until": None if math.isinf(self.until) else self.until,
+        }
+
+
+EVERYBODY = Principal("everybody on this machine", Scope.ADMIN, None)
+"""Who asks a server that listens to its own machine and knows no tokens."""
+
+NOBODY = Principal("nobody in particular", Scope.VIEWER, frozenset())
+"""Who asks what anybody may, without a token."""
+
+
+def principal_of(scope: MutableMapping[str, Any]) -> Principal:
+    """Return the principal of a request; `EVERYBODY` where access is not restricted."""
+    found = scope.get(KEY, EVERYBODY)
+    assert isinstance(found, Principal)
+    return found

@@ -1,0 +1,49 @@
+"""The table of fatigue messages: the newest of each boot and hour."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from .checksums import FATIGUE, opened
+
+HOUR_NS = 3_600 * 10**9
+"""One hour [ns]."""
+
+
+class FatigueRow(NamedTuple):
+    """A fatigue message as it is kept; sums since its boot began."""
+
+    twin: str
+    boot: str
+    hour: int
+    sequence: int
+    t_ns: int
+    message: bytes
+
+
+def insert(writer: Any, rows: Iterable[FatigueRow]) -> None:
+    """Keep messages, each in the place of an earlier one of its boot and hour."""
+    names = FATIGUE.all_columns
+    for row in rows:
+        kept = writer.execute(
+            "select sequence from fatigue where twin = ? and boot = ? and hour = ?", row[:3]
+        ).fetchone()
+        if kept is not None:
+            if kept[0] >= row.sequence:
+                continue
+            writer.execute(
+                "delete from fatigue where twin = ? and boot = ? and hour = ?", row[:3]
+            )
+        writer.execute(
+            f"insert into fatigue ({', '.join(names)}) values ({','.join('?' * len(names))})",
+            FATIGUE.sealed(row),
+        )
+
+
+def select(reader: Any, twin_id: str) -> list[FatigueRow]:
+    """Read all of a twin in the order of time."""
+    rows = reader.execute(
+        f"select {', '.join(FATIGUE.all_columns)} from fatigue where twin = ? "
+        "order by t_ns, sequence",
+        (twin_id,),
+    )
+    return [FatigueRow(*row) for row in opened(FATIGUE, rows)]

@@ -1,0 +1,196 @@
+"""Tables of the ledger: each accepted row is chained to the one before it.
+
+A block holds the entries of one twin and one cut, so that a cut of thousands of rows costs one
+row more. Chains and heads are described in `slowtime_services.ledger`.
+"""
+
+import hashlib
+import itertools
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from slowtime_services.ledger import (
+    Entry,
+    Link,
+    beginning,
+    features_digest,
+    linked,
+    packed,
+    unpacked,
+)
+from slowtime_services.ledger import chain as kinds
+from slowtime_services.ledger.chain import words_digest
+from twin_server.events.asset_events import AssetEventRow
+from twin_server.events.deliveries import Acknowledgement
+
+from .checksums import ACKNOWLEDGEMENTS, FEATURES, HEADS, LEDGER, TWINS, opened
+from .search import SHIFT, whole
+
+logger = logging.getLogger(__name__)
+
+_LOW = (1 << SHIFT) - 1
+_AT_ONCE = 2_000
+"""Rows that are chained at once while a ledger is built."""
+
+_NOTHING = hashlib.sha256().digest()
+
+
+class HeadRow(NamedTuple):
+    """A signed head as it is kept: JSON of itself and of the leaves that had changed."""
+
+    number: int
+    t_ns: int
+    body: str
+
+
+class ChainEnds:
+    """ChainEnds of all chains as they are in the database, read once and then remembered."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Link] = {}
+        self._whole = False
+
+    def forget(self) -> None:
+        """Know nothing: what was written last may not have become durable."""
+        self._known.clear()
+        self._whole = False
+
+    def append(self, writer: Any, twin_id: str, entries: Sequence[Entry]) -> None:
+        """Chain some entries to those of a twin."""
+        if not entries:
+            return
+        end = self._known.get(twin_id) or _end(writer, twin_id)
+        end = self._known[twin_id] = linked(end, entries)
+        insert_blocks(writer, [(twin_id, end.length, packed(entries), end.digest)])
+
+    def all(self, reader: Any) -> dict[str, Link]:
+        """Give the ends of all chains, those of deleted twins among them."""
+        if not self._whole:
+            self._known = {twin_id: _end(reader, twin_id) for twin_id in _chained(reader)}
+            self._whole = True
+        return dict(self._known)
+
+
+def of_features(rows: Iterable[tuple[int, int, float, bytes]], boot: str) -> Iterator[Entry]:
+    """Give the entries of features of a boot: of ids, sensor times, slow times, messages."""
+    for key, t_ns, slow_time, message in rows:
+        digest = features_digest(boot, key & _LOW, t_ns, float(slow_time), message)
+        yield Entry(kinds.FEATURES, key, digest)
+
+
+def of_registration(registration: str) -> Entry:
+    """Give the entry of a registration as it is kept."""
+    return Entry(kinds.REGISTRATION, 0, words_digest("r", registration))
+
+
+def of_acknowledgement(row: Sequence[object]) -> Entry:
+    """Give the entry of an acknowledgement as it is kept."""
+    event = hashlib.sha256(str(row[0]).encode()).digest()
+    digest = words_digest("a", *map(str, row))
+    return Entry(kinds.ACKNOWLEDGEMENT, int.from_bytes(event[:7], "big"), digest)
+
+
+def of_asset_event(row: AssetEventRow) -> Entry:
+    """Give the entry of an event of an asset as it is kept."""
+    event = hashlib.sha256(row.event.encode()).digest()
+    digest = words_digest("v", *map(str, row))
+    return Entry(kinds.ASSET_EVENT, int.from_bytes(event[:7], "big"), digest)
+
+
+def of_act(kind: str) -> Entry:
+    """Give the entry of what is done to all of a twin."""
+    return Entry(kind, 0, _NOTHING)
+
+
+def of_acknowledgements(rows: Iterable[Acknowledgement]) -> Iterator[tuple[str, list[Entry]]]:
+    """Give the entries of acknowledgements, by twin."""
+    for row in rows:
+        yield row.twin, [of_acknowledgement(row)]
+
+
+def insert_blocks(writer: Any, rows: Iterable[tuple[str, int, bytes, bytes]]) -> None:
+    """Keep some blocks."""
+    names = LEDGER.all_columns
+    writer.executemany(
+        f"insert into ledger ({', '.join(names)}) values ({','.join('?' * len(names))})",
+        [LEDGER.sealed(row) for row in rows],
+    )
+
+
+def entries(reader: Any, twin_id: str, after: int) -> list[Entry]:
+    """Read the entries of a twin's chain behind so many, which end a block."""
+    rows = reader.execute(
+        f"select {', '.join(LEDGER.all_columns)} from ledger where twin = ? and count > ? "
+        "order by count",
+        (twin_id, after),
+    )
+    return [entry for row in opened(LEDGER, rows) for entry in unpacked(row[2])]
+
+
+def insert_head(writer: Any, row: HeadRow) -> None:
+    """Keep a head."""
+    names = HEADS.all_columns
+    writer.execute(
+        f"insert into heads ({', '.join(names)}) values ({','.join('?' * len(names))})",
+        HEADS.sealed(row),
+    )
+
+
+def heads(reader: Any, after: int, limit: int, newest: bool) -> list[HeadRow]:
+    """Read heads in order: those after a number, of which the first or the last ones."""
+    rows = reader.execute(
+        f"select {', '.join(HEADS.all_columns)} from heads where number > ? "
+        f"order by number {'desc' if newest else ''} limit ?",
+        (after, limit),
+    )
+    found = [HeadRow(*row) for row in opened(HEADS, rows)]
+    return found[::-1] if newest else found
+
+
+def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None:
+    """Chain what a database of an older version has, as it stands."""
+    twins = opened(TWINS, writer.execute(f"select {', '.join(TWINS.all_columns)} from twins"))
+    if twins:
+        tell(f"The histories of {len(twins)} twins are chained into a ledger, once.")
+    ends = ChainEnds()
+    for row in twins:
+        twin_id, registration = row[0], row[TWINS.columns.index("registration")]
+        ends.append(writer, twin_id, [of_registration(registration)])
+        for span in whole(writer, twin_id):
+            found = writer.execute(
+                f"select {', '.join(FEATURES.all_columns)} from features "
+                "where id between ? and ? order by id",
+                (span.first, span.last),
+            )
+            rows = iter(found.fetchall())
+            while part := opened(FEATURES, itertools.islice(rows, _AT_ONCE)):
+                entries = list(of_features((row[:4] for row in part), span.boot))
+                ends.append(writer, twin_id, entries)
+        acknowledged = writer.execute(
+            f"select {', '.join(ACKNOWLEDGEMENTS.all_columns)} from acknowledgements "
+            "where twin = ? order by t_ns, event",
+            (twin_id,),
+        )
+        entries = [of_acknowledgement(one) for one in opened(ACKNOWLEDGEMENTS, acknowledged)]
+        ends.append(writer, twin_id, entries)
+
+
+def _end(reader: Any, twin_id: str) -> Link:
+    rows = reader.execute(
+        f"select {', '.join(LEDGER.all_columns)} from ledger where twin = ? "
+        "order by count desc limit 1",
+        (twin_id,),
+    )
+    found = opened(LEDGER, rows)
+    return Link(found[0][1], found[0][3]) if found else beginning(twin_id)
+
+
+def _chained(reader: Any) -> Iterator[str]:
+    """All twins that have a chain, one look into the index for each."""
+    last = ""
+    while row := reader.execute(
+        "select twin from ledger where twin > ? order by twin, count limit 1", (last,)
+    ).fetchone():
+        last = row[0]
+        yield last

@@ -1,0 +1,215 @@
+"""A pyramid of buckets over each boot's states: 8, 64, 512 … sequences, kept as they fill.
+
+A bucket is written in the transaction that fills it, out of those of the level below, so that
+each state costs the same however long the history is. What has not filled yet is read from the
+level below. A span of any length is so covered by a few hundred buckets.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twin_server.history.buckets import Buckets
+from twin_server.history.states import from_bytes
+
+from .checksums import LEVELS, damaged, seal
+from .details import changes, column, has_details
+from .search import SHIFT, Span
+
+BITS = 3
+"""Binary logarithm of how many buckets of a level make one of the next."""
+
+TOP = 7
+"""Highest level; each of its buckets has 2^21 sequences."""
+
+_AT_ONCE = 4_096
+"""Features that are held in memory at once while buckets are built."""
+
+_LOW = (1 << SHIFT) - 1
+
+
+class GrownBoot(NamedTuple):
+    """A boot that has got longer: its number, and its last sequence before and now."""
+
+    number: int
+    before: int
+    last: int
+
+
+def extend(writer: Any, grown: Sequence[GrownBoot]) -> None:
+    """Write all buckets that have filled."""
+    for level in range(1, TOP + 1):
+        filled = [
+            (one.number << SHIFT | first, one.number << SHIFT | end - 1)
+            for one in grown
+            for first, end in [_filled(one, level)]
+            if first < end
+        ]
+        if not filled:
+            return
+        for buckets in _below(writer, level, filled):
+            if len(buckets):
+                _insert(writer, level, buckets)
+
+
+def build(writer: Any, number: int) -> None:
+    """Write all buckets of a boot that has none."""
+    before = -1
+    question = "select id from features where id > ? and id <= ? order by id limit 1 offset ?"
+    whole = (number << SHIFT) + _LOW
+    while True:
+        start = (number << SHIFT) + before
+        row = writer.execute(question, (start, whole, _AT_ONCE - 1)).fetchone()
+        if row is None:
+            last = writer.execute(
+                "select max(id) from features where id > ? and id <= ?", (start, whole)
+            ).fetchone()[0]
+            if last is not None:
+                extend(writer, [GrownBoot(number, before, last & _LOW)])
+            return
+        extend(writer, [GrownBoot(number, before, row[0] & _LOW)])
+        before = row[0] & _LOW
+
+
+def delete_levels(writer: Any, spans: Iterable[Span]) -> None:
+    """Drop all buckets of some boots."""
+    for span in spans:
+        for level in range(1, TOP + 1):
+            writer.execute(
+                "delete from levels where level = ? and id between ? and ?",
+                (level, span.first, (span.number << SHIFT) + _LOW),
+            )
+
+
+def coarse(
+    reader: Any, spans: Sequence[Span], ends: dict[int, int], most: int
+) -> Buckets | None:
+    """Cover spans by at most about `most` buckets; None where all states are no more.
+
+    Parameters
+    ----------
+    ends
+        Last id of each boot, by its number.
+    """
+    length = sum(span.last - span.first + 1 for span in spans)
+    level = next((n for n in range(TOP + 1) if length >> BITS * n <= most), TOP)
+    if not level:
+        return None
+    found = _covered(reader, spans, ends, level)
+    while level and len(found) << BITS <= most:
+        # Sequences may be sparse: there is room for a finer level.
+        level -= 1
+        found = _covered(reader, spans, ends, level)
+    return found if level else None
+
+
+def whole_states(reader: Any, first: int, last: int) -> Buckets:
+    """Read states as buckets of one each."""
+    rows = list(
+        reader.execute(
+            "select id, state, state_crc from features where id between ? and ? order by id",
+            (first, last),
+        )
+    )
+    for key, state, crc in rows:
+        if seal(key, state) != crc:
+            raise damaged(f"The state of feature {key & _LOW} of boot number {key >> SHIFT}")
+    keys = [row[0] for row in rows]
+    states = from_bytes(row[1] for row in rows)
+    if not has_details(reader, keys):
+        return Buckets.of_states(keys, states)
+    bodies = column(reader, keys, "body") or [None] * len(keys)
+    return Buckets.of_states(keys, states, changes(reader, keys), bodies)
+
+
+def _filled(one: GrownBoot, level: int) -> tuple[int, int]:
+    """First sequence, and that after the last, of the buckets that one has filled."""
+    bits = BITS * level
+    return (one.before + 1) >> bits << bits, (one.last + 1) >> bits << bits
+
+
+def _below(writer: Any, level: int, ranges: Sequence[tuple[int, int]]) -> Iterator[Buckets]:
+    """Make buckets of a level out of the one below it."""
+    parts: list[Buckets] = []
+    held = 0
+    for first, last in ranges:
+        step = _AT_ONCE << BITS * (level - 1)
+        for begin in range(first, last + 1, step):
+            end = min(begin + step - 1, last)
+            part = (
+                whole_states(writer, begin, end)
+                if level == 1
+                else _read(writer, level - 1, begin, end)
+            )
+            if not len(part):
+                continue
+            if held and (part.quantities.shape[1] != parts[-1].quantities.shape[1]):
+                yield _grouped(parts, level)
+                parts, held = [], 0
+            parts.append(part)
+            held += len(part)
+            if held >= _AT_ONCE:
+                yield _grouped(parts, level)
+                parts, held = [], 0
+    if held:
+        yield _grouped(parts, level)
+
+
+def _grouped(parts: Sequence[Buckets], level: int) -> Buckets:
+    fine = Buckets.joined(parts)
+    group = fine.head["first"] >> BITS * level
+    return fine.merged(np.flatnonzero(np.diff(group, prepend=-1)))
+
+
+def _insert(writer: Any, level: int, buckets: Buckets) -> None:
+    bits = BITS * level
+    firsts = (buckets.head["first"] >> bits << bits).tolist()
+    writer.executemany(
+        "insert into levels (level, id, bucket, crc) values (?,?,?,?)",
+        [
+            LEVELS.sealed((level, first, body))
+            for first, body in zip(firsts, buckets.to_bytes(), strict=True)
+        ],
+    )
+
+
+def _read(reader: Any, level: int, first: int, last: int) -> Buckets:
+    found = []
+    for key, bucket, crc in reader.execute(
+        "select id, bucket, crc from levels where level = ? and id between ? and ? order by id",
+        (level, first, last),
+    ):
+        if seal(level, key, bucket) != crc:
+            raise damaged(f"A bucket of level {level} at feature {key & _LOW}")
+        found.append(bucket)
+    return Buckets.from_bytes(found)
+
+
+def _covered(reader: Any, spans: Sequence[Span], ends: dict[int, int], level: int) -> Buckets:
+    return Buckets.joined(
+        [
+            part
+            for span in spans
+            for part in _cover(reader, span.first, span.last, ends[span.number], level)
+            if len(part)
+        ]
+    )
+
+
+def _cover(reader: Any, first: int, last: int, end: int, level: int) -> list[Buckets]:
+    """Read one span: in its middle buckets of `level`, at its ends finer ones."""
+    if first > last:
+        return []
+    if level == 0:
+        return [whole_states(reader, first, last)]
+    bits = BITS * level
+    begin = (first + (1 << bits) - 1) >> bits << bits
+    past = (min(last, end) + 1) >> bits << bits
+    if begin >= past:
+        return _cover(reader, first, last, end, level - 1)
+    return [
+        *_cover(reader, first, begin - 1, end, level - 1),
+        _read(reader, level, begin, past - 1),
+        *_cover(reader, past, last, end, level - 1),
+    ]

@@ -1,0 +1,103 @@
+"""Finds the features of a time span within a boot by bisection, without an index."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from .checksums import RUNS, opened
+
+SHIFT = 40
+"""Bits of the sequence in a feature id; the boot number is above them."""
+
+
+class Span(NamedTuple):
+    """Consecutive features of one boot, by their ids."""
+
+    number: int
+    boot: str
+    unit: str
+    rises: bool
+    """Whether slow time never falls within the boot."""
+    first: int
+    last: int
+
+    def after(self, key: int) -> "Span":
+        """Keep the part behind the id `key`."""
+        return self._replace(first=max(self.first, key + 1))
+
+
+def whole(connection: Any, twin_id: str) -> list[Span]:
+    """All of a twin's history."""
+    rows = connection.execute(
+        f"select {', '.join(RUNS.all_columns)} from runs where twin = ? order by number",
+        (twin_id,),
+    )
+    runs = [dict(zip(RUNS.columns, row, strict=True)) for row in opened(RUNS, rows)]
+    return [
+        Span(
+            run["number"],
+            run["boot"],
+            run["slow_time_unit"],
+            bool(run["slow_rises"]),
+            run["number"] << SHIFT,
+            (run["number"] << SHIFT) + run["last"],
+        )
+        for run in runs
+    ]
+
+
+def spans_by_time(
+    connection: Any, spans: Sequence[Span], first: int | None, last: int | None
+) -> list[Span]:
+    """Keep the parts of `spans` from sensor time `first` to `last` [ns], both included."""
+    return _narrowed(connection, spans, "t_ns", first, last)
+
+
+def spans_by_slow_time(
+    connection: Any,
+    spans: Sequence[Span],
+    first: float | None,
+    last: float | None,
+) -> list[Span]:
+    """Keep the parts of `spans` within slow times; boots in which it falls stay whole."""
+    if first is None and last is None:
+        return [span._replace(rises=True) for span in spans]
+    return [
+        part
+        for span in spans
+        for part in (
+            _narrowed(connection, [span], "slow_time", first, last) if span.rises else [span]
+        )
+    ]
+
+
+def _narrowed(
+    connection: Any,
+    spans: Sequence[Span],
+    column: str,
+    first: float | None,
+    last: float | None,
+) -> list[Span]:
+    narrowed = []
+    for span in spans:
+        begin, end = span.first, span.last
+        if first is not None:
+            begin = _where(connection, span, column, first, inclusive=True)
+        if last is not None:
+            end = _where(connection, span, column, last, inclusive=False) - 1
+        if begin <= end:
+            narrowed.append(span._replace(first=begin, last=end))
+    return narrowed
+
+
+def _where(connection: Any, span: Span, column: str, value: float, *, inclusive: bool) -> int:
+    """Least id in `span` whose `column` is at least `value`, or above it; else one past all."""
+    low, high = span.first, span.last + 1
+    question = f"select id, {column} from features where id >= ? and id < ? order by id limit 1"
+    while low < high:
+        middle = (low + high) // 2
+        found = connection.execute(question, (middle, high)).fetchone()
+        if found is None or found[1] > value or (inclusive and found[1] == value):
+            high = middle
+        else:
+            low = found[0] + 1
+    return low

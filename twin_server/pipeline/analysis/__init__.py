@@ -1,0 +1,1 @@
+"""Histories of twins in; forecasts, risk, plans, simulations and fatigue out, cached."""

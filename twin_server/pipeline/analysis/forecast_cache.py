@@ -1,0 +1,462 @@
+"""Keeps the forecast state of each twin up to date as readings arrive.
+
+Laws are learnt from the newest valid readings up to a mark, which takes long but is bounded.
+Between marks each reading is one filter step. Requests are answered from the kept state; a
+thread learns anew in the background, and only the first request for a twin waits. Everything
+follows from the history, so that a restarted server gives the same forecasts.
+"""
+
+import collections
+import dataclasses
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from slowtime_schemas.asset_events import AssetEvent
+from twin_server.estimate import (
+    ChangeForecast,
+    ForecastState,
+    LearntLaws,
+    Past,
+    Twin,
+    advance,
+    forecast_from_state,
+    forecast_state_of,
+    learn,
+    past_of,
+    past_of_elements,
+)
+from twin_server.estimate.forecast.known_events import (
+    KnownEvents,
+    come_after,
+    known_of,
+)
+from twin_server.events.asset_events import TOLD, effective
+from twin_server.history.states import States
+from twin_server.persist import History, Store
+from twin_server.pipeline.analysis.learning_input import (
+    LOOK_BACK,
+    SHIFT,
+    Key,
+    LearningInput,
+    NewestRows,
+    changes_in,
+    happened_by,
+    learning_input_of,
+    learning_mark,
+    renewals_in,
+    since_last_renewal,
+    update_behind,
+)
+from twin_server.pipeline.ingestion.pipeline import Pipeline
+from twin_server.pipeline.ingestion.updates import TwinUpdate
+from twin_server.pipeline.monitoring.model_changes import BUSY
+from twin_server.registration.thresholds import Limit
+
+logger = logging.getLogger(__name__)
+
+
+MOST_KEPT = 500
+"""Twins whose forecast states are kept, those asked for last: up to 0.2 MB a quantity."""
+
+MOST_WAITING = 256
+"""States of a twin that wait to be taken in by who asks next; more are taken in before."""
+
+ANSWERS = 16
+"""Forecasts that are kept of a twin until its next reading."""
+
+
+_PAUSE_S = 0.5
+"""Interval at which the background thread looks for work [s]."""
+
+
+Run: TypeAlias = Callable[..., Any]
+"""Calls a function with arguments that can be pickled, here or in a process of its own."""
+
+
+@dataclasses.dataclass(slots=True)
+class _Kept:
+    """Cached state of one twin; changed by the holder of its lock."""
+
+    lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
+    learning: threading.Lock = dataclasses.field(default_factory=threading.Lock)
+    learnt_from: LearningInput | None = None
+    laws: LearntLaws = dataclasses.field(default_factory=dict)
+    prospect: ForecastState | None = None
+    rows: NewestRows | None = None
+    unit: str | None = None
+    last: Key = -1
+    waiting: list[TwinUpdate] = dataclasses.field(default_factory=list)
+    count: int = 0
+    changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    told: "_ToldEvents" = dataclasses.field(default_factory=lambda: _ToldEvents((), {}))
+    answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
+    sound: bool = False
+    asked: bool = False
+
+
+class _ToldEvents(NamedTuple):
+    """Events that people have told of a twin, and what they do to each of its quantities."""
+
+    events: Sequence[AssetEvent]
+    known: KnownEvents
+
+
+class CachedForecast(NamedTuple):
+    """A forecast, and the unit of its slow time."""
+
+    foresight: ChangeForecast
+    unit: str | None
+
+
+class ForecastCache:
+    """Forecast states of the twins that are asked for, advanced by the updates of each.
+
+    Parameters
+    ----------
+    refresh
+        Readings after which it is learnt anew.
+    run
+        Where is learnt; by default in the thread that asks.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        store: Store,
+        *,
+        refresh: int = 25,
+        run: Run = lambda function, *arguments: function(*arguments),
+    ) -> None:
+        self._pipeline, self._store = pipeline, store
+        self._refresh, self._run = refresh, run
+        self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
+        self._lock = threading.Lock()
+        self._of_the_past: dict[str, tuple[LearningInput, LearntLaws]] = {}
+        self._due: dict[str, None] = {}
+        self._changed = threading.Condition()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin to learn anew behind the work."""
+        self._thread = threading.Thread(target=self._work, name="forecasts", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Learn no more."""
+        self._stop.set()
+        with self._changed:
+            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    @property
+    def due(self) -> int:
+        """Number of twins that wait to be learnt anew, that under way included."""
+        return len(self._due)
+
+    def tell(self, news: TwinUpdate) -> None:
+        """Queue the update of one twin, in constant time."""
+        kept = self._kept.get(news.twin_id)
+        if kept is None:
+            return
+        with kept.lock:
+            kept.waiting.append(news)
+            kept.count += len(news.states)
+            many = kept.count > MOST_WAITING
+        if many and self._thread is not None:
+            self._ask(news.twin_id)
+
+    def reset(self, twin_id: str) -> None:
+        """Note that a twin's history has been rewritten or deleted."""
+        with self._lock:
+            self._kept.pop(twin_id, None)
+            self._of_the_past.pop(twin_id, None)
+
+    def foresee(
+        self, twin_id: str, horizon: float | None, count: int, thresholds: tuple[Limit, ...]
+    ) -> CachedForecast | None:
+        """Forecast a twin from what is kept of it; None where too little is known.
+
+        The first who asks for a twin waits until it is learnt.
+        """
+        kept = self._up_to_date(twin_id)
+        if kept is None:
+            return None
+        with kept.lock:
+            prospect, unit = kept.prospect, kept.unit
+            asked = (horizon, count, thresholds)
+            known = kept.answers.get(asked)
+        if prospect is None:
+            return None
+        if known is None:
+            known = forecast_from_state(prospect, *asked)
+            with kept.lock:
+                if kept.prospect is prospect and len(kept.answers) < ANSWERS:
+                    kept.answers[asked] = known
+        return CachedForecast(known, unit)
+
+    def prospect(self, twin_id: str) -> ForecastState | None:
+        """Give what is kept of a twin as of its last reading; None of too little."""
+        kept = self._up_to_date(twin_id)
+        return None if kept is None else kept.prospect
+
+    def at(
+        self, twin_id: str, t_ns: int | None, slow_time: float | None
+    ) -> tuple[ForecastState, str] | None:
+        """Make the prospect of a twin as it was at a moment, from what came until then.
+
+        It is learnt from as many readings before the moment as today's before now.
+        """
+        twin = self._pipeline.twin(twin_id)
+        found = self._store.history(
+            twin_id,
+            t_ns=(None, t_ns),
+            slow_time=(None, slow_time),
+            limit=LOOK_BACK,
+            newest=True,
+        )
+        if twin is None or not len(found.states):
+            return None
+        found, changes = self._since_renewal(twin_id, found)
+        told = self._told_of(twin, twin_id, found, until=(t_ns, slow_time))
+        rows = NewestRows.of(found.number, found.states)
+        last = learning_mark(rows, changes, told.known, self._refresh)
+        learnt_from = learning_input_of(twin, rows, last, changes, told.known)
+        known = self._of_the_past.get(twin_id)
+        if known is None or known[0] != learnt_from:
+            known = learnt_from, self._learn(twin, found, last, learnt_from)
+            if len(self._of_the_past) >= MOST_KEPT:
+                self._of_the_past.clear()
+            self._of_the_past[twin_id] = known
+        prospect = _forecast_state(twin, found, last, known[1], told.known)
+        return None if prospect is None else (prospect, found.boots[found.number[-1]][1])
+
+    def _up_to_date(self, twin_id: str) -> _Kept | None:
+        twin = self._pipeline.twin(twin_id)
+        if twin is None:
+            return None
+        kept = self._known(twin_id)
+        with kept.lock:
+            kept.asked = True
+            self._absorb(kept, twin)
+            ready = kept.sound and kept.prospect is not None
+            due = not kept.sound or kept.learnt_from != self._wanted(kept, twin)
+        if due and (not ready or self._thread is None):
+            self._renew(twin_id, kept)
+        elif due:
+            self._ask(twin_id)
+        return kept
+
+    def _known(self, twin_id: str) -> _Kept:
+        with self._lock:
+            kept = self._kept.setdefault(twin_id, _Kept())
+            self._kept.move_to_end(twin_id)
+            while len(self._kept) > MOST_KEPT:
+                self._kept.popitem(last=False)
+        return kept
+
+    def _ask(self, twin_id: str) -> None:
+        with self._changed:
+            self._due.setdefault(twin_id)
+            self._changed.notify_all()
+
+    def _absorb(self, kept: _Kept, twin: Twin) -> None:
+        """Take in what waits, one step for each reading; unsound where the order is broken."""
+        waiting, kept.waiting, kept.count = kept.waiting, [], 0
+        for news in waiting:
+            for name, since in changes_in(body for _, body in news.events):
+                kept.changes.setdefault(name, []).append(since)
+            if renewals_in(body for _, body in news.events):
+                # Of another structure from here on: only what follows is read again.
+                kept.sound = False
+            if any(TOLD in body for _, body in news.events):
+                kept.sound = False
+            if not come_after(news.states, kept.told.events):
+                # An event is placed after the last reading before it, which is another now.
+                kept.sound = False
+            if not len(news.states) or not kept.sound or kept.rows is None:
+                continue
+            numbers = [number for number, _, _ in news.runs]
+            first = numbers[0] << SHIFT | int(news.states["sequence"][0])
+            past = _past(twin, news.states, news.bodies)
+            try:
+                if first <= kept.last:
+                    raise ValueError
+                if kept.prospect is not None:
+                    kept.prospect = advance(kept.prospect, past)
+            except ValueError:
+                # Readings of an earlier time or place: all is read again, in order.
+                kept.sound = False
+                continue
+            kept.answers.clear()
+            kept.rows = kept.rows.with_more(numbers, news.states)
+            kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
+
+    def _wanted(self, kept: _Kept, twin: Twin) -> LearningInput | None:
+        """Make the learning input that the readings so far call for; None without readings."""
+        rows = kept.rows
+        if rows is None:
+            return None
+        last = learning_mark(rows, kept.changes, kept.told.known, self._refresh)
+        return learning_input_of(twin, rows, last, kept.changes, kept.told.known)
+
+    def _renew(self, twin_id: str, kept: _Kept) -> None:
+        """Read the newest part of the history, and learn where it calls for it.
+
+        One at a time: who comes meanwhile finds what the first has learnt.
+        """
+        with kept.learning:
+            twin = self._pipeline.twin(twin_id)
+            if twin is None:
+                return
+            with kept.lock:
+                # What has been told is in the history, and is read from it.
+                self._absorb(kept, twin)
+                if kept.sound and kept.learnt_from == self._wanted(kept, twin):
+                    return
+                kept.waiting.clear()
+                kept.count = 0
+            found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
+            if not len(found.states):
+                return
+            found, changes = self._since_renewal(twin_id, found)
+            told = self._told_of(twin, twin_id, found)
+            rows = NewestRows.of(found.number, found.states)
+            last = learning_mark(rows, changes, told.known, self._refresh)
+            learnt_from = learning_input_of(twin, rows, last, changes, told.known)
+            laws = kept.laws
+            if learnt_from != kept.learnt_from:
+                laws = self._learn(twin, found, last, learnt_from)
+            prospect = _forecast_state(twin, found, last, laws, told.known)
+            with kept.lock:
+                kept.learnt_from, kept.laws, kept.prospect = learnt_from, laws, prospect
+                kept.rows, kept.changes, kept.told = rows, changes, told
+                kept.last = int(rows.keys[-1])
+                kept.unit = found.boots[found.number[-1]][1]
+                kept.sound, kept.asked = True, False
+                kept.answers.clear()
+                # What came while it was learnt; what is in the history already is passed over.
+                kept.waiting = [update_behind(one, kept.last) for one in kept.waiting]
+                self._absorb(kept, twin)
+
+    def _learn(
+        self, twin: Twin, found: History, last: int, learnt_from: LearningInput
+    ) -> LearntLaws:
+        known = _past_until(twin, found, last + 1)
+        process = twin.registration.forecast.process
+        learnt: LearntLaws = self._run(
+            learn, known, process, dict(learnt_from.suspected), dict(learnt_from.known)
+        )
+        return learnt
+
+    def _told_of(
+        self,
+        twin: Twin,
+        twin_id: str,
+        found: History,
+        until: tuple[int | None, float | None] = (None, None),
+    ) -> _ToldEvents:
+        """Place the events that were told, those up to a moment, in a history."""
+        states = found.states
+        rows = self._store.asset_events(twin_id)
+        events = effective(row.message for row in rows)
+        if rows and until != (None, None):
+            last_ns = int(states["t_ns"].max()) if until[0] is None else until[0]
+            last = float(states["slow_time"].max()) if until[1] is None else until[1]
+            events = [e for e in events if happened_by(e, last_ns, last)]
+        if not events:
+            return _ToldEvents((), {})
+        names = _past(twin, states[-1:], found.bodies[-1:])
+        if not names:
+            names = _past(twin, states, found.bodies)
+        known = known_of(events, states["t_ns"], states["slow_time"], names)
+        return _ToldEvents(events, known)
+
+    def _since_renewal(
+        self, twin_id: str, found: History
+    ) -> tuple[History, dict[str, list[float]]]:
+        """Keep what came since the structure was last renewed, and its sudden changes.
+
+        These are slow times after which each quantity was told to have gone elsewhere.
+        """
+        bodies = [row.body for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)]
+        found = since_last_renewal(found, renewals_in(bodies))
+        changes: dict[str, list[float]] = {}
+        for name, since in changes_in(bodies):
+            changes.setdefault(name, []).append(since)
+        return found, changes
+
+    def _warm(self) -> None:
+        """Forecast something once: what is compiled for it is there for the first who asks."""
+        time_, noise = np.arange(20.0), 1e-3 * np.random.default_rng(0).standard_normal(20)
+        past = {"": Past(time_, noise, np.full(20, 1e-3), 0.0)}
+        prospect = forecast_state_of(past, learn(past, "smooth"))
+        if prospect is not None:
+            forecast_from_state(prospect, 1.0, 2, (Limit("", 0.0),))
+
+    def _catch_up(self, twin_id: str) -> None:
+        kept, twin = self._kept.get(twin_id), self._pipeline.twin(twin_id)
+        if kept is None or twin is None:
+            return
+        with kept.lock:
+            self._absorb(kept, twin)
+            asked = kept.asked
+        # Of a twin that nobody has asked for since it was learnt, nothing is learnt anew.
+        if asked:
+            self._renew(twin_id, kept)
+
+    def _work(self) -> None:
+        self._warm()
+        while not self._stop.is_set():
+            with self._changed:
+                if not self._due:
+                    self._changed.wait(_PAUSE_S)
+                twin_id = next(iter(self._due), None)
+            if twin_id is None:
+                continue
+            began_s = time.thread_time()
+            try:
+                self._catch_up(twin_id)
+            except Exception:
+                if not self._stop.is_set():
+                    logger.exception("%s could not be learnt anew; going on.", twin_id)
+            with self._changed:
+                self._due.pop(twin_id, None)
+            self._stop.wait(time.thread_time() - began_s)
+            while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
+                pass
+
+
+def _forecast_state(
+    twin: Twin, found: History, last: int, laws: LearntLaws, known: KnownEvents
+) -> ForecastState | None:
+    """Take in the readings up to the mark, then those behind it one after the other."""
+    prospect = forecast_state_of(_past_until(twin, found, last + 1), laws, known)
+    if prospect is None:
+        return None
+    later = slice(last + 1, None)
+    bodies = found.bodies[later] if found.bodies else ()
+    try:
+        return advance(prospect, _past(twin, found.states[later], bodies))
+    except ValueError:
+        # Some of them are of an earlier time: all of them in order.
+        return forecast_state_of(_past_until(twin, found, len(found.states)), laws, known)
+
+
+def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:
+    """Past of a twin as its first `count` states of `found` tell it."""
+    return _past(twin, found.states[:count], found.bodies[:count])
+
+
+def _past(twin: Twin, states: States, bodies: Any) -> dict[str, Past]:
+    elements = twin.checkpoint.elements
+    if elements is None:
+        return past_of(states, twin.checkpoint.known)
+    return past_of_elements(states, bodies, elements)

@@ -1,0 +1,157 @@
+"""Computes maintenance plans of twins on request, and keeps them until their next reading."""
+
+import collections
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twin_server.estimate import (
+    NotPlannableError,
+    Past,
+    PlanOrder,
+    Twin,
+    past_of,
+    past_of_elements,
+    plan_answer,
+    refusal_of,
+)
+from twin_server.persist import History, Store
+from twin_server.pipeline.ingestion.pipeline import Pipeline
+from twin_server.pipeline.workers.processes import Workers
+from twin_server.registration.twin import Registration
+
+from .forecast_cache import ForecastCache
+
+NEWEST = 60
+"""States that tell how often and how well is read, and the pace of slow time."""
+
+MOST_KEPT = 500
+"""Plans that are kept, those asked for last: some 60 kB each."""
+
+STALE = 25
+"""Readings that a plan may be old where a whole fleet is asked for."""
+
+NO_DECISION = (
+    "There is nothing to decide: the registration has no `costs` and `decision`. Register the "
+    "twin with both; docs/maintenance_plan.md describes them."
+)
+TOO_FEW = (
+    "There are too few valid readings to plan by. Wait for more of them, or look at the "
+    "reasons of the latest states."
+)
+
+
+class _Epoch(NamedTuple):
+    """The reading after which a plan was made."""
+
+    boot: int
+    sequence: int
+
+
+class _Kept(NamedTuple):
+    registration: Registration
+    epoch: _Epoch
+    answer: dict[str, Any]
+
+
+class PlanCache:
+    """Plans of twins, made where workers compute.
+
+    Parameters
+    ----------
+    prospects
+        Give what is believed of each change after its last reading.
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
+    ) -> None:
+        self._pipeline, self._store = pipeline, store
+        self._prospects, self._workers = prospects, workers
+        self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
+        self._lock = threading.Lock()
+
+    def plan(self, twin_id: str, *, stale: int = 0) -> dict[str, Any]:
+        """Give the plan of a twin as REST does; it is kept until the next reading.
+
+        Parameters
+        ----------
+        stale
+            Readings that a kept plan may be old.
+        """
+        twin = self._pipeline.twin(twin_id)
+        if twin is None or twin.registration.decision is None:
+            return refusal_of(twin_id, NO_DECISION)
+        found = self._store.history(twin_id, limit=NEWEST, newest=True)
+        if not len(found.states):
+            return refusal_of(twin_id, TOO_FEW)
+        epoch = _Epoch(int(found.number[-1]), int(found.states["sequence"][-1]))
+        with self._lock:
+            kept = self._kept.get(twin_id)
+        if kept is not None and _holds(kept, twin.registration, epoch, stale):
+            return kept.answer
+        answer = self._made(twin_id, twin, found)
+        with self._lock:
+            self._kept[twin_id] = _Kept(twin.registration, epoch, answer)
+            self._kept.move_to_end(twin_id)
+            while len(self._kept) > MOST_KEPT:
+                self._kept.popitem(last=False)
+        return answer
+
+    def _made(self, twin_id: str, twin: Twin, found: History) -> dict[str, Any]:
+        order = self._order(twin_id, twin, found)
+        if order is None:
+            return refusal_of(twin_id, TOO_FEW)
+        since_ns = int(found.states["t_ns"][-1])
+        try:
+            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order, since_ns)
+        except NotPlannableError as error:
+            return refusal_of(twin_id, str(error))
+        return answer
+
+    def _order(self, twin_id: str, twin: Twin, found: History) -> PlanOrder | None:
+        registration = twin.registration
+        costs, decision = registration.costs, registration.decision
+        prospect = self._prospects.prospect(twin_id)
+        if costs is None or decision is None or prospect is None:
+            return None
+        quantity = decision.failure.quantity
+        past = _past(twin, found).get(quantity)
+        if quantity not in prospect.laws or past is None or len(past.slow_time) < 2:
+            return None
+        steps = np.diff(past.slow_time)
+        steps = steps[steps > 0]
+        if not len(steps):
+            return None
+        return PlanOrder(
+            costs,
+            decision,
+            prospect.laws[quantity],
+            prospect.common[quantity],
+            float(np.median(past.own_sd)),
+            float(np.median(steps)),
+            pace_of(found),
+            prospect.since - prospect.first,
+        )
+
+
+def _holds(kept: _Kept, registration: Registration, epoch: _Epoch, stale: int) -> bool:
+    if kept.registration != registration or kept.epoch.boot != epoch.boot:
+        return False
+    return 0 <= epoch.sequence - kept.epoch.sequence <= stale
+
+
+def pace_of(found: History) -> float | None:
+    """Seconds of the sensor's clock in one slow time; None where they do not rise together."""
+    slow = found.states["slow_time"]
+    went = float(slow[-1] - slow[0])
+    took = float(int(found.states["t_ns"][-1]) - int(found.states["t_ns"][0])) / 1e9
+    return took / went if went > 0 and took > 0 else None
+
+
+def _past(twin: Twin, found: History) -> dict[str, Past]:
+    elements = twin.checkpoint.elements
+    if elements is None:
+        return past_of(found.states, twin.checkpoint.known)
+    return past_of_elements(found.states, found.bodies, elements)

@@ -1,0 +1,115 @@
+"""Computes the risk of twins on request, and keeps it until their next reading."""
+
+import collections
+import threading
+from typing import Any, NamedTuple
+
+from twin_server.estimate import RiskOrder, Twin, past_of, past_of_elements, risk_answer
+from twin_server.persist import History, Store
+from twin_server.pipeline.analysis.learning_input import LOOK_BACK
+from twin_server.pipeline.ingestion.pipeline import Pipeline
+from twin_server.pipeline.workers.processes import Workers
+from twin_server.registration.twin import Registration
+
+from .forecast_cache import ForecastCache
+
+MOST_KEPT = 500
+"""Answers that are kept, those asked for last: some 60 kB each."""
+
+NO_STATES = (
+    "There is nothing to assess: the registration has no `limit_states`. Register the twin "
+    "with some; docs/risk.md describes them."
+)
+TOO_FEW = (
+    "There are too few valid readings to assess risk by. Wait for more of them, or look at the "
+    "reasons of the latest states."
+)
+
+
+class _Key(NamedTuple):
+    twin_id: str
+    horizon: float | None
+
+
+class _Kept(NamedTuple):
+    registration: Registration
+    boot: int
+    sequence: int
+    answer: dict[str, Any]
+
+
+class RiskCache:
+    """Risk of twins, computed where workers compute.
+
+    Parameters
+    ----------
+    prospects
+        Give what is believed of each change after its last reading.
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
+    ) -> None:
+        self._pipeline, self._store = pipeline, store
+        self._prospects, self._workers = prospects, workers
+        self._kept: collections.OrderedDict[_Key, _Kept] = collections.OrderedDict()
+        self._lock = threading.Lock()
+
+    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+        """Give the risk of a twin as REST does.
+
+        Parameters
+        ----------
+        horizon
+            How far ahead, in slow time; None for as long as the past that is used.
+        """
+        twin = self._pipeline.twin(twin_id)
+        if twin is None or not twin.registration.limit_states:
+            return _nothing(twin_id, NO_STATES)
+        found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
+        if not len(found.states):
+            return _nothing(twin_id, TOO_FEW)
+        key = _Key(twin_id, horizon)
+        boot, sequence = int(found.number[-1]), int(found.states["sequence"][-1])
+        with self._lock:
+            kept = self._kept.get(key)
+        if kept is not None and kept[:3] == (twin.registration, boot, sequence):
+            return kept.answer
+        answer = self._made(twin_id, twin, found, horizon)
+        with self._lock:
+            self._kept[key] = _Kept(twin.registration, boot, sequence, answer)
+            self._kept.move_to_end(key)
+            while len(self._kept) > MOST_KEPT:
+                self._kept.popitem(last=False)
+        return answer
+
+    def _made(
+        self, twin_id: str, twin: Twin, found: History, horizon: float | None
+    ) -> dict[str, Any]:
+        prospect = self._prospects.prospect(twin_id)
+        elements = twin.checkpoint.elements
+        past = (
+            past_of(found.states, twin.checkpoint.known)
+            if elements is None
+            else past_of_elements(found.states, found.bodies, elements)
+        )
+        if prospect is None or not set(prospect.laws) <= set(past):
+            return _nothing(twin_id, TOO_FEW)
+        span = prospect.since - prospect.first
+        order = RiskOrder(
+            registration=twin.registration,
+            checkpoint=twin.checkpoint,
+            laws=prospect.laws,
+            common=prospect.common,
+            past=past,
+            since=prospect.since,
+            horizon=prospect.since + (horizon or span),
+            unit=found.boots[found.number[-1]][1],
+        )
+        answer: dict[str, Any] = self._workers.run(risk_answer, twin_id, order)
+        return answer
+
+
+def _nothing(twin_id: str, reason: str) -> dict[str, Any]:
+    none = dict.fromkeys(("since", "horizon", "slow_time_unit"))
+    return {"id": twin_id, **none, "limit_states": [], "valid": False, "reasons": [reason]}

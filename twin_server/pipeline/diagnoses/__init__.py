@@ -1,0 +1,1 @@
+"""Orders of diagnoses in; jobs, their results and adopted models out."""

@@ -1,0 +1,26 @@
+"""Reports a trace span for each features message, from its arrival until it is durable."""
+
+from slowtime_services.clock import Clock
+from slowtime_services.tracing import Made, Traces
+
+from .ingestion.pipeline import Pipeline
+from .ingestion.updates import TwinUpdate
+
+
+class FeatureTraces:
+    """Hears what has become durable, and tells of it in traces."""
+
+    def __init__(self, pipeline: Pipeline, traces: Traces, clock: Clock) -> None:
+        self._pipeline, self._traces, self._clock = pipeline, traces, clock
+
+    def tell(self, news: TwinUpdate) -> None:
+        """Report a span for each new state."""
+        now_ns = self._clock.now_ns()
+        heard_ns = self._pipeline.heard_ns(news.twin_id) or now_ns
+        sequences = news.states["sequence"].tolist()
+        for (_, boot, _), sequence in zip(news.runs, sequences, strict=True):
+            made = Made(news.twin_id, boot, sequence)
+            self._traces.in_twin(made, min(heard_ns, now_ns), now_ns)
+
+    def reset(self, twin_id: str) -> None:
+        """Do nothing: what is estimated anew was made before."""

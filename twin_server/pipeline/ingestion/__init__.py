@@ -1,0 +1,1 @@
+"""Samples from the bus in; durable history, acknowledgements and published states out."""

@@ -1,0 +1,152 @@
+"""Estimates features in order, and prepares the states, checkpoints and events to write."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+from slowtime_schemas.messages import Event
+from twin_server.collect import Ordered
+from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
+from twin_server.history.states import blank
+from twin_server.persist import DetailRow, EventRow, FeatureRow, StateRow, Store, WriteBatch
+from twin_server.registration.twin import Registration
+
+from .rows import cut_up, decoded, derived_event, event_row, twin_row
+
+Twins = dict[tuple[str, str], Twin]
+"""By site and asset."""
+
+NO_BOOT = "twin"
+"""Stands for an edge's boot in what the twin says of its own accord."""
+
+REESTIMATE_BATCH = 5_000
+"""Features that are read at once where a history is made anew."""
+
+
+class BatchEstimate(NamedTuple):
+    """Estimates of a batch of features.
+
+    Parameters
+    ----------
+    owners, keys
+        Of each features message the place of its twin in `keys`.
+    """
+
+    found: Estimated
+    owners: Sequence[int]
+    keys: Sequence[tuple[str, str]]
+
+
+EMPTY_ESTIMATE = BatchEstimate(Estimated(blank(0), [], []), (), ())
+"""What no features tell."""
+
+
+def new_twin(registration: Registration) -> Twin:
+    """Make a twin that has not seen anything yet."""
+    return Twin(registration, Checkpoint.start(registration))
+
+
+def estimate_next(
+    ordered: Sequence[Ordered],
+    twins: Twins,
+    cut: WriteBatch,
+    default: Registration,
+    now_ns: int,
+) -> BatchEstimate:
+    """Add states, checkpoints and events of `ordered` to `cut`, checkpoints to `twins`."""
+    keys: dict[tuple[str, str], int] = {}
+    owners = [keys.setdefault((o.run.site, o.run.asset), len(keys)) for o in ordered]
+    for key in keys:
+        if key not in twins:
+            twins[key] = new_twin(default)
+            cut.events.append(
+                registration_event(*key, default, "by its first features", now_ns)
+            )
+            cut.twins.append(twin_row(key, twins[key]))
+    found = estimate(
+        [twins[key] for key in keys],
+        [o.features for o in ordered],
+        owners,
+        [o.missing_before for o in ordered],
+    )
+    for key, checkpoint, notices in zip(keys, found.checkpoints, found.notices, strict=True):
+        if checkpoint != twins[key].checkpoint:
+            twins[key] = twins[key]._replace(checkpoint=checkpoint)
+            cut.twins.append(twin_row(key, twins[key]))
+        cut.events += [derived_event(ordered[n.row].features, n) for n in notices]
+    cut.features += [
+        FeatureRow(
+            o.run.number, o.features.sequence, o.features.t_ns, o.features.slow_time,
+            o.payload, state,
+        )
+        for o, state in zip(ordered, cut_up(found.states), strict=True)
+    ]  # fmt: skip
+    cut.details += [
+        DetailRow(o.run.number, o.features.sequence, *detail)
+        for o, detail in zip(ordered, found.details, strict=False)
+        if detail is not None
+    ]
+    return BatchEstimate(found, owners, list(keys))
+
+
+def reestimate(
+    store: Store, key: tuple[str, str], registration: Registration, event: EventRow
+) -> Twin:
+    """Make all states of a twin from its features again; in memory, a part at a time."""
+    twin = new_twin(registration)
+    events = [event]
+
+    def states() -> Iterator[StateRow]:
+        nonlocal twin
+        last = (0, -1)
+        while rows := store.messages(".".join(key), last, REESTIMATE_BATCH):
+            features = [decoded(row.message) for row in rows]
+            missing = []
+            for row in rows:
+                before = last[1] if row.number == last[0] else -1
+                missing.append(row.sequence - before - 1)
+                last = (row.number, row.sequence)
+            found = estimate([twin], features, [0] * len(rows), missing)
+            twin = twin._replace(checkpoint=found.checkpoints[0])
+            events.extend(derived_event(features[n.row], n) for n in found.notices[0])
+            details = found.details or [None] * len(rows)
+            for row, state, detail in zip(rows, cut_up(found.states), details, strict=True):
+                yield StateRow(row.number, row.sequence, state, detail)
+
+    store.rewrite(".".join(key), states(), lambda: (twin_row(key, twin), events))
+    return twin
+
+
+def registration_event(
+    site: str, asset: str, registration: Registration, how: str, now_ns: int
+) -> EventRow:
+    """Make the event that a twin was registered."""
+    message = f"Registered {how}: what may change is {registration.changes}."
+    return note_event(
+        site, asset, "registered", "info", message, registration.to_dict(), now_ns
+    )
+
+
+def note_event(
+    site: str,
+    asset: str,
+    kind: str,
+    severity: Literal["info", "warning", "alarm"],
+    message: str,
+    details: Mapping[str, Any],
+    now_ns: int,
+) -> EventRow:
+    """Make an event that does not follow from features."""
+    return event_row(
+        Event(
+            site=site,
+            asset=asset,
+            boot=NO_BOOT,
+            sequence=0,
+            t_ns=now_ns,
+            kind=kind,
+            severity=severity,
+            message=message,
+            details=dict(details),
+        ),
+        derived=False,
+    )

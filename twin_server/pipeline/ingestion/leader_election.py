@@ -1,0 +1,146 @@
+"""Elects one twin server of a bus to publish: the one that announced itself first.
+
+Two servers that acknowledge would let edges delete what only one of them has. Each announces
+itself by a liveliness token; its name is greater than those it finds, so that all agree on who
+was first. The others keep a history of their own, and publish and acknowledge nothing.
+"""
+
+import contextlib
+import datetime
+import logging
+import math
+import platform
+import secrets
+import threading
+import time
+
+from slowtime_schemas.streams import server_key
+from slowtime_services.bus import Bus, Handle
+from slowtime_services.clock import Clock
+
+logger = logging.getLogger(__name__)
+
+_LONGEST_HOST = 30
+"""Characters of the host name in a liveliness token."""
+
+
+class LeaderElection:
+    """Decides whether this twin server is the first on its bus.
+
+    Parameters
+    ----------
+    bus
+        None for a pipeline without one, which is always first.
+    """
+
+    def __init__(self, bus: Bus | None, clock: Clock) -> None:
+        self._bus, self._clock = bus, clock
+        self._name = ""
+        self._others: set[str] = set()
+        self._handles: list[Handle] = []
+        self._looks_s: float | None = None
+        self._told: str | None = None
+        self._lock = threading.Lock()
+
+    def start(self) -> None:
+        """Watch the tokens of other servers."""
+        if self._bus is None:
+            return
+        self._handles = [self._bus.watch(server_key("*"), self._see)]
+
+    def step(self) -> None:
+        """Announce this server once those that were there are known."""
+        if self._bus is None or self._name or not self._has_looked(self._bus):
+            return
+        with self._lock:
+            latest = max(map(_began, self._others), default=0)
+            began_ns = max(self._clock.now_ns(), latest + 1)
+            self._name = f"{began_ns:020d}-{secrets.token_hex(3)}-{_host()}"
+        self._handles.append(self._bus.announce(server_key(self._name)))
+        self._tell()
+
+    def _has_looked(self, bus: Bus) -> bool:
+        """Whether a bus that may open late has been watched for long enough."""
+        now_s, delay_s = time.monotonic(), bus.watch_delay_s
+        if not math.isfinite(delay_s):
+            return False
+        if self._looks_s is None:
+            self._looks_s = now_s
+        return now_s >= self._looks_s + delay_s
+
+    def stop(self) -> None:
+        """Be there no longer."""
+        for handle in reversed(self._handles):
+            handle.close()
+        self._handles.clear()
+
+    @property
+    def acknowledges(self) -> bool:
+        """Whether this server is known to be the first."""
+        return self._bus is None or (bool(self._name) and self.first is None)
+
+    @property
+    def first(self) -> str | None:
+        """Name of the server that was there before this one; None where there is none."""
+        with self._lock:
+            earliest = min(self._others, default=None)
+            if earliest is None or (self._name and self._name < earliest):
+                return None
+            return earliest
+
+    @property
+    def trouble(self) -> str:
+        """Describe the server that was first; empty where this one is."""
+        first = self.first
+        if first is None:
+            return ""
+        return (
+            f"Another twin server was on this bus first: {_described(first)}. This one keeps a "
+            "history of its own, and publishes and acknowledges nothing. Stop one of the two."
+        )
+
+    def _see(self, key: str, alive: bool) -> None:
+        name = key.rpartition("/")[2]
+        with self._lock:
+            if name == self._name:
+                return
+            if alive:
+                self._others.add(name)
+            else:
+                self._others.discard(name)
+        if self._name:
+            self._tell()
+            if alive and self.first is None:
+                logger.warning(
+                    "A second twin server is on this bus: %s. It publishes and acknowledges "
+                    "nothing. Stop one of the two.",
+                    _described(name),
+                )
+
+    def _tell(self) -> None:
+        """Log what has changed."""
+        before, self._told = self._told, self.first
+        if self._told is not None and self._told != before:
+            logger.error("%s", self.trouble)
+        elif self._told is None and before is not None:
+            logger.warning("The other twin server has gone; this one speaks from now on.")
+
+
+def _began(name: str) -> int:
+    number = name.partition("-")[0]
+    return int(number) if number.isascii() and number.isdigit() else 0
+
+
+def _host() -> str:
+    name = "".join(
+        c for c in platform.node().lower() if c.isascii() and (c.isalnum() or c == "-")
+    )
+    return name[:_LONGEST_HOST].strip("-") or "host"
+
+
+def _described(name: str) -> str:
+    host = name.split("-", 2)[-1]
+    with contextlib.suppress(ValueError, OverflowError, OSError):
+        began = datetime.datetime.fromtimestamp(_began(name) // 10**9, datetime.UTC)
+        return f"on {host}, since {began:%Y-%m-%dT%H:%M:%SZ}"
+    return f"on {host}"

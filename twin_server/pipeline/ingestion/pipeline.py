@@ -1,0 +1,687 @@
+"""Bus → collect → estimate → persist → acknowledge → tell: the only file that knows the order.
+
+One thread works. Callbacks of the bus leave samples in its inbox; whoever else wants something
+changed leaves it a call. What a batch leads to becomes durable in one transaction, and only
+then is anything acknowledged, published or shown.
+"""
+
+import collections
+import concurrent.futures
+import contextlib
+import functools
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal, TypeVar
+
+from slowtime_schemas.asset_events import AssetEvent
+from slowtime_schemas.messages import Features, Health, Virtual
+from slowtime_schemas.streams import (
+    ASSET_EVENT,
+    FATIGUE,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    VIRTUAL,
+    alive_key,
+    request_key,
+)
+from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
+from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.credentials import Signer
+from twin_server.collect import (
+    Account,
+    Arrival,
+    Backfill,
+    Change,
+    EdgeQuery,
+    Holding,
+    Reception,
+    Refusals,
+    SensorWatch,
+)
+from twin_server.estimate import Checkpoint, Twin
+from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
+from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.persist import EventRow, Store, StoreError, WriteBatch
+from twin_server.registration.twin import Registration
+from twin_server.settings import TwinSettings
+
+from .accepted import acknowledged_range, contest_repeated
+from .assessed import AssessedMessages
+from .estimation import (
+    EMPTY_ESTIMATE,
+    estimate_next,
+    new_twin,
+    note_event,
+    reestimate,
+    registration_event,
+)
+from .leader_election import LeaderElection
+from .ledger_signer import LedgerSigner
+from .routing import Routing
+from .rows import (
+    address,
+    asset_event_row,
+    decoded,
+    lost_event,
+    old_event,
+    rivals_event,
+    rows_of_held,
+    rows_of_released,
+    run_of,
+    run_row,
+    told_event,
+    twin_row,
+)
+from .state_publisher import ACK_EVERY_S, StatePublisher
+from .updates import UpdateListener
+
+logger = logging.getLogger(__name__)
+
+MOST_RECALLED = 10_000
+"""Events of before that are looked through for what was told of a sensor."""
+
+T = TypeVar("T")
+Answered = tuple[EdgeQuery, Sequence[Holding] | None, bool]
+"""What was asked, what the edge says it holds, and whether all was answered."""
+
+
+class Pipeline:
+    """The twin server without its door: everything but HTTP.
+
+    Parameters
+    ----------
+    bus
+        Where features come from and states go to; None for a pipeline that is fed by
+        `ingest` alone.
+    """
+
+    def __init__(
+        self,
+        settings: TwinSettings,
+        store: Store,
+        *,
+        bus: Bus | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.settings, self.store, self._bus = settings, store, bus
+        self._clock = clock or SystemClock()
+        self.refusals = Refusals()
+        self._reception = Reception(settings.admission, self.refusals)
+        self._inbox: Inbox[Sample | None] = Inbox(
+            settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
+        )
+        self._calls: collections.deque[Callable[[], None]] = collections.deque()
+        self._answered: collections.deque[Answered] = collections.deque()
+        self._lock = threading.RLock()
+        self._handles: list[Handle] = []
+        self._worker: threading.Thread | None = None
+        self._backfill: Backfill | None = None
+        self.counts: collections.Counter[str] = collections.Counter()
+        self._election = LeaderElection(bus, self._clock)
+        self._publisher = StatePublisher(
+            bus,
+            self._clock,
+            self.counts,
+            settings.pipeline.states_per_batch,
+            self._election,
+            functools.partial(acknowledged_range, store),
+        )
+        self.failing: str = ""
+        # A pipeline without a bus is fed from recordings, of which nobody is told.
+        self.routing = Routing(settings.alarms, listening=bus is not None)
+        self._account = self._new_account()
+        self._stale = True
+        self._heard: dict[tuple[str, str], int] = {}
+        self._assessed = AssessedMessages(store)
+        self._sensors = SensorWatch(self._told_of_sensor)
+        self.ledger_signer: LedgerSigner | None = None
+        if settings.ledger.key is not None:
+            signer = Signer.read(settings.ledger.key)
+            every_s = settings.ledger.every_s
+            self.ledger_signer = LedgerSigner(
+                store, self._clock, signer, every_s, self._publisher.say
+            )
+        self._load()
+
+    def start(self) -> None:
+        """Begin to work, and to listen where there is a bus."""
+        self._worker = threading.Thread(target=self._work, name="twin", daemon=True)
+        self._election.start()
+        self._worker.start()
+        if self._bus is None:
+            return
+        self._backfill = Backfill(
+            self._bus, self.settings.healing, self._wants, self._take_answers, self._settle
+        )
+        self._handles = [
+            self._bus.subscribe(FEATURES.everywhere, self._receive),
+            self._bus.subscribe(HEALTH.everywhere, self._receive),
+            self._bus.subscribe(FATIGUE.everywhere, self._receive),
+            self._bus.subscribe(VIRTUAL.everywhere, self._receive),
+            self._bus.subscribe(REGISTRATION.everywhere, self._receive),
+            self._bus.subscribe(ASSET_EVENT.everywhere, self._receive),
+            self._bus.watch(alive_key("*", "*"), self._see),
+            self._bus.answer(request_key("*", "*", "registration"), self._answer_registrations),
+        ]
+        self._backfill.start()
+
+    def stop(self) -> None:
+        """Listen no more, finish what has arrived, and end."""
+        for handle in self._handles:
+            handle.close()
+        self._handles.clear()
+        if self._backfill is not None:
+            self._backfill.stop()
+        self._inbox.close()
+        if self._worker is not None:
+            self._worker.join()
+            self._worker = None
+        self._election.stop()
+
+    @property
+    def working(self) -> bool:
+        """Whether the working thread lives."""
+        return self._worker is not None and self._worker.is_alive()
+
+    def ingest(self, samples: Iterable[Sample]) -> None:
+        """Take samples straight in, without a bus; back once they are durable.
+
+        A recording that is read from its beginning to its end is followed by `give_up`, which
+        passes over what it does not hold.
+        """
+        batch: list[Sample] = []
+        for sample in samples:
+            batch.append(sample)
+            if len(batch) == self.settings.pipeline.batch_messages:
+                taken, batch = batch, []
+                self.call(lambda taken=taken: self._take(taken))  # type: ignore[misc]
+        self.call(lambda: self._take(batch))
+
+    def give_up(self) -> None:
+        """Wait for nothing that is missing any more."""
+        self.call(lambda: self._durably(self._account.give_up))
+
+    def register(
+        self,
+        twin_id: str,
+        registration: Registration,
+        kind: str = "registered",
+        message: str = "",
+        details: Mapping[str, Any] | None = None,
+    ) -> bool:
+        """Register a twin, new or anew; True where it is new.
+
+        One that has a history is estimated anew from its features, from the first on.
+
+        Parameters
+        ----------
+        kind, message, details
+            Of the event that says so; left out, that of any registration.
+        """
+        because = (kind, message, details) if message else None
+        return self.call(lambda: self._register(twin_id, registration, because=because))
+
+    def note(
+        self,
+        twin_id: str,
+        kind: str,
+        severity: Literal["info", "warning", "alarm"],
+        message: str,
+        details: Mapping[str, Any],
+    ) -> None:
+        """Keep and tell an event that does not follow from features."""
+        self.call(lambda: self._note(twin_id, kind, severity, message, details))
+
+    def keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        self.call(
+            lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
+        )
+
+    def record(self, told: AssetEvent) -> AssetEventRow:
+        """Record an event of an asset, and publish it."""
+        return self.call(lambda: self._record(told))
+
+    def delete(self, twin_id: str) -> bool:
+        """Forget a twin, its history and its account; False where there is none."""
+        return self.call(lambda: self._delete(twin_id))
+
+    def listen(self, listener: UpdateListener) -> None:
+        """Pass updates of twins to `listener` from now on."""
+        self._publisher.listen(listener)
+
+    def call(self, function: Callable[[], T]) -> T:
+        """Do something between two batches, and wait for it."""
+        if not self.working or threading.current_thread() is self._worker:
+            with self._lock:
+                return function()
+        future: concurrent.futures.Future[T] = concurrent.futures.Future()
+
+        def run() -> None:
+            try:
+                future.set_result(function())
+            except BaseException as error:
+                future.set_exception(error)
+
+        self._later(run)
+        return future.result()
+
+    def twin(self, twin_id: str) -> Twin | None:
+        """One twin as its features have left it."""
+        return self._twins.get(address(twin_id))
+
+    def is_alive(self, twin_id: str) -> bool:
+        """Whether the edge of a twin is there."""
+        return self._account.is_alive(*address(twin_id))
+
+    def heard_ns(self, twin_id: str) -> int | None:
+        """When features of a twin last came; None where not since this server began."""
+        return self._heard.get(address(twin_id))
+
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Counters of the live sensor of a twin, as its edge told last; None without one."""
+        return self._sensors.of(*address(twin_id))
+
+    @property
+    def trouble(self) -> str:
+        """Describe another twin server that was first on the bus; empty without one."""
+        return self._election.trouble
+
+    @property
+    def waiting(self) -> int:
+        """Number of messages in the inbox."""
+        return len(self._inbox)
+
+    def gauges(self) -> dict[str, int]:
+        """Return the gauges of the pipeline, for metrics."""
+        account = self._account
+        return {
+            "twins": len(self._twins),
+            "edges_alive": len(account.alive),
+            "holes": account.holes,
+            "held": account.held,
+            "inbox": self.waiting,
+        }
+
+    def tallies(self) -> dict[str, int]:
+        """Give what others have counted for the pipeline."""
+        return {
+            "asked": self._backfill.asked if self._backfill else 0,
+            "inbox_dropped": self._inbox.dropped,
+        }
+
+    def _later(self, call: Callable[[], None]) -> None:
+        self._calls.append(call)
+        self._inbox.put(None)
+
+    def _receive(self, sample: Sample) -> None:
+        """Enqueue, nothing else: this is a thread of the bus."""
+        size = len(sample.payload)
+        if self._reception.admits(sample) and not self._inbox.put(sample, size):
+            self.refusals.refuse(
+                "inbox_full",
+                f"{len(self._inbox):,} messages wait already. Allowed: what fits the inbox "
+                "settings. Nothing is lost: edges are asked again.",
+            )
+
+    def _see(self, key: str, alive: bool) -> None:
+        """Note that an edge appears or goes."""
+        site, asset = key.split("/")[-3:-1]
+        if alive_key(site, asset) == key:
+            self._later(lambda: self._account.watch(site, asset, alive=alive))
+
+    def _work(self) -> None:
+        limit = self.settings.pipeline.batch_messages
+        while True:
+            wait_s = ACK_EVERY_S if self._publisher.owes else 0.25
+            samples = self._inbox.take(limit, timeout_s=wait_s)
+            with self._lock:
+                while self._calls:
+                    self._guarded(self._calls.popleft())
+                real = [sample for sample in samples if sample is not None]
+                if real:
+                    self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
+                self._guarded(self._election.step)
+                self._guarded(self._publisher.acknowledge)
+                self._guarded(lambda: self._publisher.announce_all(self._twins))
+                self._guarded(self._sign_ledger)
+            if self._inbox.closed and not samples and not self._calls:
+                self._guarded(lambda: self._sign_ledger(at_once=True))
+                return
+
+    def _sign_ledger(self, *, at_once: bool = False) -> None:
+        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        if self.ledger_signer is None or self._stale:
+            return
+        if at_once:
+            self.ledger_signer.sign(self._clock.now_ns())
+        else:
+            self.ledger_signer.step()
+
+    def _guarded(self, function: Callable[[], object]) -> None:
+        """Go on whatever happens."""
+        try:
+            function()
+        except Exception:
+            logger.exception("Something failed; going on from what is durable.")
+
+    def _durably(self, function: Callable[[Change], None]) -> None:
+        """Do something to the account, and conclude; where that fails, it never happened."""
+        change = Change()
+        try:
+            if self._stale:
+                self._load()
+            function(change)
+            self._conclude(change)
+            self.failing = ""
+        except Exception as error:
+            self.counts["failed_batches"] += 1
+            self.failing = f"{type(error).__name__}: {error}"
+            # Until it can be read again what is durable, nothing may be built on the account.
+            self._stale = True
+            with contextlib.suppress(StoreError):
+                self._load()
+            raise
+
+    def _load(self) -> None:
+        """Go on from what is durable."""
+        alive = self._account.alive
+        account = self._new_account()
+        twins = {
+            (row.site, row.asset): Twin(
+                Registration.from_json(row.registration), Checkpoint.from_json(row.checkpoint)
+            )
+            for row in self.store.twins()
+        }
+        rows, following = self.store.runs()
+        runs = {row.number: run_of(row) for row in rows}
+        for number, sequence, payload in self.store.held():
+            runs[number].held[sequence] = Arrival(decoded(payload), payload)
+        account.restore(runs.values(), following)
+        for twin_id in alive:
+            account.watch(*address(twin_id), alive=True)
+        self._publisher.forget_owed()
+        self._account, self._twins = account, twins
+        self._units = {row.number: row.slow_time_unit for row in rows}
+        self._stale = False
+
+    def _new_account(self) -> Account:
+        return Account(
+            self.settings.healing,
+            max_jump=self.settings.admission.max_jump,
+            alone=self._bus is None,
+        )
+
+    def _take(self, samples: Sequence[Sample]) -> int:
+        """One batch, from bytes to history; say how many were of senders whose clock is off."""
+        now_ns = self._clock.now_ns()
+        received = self._reception.read(samples, now_ns)
+        arrivals, healths = received.arrivals, received.healths
+        for twin_id, registration in received.registrations:
+            self._register(twin_id, registration, "by a recording")
+        if not self.settings.auto_register:
+            arrivals = [a for a in arrivals if self._is_registered(a.features)]
+            healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
+        self._take_arrivals(arrivals)
+        self._account.disbelieve(received.disbelieved)
+        if kept := self._assessed.take(received.assessed, self._twins):
+            self.counts["fatigue"] += kept
+        if healths:
+            self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
+            self._hear_of_sensors([health for health, replayed in healths if not replayed])
+        for told in received.asset_events:
+            self._take_told(told)
+        return received.misdated
+
+    def virtual(self, twin_id: str) -> list[Virtual]:
+        """Latest windows of virtual quantities, since this server began."""
+        return self._assessed.virtual(address(twin_id))
+
+    def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
+        """Make events of what live sensors do; of twins only, since events are theirs."""
+        healths = [health for health in healths if (health.site, health.asset) in self._twins]
+        for notice in self._sensors.hear(healths, time.monotonic()):
+            site, asset, kind, severity, message, details = notice
+            try:
+                self._note(f"{site}.{asset}", kind, severity, message, details)
+            except StoreError:
+                self._sensors.forget(site, asset)  # and tell it once it can be kept
+                raise
+
+    def _told_of_sensor(self, site: str, asset: str) -> Iterator[dict[str, Any]]:
+        """Events of a twin as they were told, the newest first."""
+        rows = self.store.events(f"{site}.{asset}", limit=MOST_RECALLED, newest=True)
+        return (json.loads(row.body) for row in reversed(rows))
+
+    def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
+        """Order, estimate and keep; one that cannot be worked does not stop the others."""
+        try:
+            self._durably(lambda c: self._account.take(arrivals, time.monotonic(), c))
+        except StoreError:
+            raise
+        except Exception as error:
+            if len(arrivals) > 1:
+                middle = len(arrivals) // 2
+                self._take_arrivals(arrivals[:middle])
+                self._take_arrivals(arrivals[middle:])
+                return
+            logger.exception("Features could not be worked.")
+            features = arrivals[0].features
+            self.refusals.refuse(
+                "failed",
+                f"{features.twin_id}: sequence {features.sequence} made the server fail: "
+                f"{error!r}. Please report it, with the message.",
+            )
+
+    def _is_registered(self, features: Features) -> bool:
+        registered = (features.site, features.asset) in self._twins
+        if not registered:
+            self.refusals.refuse(
+                "not_registered",
+                f"Features of {features.twin_id} were given. Allowed: those of registered "
+                f"twins. PUT /api/v1/twins/{features.twin_id}, or set auto_register.",
+            )
+        return registered
+
+    def _conclude(self, change: Change) -> None:
+        """Estimate, make durable, and only then tell anybody."""
+        contest_repeated(self.store, change)
+        for reason, sentence in change.refused:
+            self.refusals.refuse(reason, sentence)
+        self._publisher.owe(change.touched)
+        if not (
+            change.ordered or change.touched or change.lost or change.held or change.rivals
+        ):
+            return
+        cut = WriteBatch(held=rows_of_held(change), released=rows_of_released(change))
+        twins = dict(self._twins)
+        for run in {id(o.run): o for o in change.ordered}.values():
+            self._units.setdefault(run.run.number, run.features.slow_time_unit)
+        fresh = estimate_next(
+            change.ordered,
+            twins,
+            cut,
+            self.settings.default_registration,
+            self._clock.now_ns(),
+        )
+        cut.events += [lost_event(lost) for lost in change.lost]
+        cut.events += [old_event(aged) for aged in change.aged]
+        cut.events += [rivals_event(rivals) for rivals in change.rivals]
+        cut.runs += [
+            run_row(run, self._units.get(run.number, "s"))
+            for run in change.touched
+            if run.number
+        ]
+        self.routing.hear(change.ordered)
+        cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
+        numbers = self.store.write(cut)
+        self._twins = twins
+        self._count(change, cut)
+        self._publisher.tell(change.ordered, fresh, self._units, cut.events, numbers)
+
+    def _count(self, change: Change, cut: WriteBatch) -> None:
+        self.counts["batches"] += 1
+        self.counts["accepted"] += len(change.ordered)
+        self.counts["out_of_order"] += change.early
+        self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
+        for event in cut.events:
+            self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
+
+    def _wants(self) -> list[EdgeQuery]:
+        return self.call(lambda: self._account.wants(time.monotonic()))
+
+    def _take_answers(self, want: EdgeQuery, samples: Sequence[Sample]) -> tuple[bool, bool]:
+        def take() -> tuple[bool, bool]:
+            misdated = self._take(samples)
+            return self._account.still_missing(want), misdated == 0
+
+        return self.call(take)
+
+    def _settle(self, want: EdgeQuery, listing: Sequence[Holding] | None, sound: bool) -> None:
+        """Conclude together what ten thousand edges answer at once: each waits for the disk."""
+        self._answered.append((want, listing, sound))
+        self._later(self._settle_all)
+
+    def _settle_all(self) -> None:
+        answered = [self._answered.popleft() for _ in range(len(self._answered))]
+        if answered:
+            try:
+                self._conclude_answers(answered)
+            finally:
+                if self._backfill is not None:
+                    self._backfill.wake()
+
+    def _conclude_answers(self, answered: Sequence[Answered]) -> None:
+        """Settle at once, or by halves: what cannot be worked does not stop the others."""
+
+        def settle(change: Change) -> None:
+            now_s = time.monotonic()
+            for want, listing, sound in answered:
+                self._account.settle(want, listing, now_s, change, sound=sound)
+
+        try:
+            self._durably(settle)
+        except StoreError:
+            raise
+        except Exception:
+            if len(answered) == 1:
+                raise
+            middle = len(answered) // 2
+            self._conclude_answers(answered[:middle])
+            self._conclude_answers(answered[middle:])
+
+    def _note(
+        self,
+        twin_id: str,
+        kind: str,
+        severity: Literal["info", "warning", "alarm"],
+        message: str,
+        details: Mapping[str, Any],
+    ) -> None:
+        key = address(twin_id)
+        if key not in self._twins:
+            return
+        now_ns = self._clock.now_ns()
+        event = note_event(*key, kind, severity, message, details, now_ns)
+        self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
+
+    def _keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        cut = WriteBatch(
+            events=[event],
+            deliveries=list(deliveries),
+            settled=list(settled),
+            acknowledgements=list(acknowledgements),
+            asset_events=list(asset_events),
+        )
+        numbers = self.store.write(cut)
+        self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
+        self._publisher.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
+        for row in asset_events:
+            key = ASSET_EVENT.key(*address(row.twin))
+            self._publisher.say(key, row.body.encode(), ASSET_EVENT.encoding)
+
+    def _record(self, told: AssetEvent) -> AssetEventRow:
+        row, event = asset_event_row(told), told_event(told)
+        deliveries = self.routing.deliveries([event], self._twins, row.t_ns)
+        self._keep(event, deliveries, asset_events=[row])
+        return row
+
+    def _take_told(self, told: AssetEvent) -> None:
+        """Keep an event of a recording that is played; one that is known is passed over."""
+        if address(told.twin_id) not in self._twins:
+            self.refusals.refuse(
+                "not_registered",
+                f"An event of {told.twin_id} was played. Allowed: those of registered twins.",
+            )
+            return
+        rows = self.store.asset_events(told.twin_id)
+        if len(rows) < MOST_KEPT and all(row.event != told.event for row in rows):
+            number = 1 + max((row.number for row in rows), default=0)
+            self._record(told.model_copy(update={"sequence": number}))
+
+    def _register(
+        self,
+        twin_id: str,
+        registration: Registration,
+        how: str = "by request",
+        *,
+        because: tuple[str, str, Mapping[str, Any] | None] | None = None,
+    ) -> bool:
+        key = address(twin_id)
+        before = self._twins.get(key)
+        if before is not None and before.registration == registration:
+            return False
+        now_ns = self._clock.now_ns()
+        if because is None:
+            event = registration_event(*key, registration, how, now_ns)
+        else:
+            kind, message, details = because
+            event = note_event(*key, kind, "info", message, details or {}, now_ns)
+        if before is None:
+            twin = new_twin(registration)
+            self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
+        else:
+            twin = reestimate(self.store, key, registration, event)
+        self._twins[key] = twin
+        self._publisher.announce(key, twin)
+        self._publisher.reset(twin_id)
+        return before is None
+
+    def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        """Answer queries for registrations; in a thread of the bus."""
+        if self._election.first is not None:
+            return  # the first twin server answers
+        for key, twin in list(self._twins.items()):
+            if matches(query.key, request_key(*key, "registration")):
+                yield REGISTRATION.key(*key), self._publisher.registration(key, twin)
+
+    def _delete(self, twin_id: str) -> bool:
+        key = address(twin_id)
+        existed = self.store.delete(twin_id)
+        self._twins.pop(key, None)
+        self._heard.pop(key, None)
+        self._assessed.forget(key)
+        self._sensors.forget(*key)
+        self._account.forget(*key)
+        self._publisher.reset(twin_id)
+        return existed

@@ -1,0 +1,215 @@
+"""Publishes durable states and events on the bus, acknowledges runs and informs listeners."""
+
+import collections
+import json
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Acknowledgement, Registered
+from slowtime_schemas.streams import ACK, EVENT, REGISTRATION, STATE
+from slowtime_services.bus import Bus
+from slowtime_services.clock import Clock
+from slowtime_services.digests import written
+from twin_server.collect import Ordered, Run
+from twin_server.estimate import Twin
+from twin_server.history.details import part
+from twin_server.history.rendering import state_messages
+from twin_server.persist import EventRow
+
+from .estimation import NO_BOOT, BatchEstimate
+from .leader_election import LeaderElection
+from .rows import body_of
+from .updates import TwinUpdate, UpdateListener
+
+logger = logging.getLogger(__name__)
+
+ACK_EVERY_S = 0.1
+"""Interval at which runs are acknowledged, at least [s]."""
+
+ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
+"""Interval at which registrations are announced [s]."""
+
+
+class AcknowledgedRange(NamedTuple):
+    """Last acknowledged sequence of a run, and the digest of its features from `first` on."""
+
+    sequence: int
+    first: int | None
+    digest: int
+
+
+class StatePublisher:
+    """Publishes states and events, acknowledges runs, announces registrations.
+
+    Parameters
+    ----------
+    bus
+        None for a pipeline that is fed by hand.
+    election
+        Whether another twin server speaks on this bus.
+    prove
+        Says what to acknowledge of a run.
+    counts
+        Where it counts what was published and what was not.
+    states_per_batch
+        Of a larger batch, only the newest state of each twin is published.
+    """
+
+    def __init__(
+        self,
+        bus: Bus | None,
+        clock: Clock,
+        counts: collections.Counter[str],
+        states_per_batch: int,
+        election: LeaderElection,
+        prove: Callable[[Run], AcknowledgedRange],
+    ) -> None:
+        self._bus, self._clock, self._counts = bus, clock, counts
+        self._election, self._prove = election, prove
+        self._states_per_batch = states_per_batch
+        self._listeners: list[UpdateListener] = []
+        self._owed: dict[Run, None] = {}
+        self._acknowledged_s = 0.0
+        self._announced_s = 0.0
+        self._announcements = 0
+
+    def listen(self, listener: UpdateListener) -> None:
+        """Pass updates of twins to `listener` from now on."""
+        self._listeners.append(listener)
+
+    def tell(
+        self,
+        ordered: Sequence[Ordered],
+        fresh: BatchEstimate,
+        units: Mapping[int, str],
+        happened: Sequence[EventRow],
+        numbers: Sequence[int],
+    ) -> None:
+        """Publish and show what has just become durable."""
+        found = fresh.found
+        events: dict[tuple[str, str], list[tuple[int, str]]] = {}
+        for number, event in zip(numbers, happened, strict=True):
+            events.setdefault((event.site, event.asset), []).append((number, event.body))
+            self._publish(
+                EVENT.key(event.site, event.asset), event.body.encode(), EVENT.encoding
+            )
+        rows: list[list[int]] = [[] for _ in fresh.keys]
+        for row, owner in enumerate(fresh.owners):
+            rows[owner].append(row)
+        all_of_them = len(ordered) <= self._states_per_batch
+        for key, of_twin in zip(fresh.keys, rows, strict=True):
+            theirs = found.states[of_twin]
+            runs = [
+                (run.number, run.boot, units[run.number])
+                for run in (ordered[row].run for row in of_twin)
+            ]
+            bodies = [body_of(found.details[row]) for row in of_twin] if found.details else ()
+            shown = slice(None) if all_of_them else slice(-1, None)
+            if self._bus is not None:
+                _, boots, names = zip(*runs[shown], strict=True)
+                for message in state_messages(
+                    theirs[shown], *key, boots, names, part(bodies, shown)
+                ):
+                    self._publish(STATE.key(*key), message, STATE.encoding)
+            news = TwinUpdate(".".join(key), theirs, runs, events.pop(key, ()), bodies)
+            for listener in self._listeners:
+                listener.tell(news)
+        for key, others in events.items():
+            for listener in self._listeners:
+                listener.tell(TwinUpdate(".".join(key), found.states[:0], (), others))
+
+    def reset(self, twin_id: str) -> None:
+        """Note that a twin's history has been rewritten or deleted."""
+        for listener in self._listeners:
+            listener.reset(twin_id)
+
+    @property
+    def owes(self) -> bool:
+        """Whether something durable has not been acknowledged yet."""
+        return bool(self._owed)
+
+    def owe(self, runs: Iterable[Run]) -> None:
+        """Note whose features have become durable."""
+        self._owed.update(dict.fromkeys(runs))
+
+    def forget_owed(self) -> None:
+        """Acknowledge nothing of what was not durable after all."""
+        self._owed.clear()
+
+    def acknowledge(self) -> None:
+        """Acknowledge durable features: at once when idle, else a few times a second."""
+        now = time.monotonic()
+        if not self._owed or now - self._acknowledged_s < ACK_EVERY_S:
+            return
+        if not self._election.acknowledges:
+            return
+        self._acknowledged_s = now
+        runs, self._owed = self._owed, {}
+        for run in runs:
+            if run.number and run.next and not run.contested:
+                ack = acknowledgement(run, self._prove(run), self._clock.now_ns())
+                self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
+
+    def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:
+        """Publish all registrations at intervals, for recorders that began since."""
+        now = time.monotonic()
+        if now - self._announced_s < ANNOUNCE_EVERY_S:
+            return
+        self._announced_s = now
+        for key, twin in twins.items():
+            self.announce(key, twin)
+
+    def announce(self, key: tuple[str, str], twin: Twin) -> None:
+        """Publish the registration of a twin."""
+        self._publish(
+            REGISTRATION.key(*key), self.registration(key, twin), REGISTRATION.encoding
+        )
+
+    def registration(self, key: tuple[str, str], twin: Twin) -> bytes:
+        """Write the message that says how a twin is registered."""
+        site, asset = key
+        self._announcements += 1
+        message = Registered(
+            site=site,
+            asset=asset,
+            boot=NO_BOOT,
+            sequence=self._announcements,
+            t_ns=self._clock.now_ns(),
+            id=f"{site}.{asset}",
+            registration=twin.registration.to_dict(),
+        )
+        return encode(message)
+
+    def say(self, key: str, payload: bytes, encoding: str) -> None:
+        """Publish what somebody else of the server has to say."""
+        self._publish(key, payload, encoding)
+
+    def _publish(self, key: str, payload: bytes, encoding: str) -> None:
+        if self._bus is None or self._election.first is not None:
+            return
+        try:
+            self._bus.publish(key, payload, encoding=encoding)
+            self._counts["published"] += 1
+        except Exception:
+            # History is durable and REST answers: a bus that fails stops nothing else.
+            self._counts["not_published"] += 1
+            logger.exception("A message on %s could not be published.", key)
+
+
+def acknowledgement(run: Run, proof: AcknowledgedRange, now_ns: int) -> bytes:
+    """Write the acknowledgement of a boot in the version that its agent reads."""
+    ack = Acknowledgement(
+        site=run.site,
+        asset=run.asset,
+        boot=run.boot,
+        sequence=proof.sequence,
+        t_ns=now_ns,
+        first=proof.first,
+        digest=None if proof.first is None else written(proof.digest),
+    )
+    if run.ack_version >= Acknowledgement.VERSION:
+        return encode(ack)
+    return json.dumps(ack.model_dump(exclude={"first", "digest"}) | {"version": 1}).encode()

@@ -1,0 +1,1 @@
+"""Calls that compute for long in; their results from worker processes out."""

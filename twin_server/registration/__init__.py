@@ -1,0 +1,1 @@
+"""The registration of a twin: nominal structure, alarms, costs and limit states."""

@@ -1,0 +1,1 @@
+"""HTTP machinery: connection limits, queues, threads and problem documents."""

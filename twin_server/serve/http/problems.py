@@ -1,0 +1,165 @@
+"""Errors as problem documents (RFC 9457): what was given, what is allowed, what to do."""
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+from pydantic_core import to_json
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+logger = logging.getLogger(__name__)
+
+MEDIA_TYPE = "application/problem+json"
+
+MOST_ERRORS = 20
+"""Faults of one request that are listed; all are counted."""
+
+CLIENT_LEFT = 499
+"""What nginx calls it; nobody is there to read it."""
+
+
+class Problem(BaseModel):
+    """A problem document."""
+
+    type: str = Field(examples=["urn:slowtime:problem:no-such-twin"])
+    title: str = Field(examples=["No such twin"])
+    status: int = Field(examples=[404])
+    detail: str = Field(examples=["No twin is called lab.beam. Allowed: demo.tower."])
+    instance: str = Field(examples=["/api/v1/twins/lab.beam"])
+    errors: list[dict[str, Any]] | None = None
+
+
+def answers(says: Mapping[int, str]) -> dict[int | str, dict[str, Any]]:
+    """Describe, for the document, the problems that a route may answer with, by status."""
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    return {
+        status: {"description": text, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status, text in says.items()
+    }
+
+
+class ProblemError(Exception):
+    """An error that is answered with a problem document.
+
+    Parameters
+    ----------
+    slug
+        Last part of the problem's type.
+    detail
+        What was given, what is allowed, what to do.
+    """
+
+    def __init__(self, status: int, slug: str, detail: str, **headers: str) -> None:
+        super().__init__(detail)
+        self.status, self.slug, self.detail, self.headers = status, slug, detail, headers
+
+
+def problem(
+    status: int, slug: str, detail: str, instance: str, **more: Any
+) -> tuple[int, bytes]:
+    """Status and body of a problem document."""
+    title = slug.replace("-", " ").capitalize()
+    body = {
+        "type": f"urn:slowtime:problem:{slug}",
+        "title": title,
+        "status": status,
+        "detail": detail,
+        "instance": instance,
+        **more,
+    }
+    return status, to_json(body)
+
+
+def respond(request: Request, status: int, slug: str, detail: str, **more: Any) -> Response:
+    """Answer with a problem document."""
+    code, body = problem(status, slug, detail, request.url.path, **more)
+    return Response(body, code, media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Let every error of `app` be a problem document."""
+    app.add_exception_handler(ProblemError, _ours)
+    app.add_exception_handler(RequestValidationError, _not_valid)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(ClientDisconnect, _left)
+    app.add_exception_handler(Exception, _fault)
+
+
+async def _ours(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ProblemError)
+    response = respond(request, error.status, error.slug, error.detail)
+    response.headers.update(error.headers)
+    return response
+
+
+async def _not_valid(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    faults = error.errors()
+    errors = [
+        {
+            "where": ".".join(str(part) for part in fault["loc"]),
+            "given": _short(fault.get("input")),
+            "problem": fault["msg"].removeprefix("Value error, ").removesuffix("."),
+        }
+        for fault in faults[:MOST_ERRORS]
+    ]
+    first = errors[0]
+    detail = (
+        f"At {first['where']}, {first['given']} was given: {first['problem']}. {len(faults)} "
+        "fault(s) in all. What is allowed is in /api/v1/openapi.json; correct it and send it "
+        "again."
+    )
+    return respond(request, 422, "not-valid", detail, errors=errors)
+
+
+async def _http(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers or {})
+    path, method = request.url.path, request.method
+    if error.status_code == HTTPStatus.NOT_FOUND:
+        slug, detail = (
+            "no-such-address",
+            (
+                f"{path:.200} was asked for, which does not exist. What does is listed in "
+                "/api/v1/openapi.json."
+            ),
+        )
+    elif error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        slug, detail = (
+            "method-not-allowed",
+            (
+                f"{method} {path:.200} was given. Allowed: {headers.get('Allow', 'GET')}. Use "
+                "one of these."
+            ),
+        )
+    else:
+        slug = HTTPStatus(error.status_code).phrase.lower().replace(" ", "-")
+        detail = f"{method} {path:.200} was given: {error.detail}."
+    response = respond(request, error.status_code, slug, detail)
+    response.headers.update(headers)
+    return response
+
+
+async def _left(request: Request, error: Exception) -> Response:
+    """Answer nobody: the client has left, which is no fault of anybody."""
+    logger.debug("%s %s: the client left.", request.method, request.url.path)
+    return Response(status_code=CLIENT_LEFT)
+
+
+async def _fault(request: Request, error: Exception) -> Response:
+    logger.error("%s %s failed.", request.method, request.url.path, exc_info=error)
+    detail = (
+        f"{request.method} {request.url.path:.200} failed: {type(error).__name__}. This is a "
+        "fault of the server, not of the request; its log says more. Try again, and report it."
+    )
+    return respond(request, 500, "fault-of-ours", detail)
+
+
+def _short(given: Any) -> str:
+    text = repr(given)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,1 @@
+"""The pydantic models of REST answers, for the OpenAPI document."""

@@ -1,0 +1,251 @@
+"""Answers about maintenance plans."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+PLAN_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "since": 812.5,
+    "currency": "EUR",
+    "time_unit": "year",
+    "seconds": 31557600.0,
+    "horizon": {"ahead": 10.0, "slow_time": 4462.5, "t": "2036-11-21T04:00:00+00:00"},
+    "failure": {
+        "quantity": "stiffness_change",
+        "threshold": -0.3,
+        "toward": "below",
+        "already": 0.0,
+        "within": 0.62,
+    },
+    "action": "wait",
+    "decided": True,
+    "sentence": "Repair once the estimate reaches 85 % of failure, expected in 2.1 years "
+    "(2028-12-28): expected cost 61,200 EUR in 10 years (2036-11-21); the alternative “repair "
+    "now” costs 12,400 EUR more. Without a repair it fails within that time with probability "
+    "62 %.",
+    "changes": [
+        "“repair now” is better if a failure costs more than 2,100,000 EUR (given: 900,000 "
+        "EUR)."
+    ],
+    "options": [
+        {
+            "name": "estimate_threshold",
+            "words": "repair once the estimate reaches 85 % of failure",
+            "now": "wait",
+            "cost": {"value": 61200.0, "lo": 38000.0, "hi": 93000.0},
+            "failures": 0.004,
+            "parameters": {"damage": 0.85},
+            "repair": None,
+            "curve": [0.0, 61200.0],
+        }
+    ],
+    "times": [
+        {"ahead": 0.0, "slow_time": 812.5, "t": "2026-11-21T04:00:00+00:00"},
+        {"ahead": 10.0, "slow_time": 4462.5, "t": "2036-11-21T04:00:00+00:00"},
+    ],
+    "repair_cost": [73600.0, 540000.0],
+    "failure_probability": [0.0, 0.62],
+    "difference": {
+        "best": "repair once the estimate reaches 85 % of failure",
+        "other": "repair now",
+        "value": 12400.0,
+        "lo": 9100.0,
+        "hi": 15800.0,
+    },
+    "break_even": [{"item": "failure", "given": 900000.0, "at": 2100000.0}],
+    "information": [
+        {
+            "name": "ultrasound",
+            "kind": "inspection",
+            "at": {"ahead": 1.4, "slow_time": 1323.5, "t": "2028-04-15T10:00:00+00:00"},
+            "count": 1,
+            "cost": 1500.0,
+            "value": 4100.0,
+            "net": 2600.0,
+            "changes": 0.22,
+            "words": "ultrasound within 1.4 years (2028-04-15), worth 2,600 EUR net",
+        }
+    ],
+    "inspections": [],
+    "valid": True,
+    "reasons": [],
+}
+
+Now = Literal["repair", "inspect", "close", "wait", "undecided"]
+
+
+class PlanTime(BaseModel):
+    """A time of a plan."""
+
+    ahead: float = Field(description="From the last reading, in `time_unit`.")
+    slow_time: float
+    t: str | None = Field(description="RFC 3339; null where the calendar is not known.")
+
+
+class PlanFailure(BaseModel):
+    """What counts as a failure, and how probable it is without a repair."""
+
+    quantity: str
+    threshold: float
+    toward: Literal["below", "above"]
+    already: float = Field(description="Probability that it counts as failed by now.")
+    within: float = Field(description="Probability of a failure within the horizon.")
+
+
+class PlanCost(BaseModel):
+    """Expected cost, and its 5 and 95 % quantiles over futures."""
+
+    value: float
+    lo: float
+    hi: float
+
+
+class PlanOption(BaseModel):
+    """Something that may be done."""
+
+    name: str = Field(
+        description="nothing, age, fixed_interval, estimate_threshold, probability_threshold, "
+        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at or close."
+    )
+    words: str
+    now: Now = Field(description="What it does at once.")
+    cost: PlanCost
+    failures: float = Field(description="Expected discounted number of failures.")
+    parameters: dict[str, float] = Field(
+        description="Times from now in `time_unit`; damage as a share of that at failure."
+    )
+    repair: list[PlanTime | None] | None = Field(
+        description="By when 5, 50 and 95 % of the futures have been repaired; null beyond the "
+        "horizon, or where it hangs on an inspection."
+    )
+    curve: list[float] = Field(description="Expected cost until each of `times`.")
+
+
+class PlanDifference(BaseModel):
+    """The best option against the best of those that do something else now."""
+
+    best: str
+    other: str
+    value: float
+    lo: float = Field(description="5 % end; below 0, it cannot be decided.")
+    hi: float
+
+
+class PlanBreakEven(BaseModel):
+    """At which cost of one item both options of `difference` cost the same."""
+
+    item: str
+    given: float
+    at: float
+
+
+class PlanInformation(BaseModel):
+    """What an observation is worth before it is made."""
+
+    name: str
+    kind: Literal["inspection", "detection", "readings"]
+    at: PlanTime
+    count: int
+    cost: float
+    value: float = Field(
+        description="Among what may still be done then; at least 0, up to rounding."
+    )
+    net: float = Field(
+        description="By how much the expected cost falls, its own cost included; negative "
+        "where it is not worth its cost, or comes too late."
+    )
+    changes: float = Field(description="Probability that it changes what is done.")
+    words: str
+
+
+class PlanModel(BaseModel):
+    """What to do with a twin's structure, by when, why, and what would change it."""
+
+    model_config = {"json_schema_extra": {"examples": [PLAN_EXAMPLE]}}
+
+    id: str
+    since: float | None = Field(description="Slow time of the last reading.")
+    currency: str | None
+    time_unit: str | None
+    seconds: float | None = Field(
+        description="In one `time_unit`; null where the calendar is not known."
+    )
+    horizon: PlanTime | None
+    failure: PlanFailure | None
+    action: Now | None
+    decided: bool
+    sentence: str
+    changes: list[str]
+    options: list[PlanOption] = Field(description="The cheapest first.")
+    times: list[PlanTime]
+    repair_cost: list[float] = Field(
+        description="Expected cost of a repair at each of `times`."
+    )
+    failure_probability: list[float]
+    difference: PlanDifference | None
+    break_even: list[PlanBreakEven]
+    information: list[PlanInformation] = Field(description="Of largest net value first.")
+    inspections: list[PlanInformation] = Field(description="An inspection at several times.")
+    valid: bool
+    reasons: list[str]
+
+
+FLEET_EXAMPLE: dict[str, Any] = {
+    "window_d": 30.0,
+    "visits": 1,
+    "budget": None,
+    "currency": "EUR",
+    "sentence": "Inspect within 30 days: demo.tower (ultrasound, worth 2,600 EUR net).",
+    "assets": [
+        {
+            "id": "demo.tower",
+            "action": "wait",
+            "sentence": PLAN_EXAMPLE["sentence"],
+            "inspection": "ultrasound",
+            "at": PLAN_EXAMPLE["information"][0]["at"],
+            "net": 2600.0,
+            "cost": 1500.0,
+            "visit": True,
+        }
+    ],
+    "without": [{"id": "demo.frame", "reason": "There is nothing to decide: …"}],
+}
+
+
+class FleetAsset(BaseModel):
+    """One twin of a fleet's plan."""
+
+    id: str
+    action: Now | None
+    sentence: str
+    inspection: str | None
+    at: PlanTime | None
+    net: float | None = Field(
+        description="Of an inspection within the window; null where none can be ordered."
+    )
+    cost: float | None
+    visit: bool = Field(description="Whether a team is sent.")
+
+
+class FleetWithout(BaseModel):
+    """A twin that is not ranked, and why."""
+
+    id: str
+    reason: str
+
+
+class FleetPlanModel(BaseModel):
+    """Where the inspection teams go within a window."""
+
+    model_config = {"json_schema_extra": {"examples": [FLEET_EXAMPLE]}}
+
+    window_d: float
+    visits: int
+    budget: float | None
+    currency: str | None
+    sentence: str
+    assets: list[FleetAsset] = Field(
+        description="Those to be visited first, then those to be repaired, then by net value."
+    )
+    without: list[FleetWithout]

@@ -1,0 +1,104 @@
+"""Answers about the risk of a twin."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+PROBABILITY_EXAMPLE: dict[str, Any] = {"value": 0.0021, "lo": 0.0004, "hi": 0.0063}
+STATE_EXAMPLE: dict[str, Any] = {
+    "name": "drift in a storm",
+    "kind": "response",
+    "accepted": 0.001,
+    "now": {
+        "probability": PROBABILITY_EXAMPLE,
+        "beta": 2.86,
+        "survival": {"value": 1.0, "lo": 1.0, "hi": 1.0},
+        "hazard": 0.0002,
+    },
+    "within": {"value": 0.031, "lo": 0.008, "hi": 0.07},
+    "until": 861.2,
+    "points": [],
+    "past": [],
+    "sentence": "drift in a storm: fails with probability 0.031 up to slow time 905.3; now "
+    "0.0021. The accepted 0.001 is reached at 861.2.",
+    "valid": True,
+    "reasons": [],
+}
+RISK_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "since": 812.5,
+    "horizon": 905.3,
+    "slow_time_unit": "T0",
+    "limit_states": [STATE_EXAMPLE],
+    "valid": True,
+    "reasons": [],
+}
+
+
+class ProbabilityModel(BaseModel):
+    """A probability, and the 5 to 95 % band of what more readings could make of it."""
+
+    model_config = {"json_schema_extra": {"examples": [PROBABILITY_EXAMPLE]}}
+
+    value: float = Field(ge=0, le=1)
+    lo: float
+    hi: float
+
+
+class RiskNow(BaseModel):
+    """A limit state at one slow time."""
+
+    probability: ProbabilityModel = Field(
+        description="Of failure at that moment, or at one load event then."
+    )
+    beta: float = Field(description="Reliability index of it, at most 12.")
+    survival: ProbabilityModel = Field(description="Of no failure from the last reading on.")
+    hazard: float = Field(ge=0, description="Failures per slow time of those that survive.")
+
+
+class RiskPoint(RiskNow):
+    """A limit state at a future slow time."""
+
+    slow_time: float
+
+
+class PastRisk(BaseModel):
+    """A limit state at a past reading, by that reading and its standard deviation."""
+
+    slow_time: float
+    probability: ProbabilityModel
+
+
+class LimitStateRisk(BaseModel):
+    """One limit state: now, in the past and to come."""
+
+    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE]}}
+
+    name: str
+    kind: Literal["threshold", "resonance", "response", "own"]
+    accepted: float
+    now: RiskNow | None
+    within: ProbabilityModel | None = Field(description="Of failure up to the horizon.")
+    until: float | None = Field(
+        description="Slow time at which the accepted probability is reached; null: not by the "
+        "horizon."
+    )
+    points: list[RiskPoint]
+    past: list[PastRisk]
+    sentence: str
+    valid: bool
+    reasons: list[str]
+
+
+class RiskModel(BaseModel):
+    """Failure probability of a twin by each limit state of its registration."""
+
+    model_config = {"json_schema_extra": {"examples": [RISK_EXAMPLE]}}
+
+    id: str
+    since: float | None = Field(description="Slow time of the last reading.")
+    horizon: float | None
+    slow_time_unit: str | None
+    limit_states: list[LimitStateRisk]
+    valid: bool
+    reasons: list[str]

@@ -1,0 +1,284 @@
+"""Answers about twins: their states, modes and raised alarms."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from slowtime_schemas.messages import Shape
+from slowtime_schemas.quantities import Estimate
+from twin_server.registration.twin import MODEL_EXAMPLE, Registration
+from twin_server.serve.models.fatigue import _LOST
+
+_FREQUENCY = {"value": 2.987, "sd": 0.002, "lo": 2.983, "hi": 2.991}
+_STIFFNESS = {"value": -0.0086, "sd": 0.0013, "lo": -0.0112, "hi": -0.006}
+STATE_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "t_ns": 1795233600123456789,
+    "slow_time": 812.5,
+    "slow_time_unit": "T0",
+    "frequency_hz": _FREQUENCY,
+    "damping_ratio": {"value": 0.0213, "sd": 0.0009, "lo": 0.0195, "hi": 0.0231},
+    "stiffness_change": _STIFFNESS,
+    "mass_change": {"value": 0.0, "sd": 0.0, "lo": 0.0, "hi": 0.0},
+    "correlation": 0.0,
+    "assumed": ["mass_change"],
+    "frequency_used": "measured",
+    "valid": True,
+    "reasons": [],
+    "truth": {"stiffness_change": -0.0091},
+    "boot": "20261121T035959Z-7f3a",
+    "sequence": 812,
+    "missing_before": 0,
+}
+
+
+SHAPE_EXAMPLE = {"re": [0.36, 0.6, 0.714], "im": [0.0, 0.0, 0.0], "sd": [0.01, 0.01, 0.01]}
+MODE_EXAMPLE: dict[str, Any] = {
+    "identity": 1,
+    "model_mode": 0,
+    "frequency_hz": _FREQUENCY,
+    "damping_ratio": {"value": 0.0213, "sd": 0.0009, "lo": 0.0195, "hi": 0.0231},
+    "kind": "structural",
+    "shape": SHAPE_EXAMPLE,
+}
+ELEMENTS_EXAMPLE: dict[str, Any] = {
+    **STATE_EXAMPLE,
+    "id": "demo.frame",
+    "stiffness_change": None,
+    "mass_change": None,
+    "assumed": [],
+    "truth": {"storey2": -0.083},
+    "elements": {"storey1": {"value": 0.004, "sd": 0.011, "lo": -0.017, "hi": 0.026}}
+    | {"storey2": _LOST},
+    "posterior_to_prior": {"storey1": 0.036, "storey2": 0.033},
+    "suspects": ["storey2"],
+    "channels": ["a_floor1", "a_floor2", "a_floor3"],
+    "modes": [MODE_EXAMPLE],
+}
+
+
+class SeenModeModel(BaseModel):
+    """One mode of an epoch."""
+
+    model_config = {"json_schema_extra": {"examples": [MODE_EXAMPLE]}}
+
+    identity: int | None = Field(None, description="The edge's name of it, within a boot.")
+    model_mode: int | None = Field(
+        None, description="Which of the model's modes it is, 0 for the lowest."
+    )
+    frequency_hz: Estimate
+    damping_ratio: Estimate | None
+    kind: Literal["structural", "harmonic"] = "structural"
+    shape: Shape | None = Field(
+        None,
+        description="One component per channel, in the unit that all of them have, else as "
+        "displacements; null in histories unless asked for, and where a unit among several "
+        "is unknown.",
+    )
+
+
+class OfElements(BaseModel):
+    """What only a twin of many elements has."""
+
+    elements: dict[str, Estimate] = Field(
+        default={}, description="Relative change of each free stiffness and mass, by name."
+    )
+    posterior_to_prior: dict[str, float] = Field(
+        default={}, description="Of each: 1 where the readings said nothing, 0 if sure."
+    )
+    suspects: list[str] = Field(
+        default=[], description="What has changed: 'j2'; 'j1 or j4' where nobody can tell."
+    )
+    channels: list[str] = Field(default=[], description="Of the shapes' components, in order.")
+    modes: list[SeenModeModel] = []
+
+
+class State(OfElements):
+    """What a twin knew after one features message."""
+
+    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]}}
+
+    id: str
+    t_ns: int = Field(description="Sensor time [ns since 1970-01-01 UTC].")
+    slow_time: float
+    slow_time_unit: str
+    frequency_hz: Estimate | None = Field(description="Natural frequency; 95 % interval.")
+    damping_ratio: Estimate | None
+    stiffness_change: Estimate | None = Field(description="-0.1 once a tenth is gone.")
+    mass_change: Estimate | None
+    correlation: float = Field(description="Between the errors of stiffness and mass change.")
+    assumed: list[str] = Field(description="Quantities that are assumed, not estimated.")
+    frequency_used: Literal["measured", "smoothed"]
+    valid: bool
+    reasons: list[str] = Field(description="Why not, in sentences.")
+    truth: dict[str, float] | None = Field(description="What a simulator knows.")
+    boot: str
+    sequence: int
+    missing_before: int = Field(description="Features lost between the last one and this.")
+
+
+_SIZE = {"value": -0.0101, "sd": 0.0021, "lo": -0.0143, "hi": -0.0061}
+NORMAL_EXAMPLE: dict[str, Any] = {
+    "model_mode": None,
+    "law": "bilinear",
+    "bend_c": 0.12,
+    "frequency_hz": 3.012,
+    "reference": {"temperature_c": 7.2},
+    "readings": 712,
+    "unexplained": 0.0021,
+    "time_between_false_alarms": 3650.0,
+    "entered": {
+        "frequency_change": _SIZE,
+        "stiffness_change": {"value": -0.0201, "sd": 0.0042, "lo": -0.0284, "hi": -0.0122},
+        "since": 412.0,
+        "since_interval": [409.0, 415.0],
+    },
+}
+
+
+class Entered(BaseModel):
+    """A lasting change that covariates do not explain: how large, since when."""
+
+    frequency_change: Estimate
+    stiffness_change: Estimate | None = Field(
+        None, description="Where only stiffness may change."
+    )
+    mass_change: Estimate | None = Field(None, description="Where only mass may change.")
+    since: float
+    since_interval: list[float]
+
+
+class NormalModel(BaseModel):
+    """What is normal for one frequency under temperature and load, as learnt in training."""
+
+    model_config = {"json_schema_extra": {"examples": [NORMAL_EXAMPLE]}}
+
+    model_mode: int | None = Field(description="Of a twin of elements; null for the one mode.")
+    law: Literal["constant", "linear", "bilinear", "Gaussian process"]
+    bend_c: float | None = Field(description="Where a bilinear law bends.")
+    frequency_hz: float = Field(description="At `reference`.")
+    reference: dict[str, float]
+    readings: int = Field(description="How many it was learnt from.")
+    unexplained: float = Field(description="Relative sd of what covariates leave.")
+    time_between_false_alarms: float = Field(description="Mean, at least, in slow time.")
+    entered: Entered | None = Field(description="While an alarm is raised.")
+
+
+class RaisedModel(BaseModel):
+    """An alarm of the registration that is raised."""
+
+    quantity: str
+    side: Literal["below", "above"]
+    limit: float
+
+
+class TwinModel(OfElements):
+    """A twin: its latest state, or that at a moment, and what it is."""
+
+    model_config = {
+        "json_schema_extra": {
+            "examples": [
+                {
+                    **STATE_EXAMPLE,
+                    "alive": True,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": {"changes": "stiffness"},
+                },
+                {
+                    **ELEMENTS_EXAMPLE,
+                    "alive": True,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": MODEL_EXAMPLE,
+                },
+            ]
+        }
+    }
+
+    id: str
+    t_ns: int | None
+    slow_time: float | None
+    frequency_hz: Estimate | None
+    damping_ratio: Estimate | None
+    stiffness_change: Estimate | None
+    mass_change: Estimate | None
+    valid: bool
+    reasons: list[str]
+    alive: bool = Field(description="Whether the edge agent is there.")
+    heard_ns: int | None = Field(
+        None,
+        description="When features last came, by this server's clock [ns since 1970-01-01 "
+        "UTC]; null where not since it began.",
+    )
+    sensor: dict[str, int] | None = Field(
+        None,
+        description="Counters of the live sensor, as its edge agent told last; null for other "
+        "inputs, and before it told. `sensor_silent_s` is 0 while it sends.",
+    )
+    raised: list[RaisedModel] = Field(default=[], description="Alarms that are raised now.")
+    nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
+    normal: list[NormalModel] = Field(
+        default=[], description="Under covariates; empty while it is being learnt."
+    )
+    registration: Registration
+
+
+class TwinList(BaseModel):
+    """All twins."""
+
+    twins: list[TwinModel]
+
+
+class NominalMode(BaseModel):
+    """One mode as the first epochs had it."""
+
+    model_mode: int
+    frequency_hz: float
+    relative_sd: float
+    damping_ratio: float | None
+
+
+class ModesModel(BaseModel):
+    """Modes of one epoch, with shapes, and those that the twin has learnt."""
+
+    model_config = {
+        "json_schema_extra": {
+            "examples": [
+                {
+                    "id": "demo.frame",
+                    "t_ns": 1795233600123456789,
+                    "slow_time": 812.5,
+                    "slow_time_unit": "d",
+                    "valid": True,
+                    "reasons": [],
+                    "channels": ["a_floor1", "a_floor2", "a_floor3"],
+                    "modes": [MODE_EXAMPLE],
+                    "nominal": [
+                        {
+                            "model_mode": 0,
+                            "frequency_hz": 3.04,
+                            "relative_sd": 0.0004,
+                            "damping_ratio": 0.0208,
+                        }
+                    ],
+                }
+            ]
+        }
+    }
+
+    id: str
+    t_ns: int | None
+    slow_time: float | None
+    slow_time_unit: str | None
+    valid: bool
+    reasons: list[str]
+    channels: list[str] = Field(description="Of the shapes' components, in order.")
+    modes: list[SeenModeModel]
+    nominal: list[NominalMode] = Field(
+        description="The model's modes as they were learnt; empty while they are not."
+    )
+
+
+class HealthModel(BaseModel):
+    """That the server lives."""
+
+    status: str = Field(examples=["ok"])

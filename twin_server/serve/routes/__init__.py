@@ -1,0 +1,1 @@
+"""Routes of REST: parameters in, rendered answers out."""

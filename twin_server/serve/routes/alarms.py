@@ -1,0 +1,119 @@
+"""Routes of alarms: list, acknowledge, test, and the state of their deliveries."""
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Annotated, Any, Protocol
+
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from pydantic_core import to_json
+
+from twin_server.events.deliveries import Tally
+from twin_server.identity.principals import principal_of
+from twin_server.registration.twin import Registration
+from twin_server.serve.http import problems
+from twin_server.serve.models import alarms as models
+
+from .twin_path import TwinId
+
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin, or no such alarm",
+        409: "Not as things are",
+        422: "A parameter or a body that is not valid",
+    }
+)
+
+EventId = Annotated[
+    str, Path(pattern=r"^[0-9a-f]{32}$", description="`event_id` of the alarm.")
+]
+
+
+class AlarmService(Protocol):
+    """Service of alarms; refusals are raised as `ProblemError`."""
+
+    def alarms(self, twin_id: str, limit: int) -> list[dict[str, Any]]:
+        """Give the newest alarms of a twin: whether each still holds, and who has seen it."""
+        ...
+
+    def acknowledge(
+        self, twin_id: str, event_id: str, by: str, principal: str, note: str
+    ) -> dict[str, Any]:
+        """Keep that somebody has taken note of an alarm."""
+        ...
+
+    def test(self, twin_id: str, receiver: str | None, by: str) -> dict[str, Any]:
+        """Send an event that says it is a test."""
+        ...
+
+    def deliveries(self, twin_id: str, limit: int) -> dict[str, Any]:
+        """Give how the routes of a twin fare, and its newest deliveries."""
+        ...
+
+    def tallies(self) -> Sequence[Tally]:
+        """Count deliveries by twin, receiver and state."""
+        ...
+
+
+def routes(
+    alarm_service: AlarmService, known: Callable[[str], Awaitable[Registration]]
+) -> APIRouter:
+    """Make the routes.
+
+    Parameters
+    ----------
+    known
+        Gives the registration of the twin in the path, or raises.
+    """
+    api = APIRouter(tags=["alarms"])
+
+    Known = Annotated[Registration, Depends(known)]
+    Limit = Annotated[int, Query(ge=1, le=1_000)]
+
+    @api.get("/twins/{twin_id}/alarms", response_model=models.AlarmList, responses=_PROBLEMS)
+    def list_alarms(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
+        """Alarms among the newest events: which hold still, and who has acknowledged them."""
+        return _json({"id": twin_id, "alarms": alarm_service.alarms(twin_id, limit)})
+
+    @api.get(
+        "/twins/{twin_id}/alarms/deliveries",
+        response_model=models.DeliveryList,
+        responses=_PROBLEMS,
+    )
+    def deliveries(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
+        """Whom events have reached: what waits, was delivered or given up; last errors."""
+        return _json(alarm_service.deliveries(twin_id, limit))
+
+    @api.post(
+        "/twins/{twin_id}/alarms/test",
+        status_code=202,
+        response_model=models.TrialModel,
+        responses=_PROBLEMS,
+    )
+    def test(
+        request: Request, twin_id: TwinId, registration: Known, order: models.TrialOrder
+    ) -> Response:
+        """Send a test alarm to the receivers of the twin's routes, or to one of them."""
+        by = principal_of(request.scope).name
+        return _json(alarm_service.test(twin_id, order.receiver, by), 202)
+
+    @api.post(
+        "/twins/{twin_id}/alarms/{event_id}/acknowledge",
+        response_model=models.AcknowledgedModel,
+        responses=_PROBLEMS,
+    )
+    def acknowledge(
+        request: Request,
+        twin_id: TwinId,
+        event_id: EventId,
+        registration: Known,
+        order: models.AcknowledgementOrder,
+    ) -> Response:
+        """Say that somebody has taken note of an alarm; it reminds nobody any more."""
+        name = principal_of(request.scope).name
+        by = order.by or name
+        return _json(alarm_service.acknowledge(twin_id, event_id, by, name, order.note))
+
+    return api
+
+
+def _json(content: object, status: int = 200) -> Response:
+    return Response(to_json(content), status, media_type="application/json")

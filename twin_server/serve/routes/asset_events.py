@@ -1,0 +1,150 @@
+"""Routes of events of assets: record and list repairs, replacements, inspections and notes."""
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Protocol
+
+from fastapi import APIRouter, Depends, Request, Response
+from pydantic import BaseModel, Field
+from pydantic_core import to_json
+
+from slowtime_schemas.asset_events import (
+    AssetEventKind,
+    DetectionResult,
+    MeasuredChange,
+    NewPart,
+    RepairResult,
+)
+from twin_server.events.asset_events import AssetEventOrder
+from twin_server.identity.principals import principal_of
+from twin_server.registration.twin import Registration
+from twin_server.serve.http import problems
+from twin_server.serve.http.bounded_threads import BoundedThreads
+
+from .twin_path import TwinId
+
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin",
+        409: "Another event has this id, or there is no such event to take back",
+        422: "A body that is not valid, or does not fit the twin",
+    }
+)
+_EVENT_ID = "59f1856b17386c5b4de99fa65efe7580"
+
+
+class AssetEventModel(BaseModel):
+    """An event of an asset as it was told, and whether it holds."""
+
+    event: str = Field(description="Id that was given.", examples=["work-order-118"])
+    number: int = Field(description="Counts the events of a twin.")
+    kind: AssetEventKind
+    sentence: str = Field(examples=["Repair recorded by Ann: perfect, all damage restored."])
+    quantity: str | None
+    t_ns: int | None = Field(
+        description="By the sensor's clock; null where the history does not reach back so far."
+    )
+    slow_time: float | None = Field(
+        description="As told, or of the last reading at or before it; null likewise."
+    )
+    person: str
+    principal: str = Field(description="Whose token it was.")
+    accepted_ns: int = Field(description="By the server's clock [ns since 1970-01-01 UTC].")
+    text: str
+    repair: RepairResult | None
+    replacement: NewPart | None
+    measured: MeasuredChange | None
+    detection: DetectionResult | None
+    conditions: dict[str, float]
+    reverses: str | None = Field(description="Event that it takes back.")
+    reversed_by: str | None = Field(description="Event that takes it back.")
+    answers: str | None = Field(description="`event_id` of the question that it answers.")
+
+
+class QuestionModel(BaseModel):
+    """A change that looks like a repair of which nobody has told."""
+
+    event_id: str = Field(examples=[_EVENT_ID])
+    number: int
+    t_ns: int = Field(description="When it was asked, by the server's clock.")
+    message: str
+    quantity: str
+    since: float = Field(description="Slow time of the last reading before the change.")
+    size: float = Field(description="Of the change [1].")
+    sd: float
+    answered_by: str | None = Field(description="Event that answers it; null while it is open.")
+
+
+class AssetEventList(BaseModel):
+    """Events of an asset and questions about it, the newest first."""
+
+    id: str
+    events: list[AssetEventModel]
+    questions: list[QuestionModel]
+
+
+class AssetEventService(Protocol):
+    """Service of events of assets; refusals are raised as `ProblemError`."""
+
+    def record(
+        self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str
+    ) -> tuple[dict[str, Any], bool]:
+        """Record an event; what is kept of it, and whether that is new."""
+        ...
+
+    def listed(self, twin_id: str) -> dict[str, Any]:
+        """Give all events of an asset, the newest first, and the questions about it."""
+        ...
+
+
+def routes(
+    asset_event_service: AssetEventService, known: Callable[[str], Awaitable[Registration]]
+) -> APIRouter:
+    """Make the routes.
+
+    Parameters
+    ----------
+    known
+        Gives the registration of the twin in the path, or raises.
+    """
+    api = APIRouter(tags=["events"])
+    recording = BoundedThreads(2)
+
+    Known = Annotated[Registration, Depends(known)]
+
+    @api.post(
+        "/twins/{twin_id}/events",
+        status_code=201,
+        response_model=AssetEventModel,
+        responses={
+            200: {"model": AssetEventModel, "description": "It was recorded already"},
+            **_PROBLEMS,
+        },
+    )
+    async def record(
+        request: Request, twin_id: TwinId, registration: Known, order: AssetEventOrder
+    ) -> Response:
+        """Record a repair, replacement, inspection, load test or note.
+
+        The forecast restarts from a repair. The same event twice is one event; a note with
+        `reverses` takes an event back.
+        """
+        name = principal_of(request.scope).name
+        told, new = await recording.run(
+            lambda: asset_event_service.record(twin_id, registration, order, name)
+        )
+        return _json(told, 201 if new else 200)
+
+    @api.get(
+        "/twins/{twin_id}/events/recorded",
+        response_model=AssetEventList,
+        responses=_PROBLEMS,
+    )
+    async def recorded(twin_id: TwinId, registration: Known) -> Response:
+        """List what people have recorded, and the questions whether something was repaired."""
+        return _json(await recording.run(lambda: asset_event_service.listed(twin_id)))
+
+    return api
+
+
+def _json(content: object, status: int = 200) -> Response:
+    return Response(to_json(content), status, media_type="application/json")

@@ -1,0 +1,84 @@
+"""Routes of events, of the live stream, and of signed heads of the ledger."""
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+
+from twin_server.history.rendering import event_object
+from twin_server.identity.principals import EVERYBODY, principal_of
+from twin_server.registration.twin import Registration
+from twin_server.serve.http import problems
+from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.knowledge import Knowledge
+from twin_server.serve.live import Hub, LiveResponse
+from twin_server.serve.models.history import EventList, HeadList
+from twin_server.serve.state_rendering import json_response
+
+from .twin_path import TwinId
+
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin",
+        422: "A parameter that is not valid",
+    }
+)
+
+
+def routes(
+    knowledge: Knowledge, hub: Hub, known: Callable[[str], Awaitable[Registration]]
+) -> APIRouter:
+    """Make the routes; `known` gives the registration of the twin in the path."""
+    api = APIRouter(tags=["twins"])
+    Known = Annotated[Registration, Depends(known)]
+
+    @api.get("/ledger/heads", response_model=HeadList, responses=_PROBLEMS)
+    def heads(
+        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+        limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
+    ) -> Response:
+        """Give the newest signed head of the ledger; with `after`, those that follow."""
+        return json_response({"heads": knowledge.heads(after, limit)})
+
+    @api.get("/twins/{twin_id}/events", response_model=EventList, responses=_PROBLEMS)
+    def events(
+        twin_id: TwinId,
+        registration: Known,
+        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+        limit: Annotated[int, Query(ge=1, le=10_000)] = 100,
+    ) -> Response:
+        """List the newest events; with `after`, those that follow the one of that number."""
+        found = knowledge.events(twin_id, after=after or 0, limit=limit, newest=after is None)
+        return json_response({"events": [event_object(*event) for event in found]})
+
+    @api.get(
+        "/twins/{twin_id}/live",
+        response_class=Response,
+        responses={
+            200: {
+                "description": "Server-sent events `state`, `event` and `reset`. Resumable.",
+                "content": {"text/event-stream": {}},
+            },
+            **_PROBLEMS,
+        },
+    )
+    async def live(
+        twin_id: TwinId,
+        registration: Known,
+        request: Request,
+        last_event_id: Annotated[str | None, Header()] = None,
+    ) -> Response:
+        """States and events as they become durable; `Last-Event-ID` brings what was missed."""
+        principal = principal_of(request.scope)
+        client = hub.join(twin_id, None if principal is EVERYBODY else principal.name)
+        if client is None:
+            raise ProblemError(
+                503,
+                "too-many-clients",
+                f"{hub.count} clients watch already. Allowed: max_live_clients, and of one "
+                "token max_live_of_one. Try again later, or ask for the history instead.",
+                **{"Retry-After": "5"},
+            )
+        return LiveResponse(hub, client, knowledge, last_event_id, principal.still)
+
+    return api

@@ -1,0 +1,36 @@
+"""The twin id in a path, checked, and the registration it names."""
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated
+
+from fastapi import Path
+from fastapi.concurrency import run_in_threadpool
+
+from slowtime_schemas.quantities import Plain
+from twin_server.registration.twin import ID, Registration
+from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.knowledge import Knowledge
+
+TwinId = Annotated[str, Path(pattern=ID), Plain]
+
+
+def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:
+    """Make the dependency that gives the registration of the twin in the path."""
+
+    async def registered(twin_id: TwinId) -> Registration:
+        # In the event loop: a twin that is there costs a look into a dictionary.
+        registration = knowledge.registration(twin_id)
+        if registration is None:
+            site = twin_id.partition(".")[0]
+            ids = await run_in_threadpool(knowledge.ids)
+            there = [i for i in ids if i.startswith(f"{site}.")]
+            some = ", ".join(there[:20]) or "none yet"
+            raise ProblemError(
+                404,
+                "no-such-twin",
+                f"No twin is called {twin_id}. Registered: {some}. Register it with PUT "
+                f"/api/v1/twins/{twin_id}.",
+            )
+        return registration
+
+    return registered
