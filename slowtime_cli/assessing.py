@@ -18,8 +18,8 @@ from slowtime.fatigue.spectral import METHODS, Moments, damage_rate
 from slowtime.signals.spectra import welch
 from slowtime_services.files import Record, bridged, find_column
 from slowtime_services.models import read_description
-from slowtime_services.points import Asked, PointCurve
-from slowtime_services.virtual import make_sensor, si_factors
+from slowtime_services.virtual_sensors.sensor import make_sensor, si_factors
+from slowtime_services.virtual_sensors.settings import Asked, PointCurve
 
 from .reading import with_record
 from .terminal import note, show

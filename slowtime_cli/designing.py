@@ -9,9 +9,9 @@ import click
 import numpy as np
 
 from slowtime.design import Design, Effort, Evaluated, optimise, optimise_emulated
-from slowtime_services.design import DesignTask, read_design
 from slowtime_services.files import ALL
 from slowtime_services.models import write_model
+from slowtime_services.problem_files.design import DesignTask, read_design
 
 from .reading import Given, read_any, tell_reading
 from .terminal import note, show

@@ -12,10 +12,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
-from slowtime_services.diagnose.words import labelled, number
-from slowtime_services.effects import known
+from slowtime_services.diagnose.labels import labelled, number
 from slowtime_services.files import DateOrder
 from slowtime_services.models import read_description
+from slowtime_services.plugins.effect_kinds import known
 
 from .terminal import ERR, note, show, shows_progress
 

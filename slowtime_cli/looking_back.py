@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from slowtime_services.diagnose.histories import History, read_history
-from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_report import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_table import History, read_history
 from slowtime_services.files import RecordError
 from twin_server.diagnose.slow import left_in
 from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store

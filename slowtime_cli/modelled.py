@@ -10,9 +10,9 @@ import numpy as np
 from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.units import UNITS
-from slowtime_services.effects import known
 from slowtime_services.files import ALL, MAX_BYTES, Record
 from slowtime_services.models import ambient_model, read_description, run_model
+from slowtime_services.plugins.effect_kinds import known
 
 from .reading import Given, read_any, tell_reading
 from .terminal import note, plural, removed_unless_finished

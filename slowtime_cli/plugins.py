@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from slowtime_services import plugins as installed
+from slowtime_services.plugins import discovery as installed
 
 CHECK = "import sys; from slowtime_services.plugins import find; find(*sys.argv[1:]).load()"
 
@@ -41,4 +41,4 @@ def _state(plugin: installed.Plugin, timeout_s: float) -> str:
         return "loaded"
     lines = done.stderr.decode(errors="replace").strip().splitlines()
     last = lines[-1] if lines else f"exit status {done.returncode}"
-    return last.removeprefix("slowtime_services.plugins.PluginError: ")
+    return last.removeprefix("slowtime_services.plugins.discovery.PluginError: ")

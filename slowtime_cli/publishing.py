@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from slowtime_services.board import Board, sender_to
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.shutdown import ended_by_signals
 
 
 def publish(

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from slowtime.reliability import METHODS, DesignPoint, Problem, Result, estimate
-from slowtime_services.reliability import read_problem
+from slowtime_services.problem_files.reliability import read_problem
 
 from .terminal import note, show
 from .verbs.reliability import DEFAULT

@@ -10,9 +10,9 @@ import click
 import numpy as np
 
 from slowtime.evolution.ageing import learn_ageing
+from slowtime_services.constant_tracking import Tracked, label, track
 from slowtime_services.diagnose import read_any
 from slowtime_services.models import read_description
-from slowtime_services.tracking import Tracked, label, track
 
 from .terminal import note, show
 

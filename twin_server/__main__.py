@@ -16,7 +16,7 @@ from starlette.types import ASGIApp
 from slowtime_services.bus import Bus, LateBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import Store, WrongStoreError, open_store

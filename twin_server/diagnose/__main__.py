@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.plugins import said
+from slowtime_services.plugins.discovery import said
 
 from .fast import diagnose_samples
 from .own import attempt

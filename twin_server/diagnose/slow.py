@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.diagnose.histories import History, Quantity, covariate
-from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_report import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_table import History, Quantity, covariate
 
 from .task import HISTORY, Task
 

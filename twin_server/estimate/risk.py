@@ -13,7 +13,7 @@ from slowtime.dynamics.description import Description
 from slowtime.evolution.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
-from slowtime_services.plugins import PluginError, find, said
+from slowtime_services.plugins.discovery import PluginError, find, said
 from twin_server.limit_states import MASS, SPRING, OwnState, built, one_mass
 from twin_server.registration import Registration
 from twin_server.thresholds import shown, signed

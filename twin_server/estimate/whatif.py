@@ -14,8 +14,8 @@ from slowtime.dynamics.description import BASE, Description, Input, Sensor, asse
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.parts import Beam
 from slowtime.evolution.whatif import Bands, Believed, bands, respond
-from slowtime_services.effects import kinds_for
 from slowtime_services.models import description_of, run_model
+from slowtime_services.plugins.effect_kinds import kinds_for
 from twin_server.model import MASS
 from twin_server.orders import MOST_SAMPLES, SimulationOrder
 from twin_server.registration import Registration

@@ -1,7 +1,7 @@
 """Events to an installed part of one's own, in its own process."""
 
-from slowtime_services.plugin_process import PluginProcess
-from slowtime_services.plugins import PluginError, find
+from slowtime_services.plugins.discovery import PluginError, find
+from slowtime_services.plugins.plugin_process import PluginProcess
 from twin_server.receivers import OwnReceiver
 
 from .sending import Message, NotDeliveredError

@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
-from slowtime_services.plugins import said
+from slowtime_services.plugins.discovery import said
 from slowtime_services.replay import block_of
 from twin_server.diagnose import Piece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring

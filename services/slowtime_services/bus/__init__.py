@@ -1,8 +1,8 @@
 """How messages move between processes: one protocol, over Zenoh or within one process."""
 
+from .background import LateBus
 from .inbox import Inbox
 from .keys import InvalidKeyError, matches
-from .late import LateBus
 from .memory import MemoryBus
 from .protocol import (
     Answers,

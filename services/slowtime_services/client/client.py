@@ -25,8 +25,8 @@ from .answers import (
     State,
     Twin,
 )
-from .asking import AnswerError, Door, UnreachableError
 from .composite_answers import Composite, CompositeBrief
+from .http import AnswerError, Door, UnreachableError
 
 TOKEN = "SLOWTIME_TOKEN"
 """Name of the variable that holds the token; arguments may be read by others."""

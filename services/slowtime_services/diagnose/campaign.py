@@ -12,9 +12,9 @@ from slowtime.discrepancy.records import FEWEST, Campaign, Trial
 from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.units import UNITS, Quantity
 from slowtime_services.files import Record, RecordError
-from slowtime_services.files.timeaxis import unit_scale
+from slowtime_services.files.times.time_axis import unit_scale
 
-from .roles import Roles, evaluate
+from .channel_roles import Roles, evaluate
 from .sources import Source
 
 ABSOLUTE_S = 1e8

@@ -11,7 +11,7 @@ from slowtime.dynamics.description import Sensor
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 from slowtime_services.reports import Chart
 
-from .words import named, placed
+from .labels import named, placed
 
 MEASURED, NOMINAL, REFITTED, AUGMENTED = "#5b6770", "#b3541e", "#c99a2e", "#0b6fb8"
 WINDOW = 1200

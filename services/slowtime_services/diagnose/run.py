@@ -12,10 +12,10 @@ from slowtime.dynamics.effects import Kind
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 
 from .campaign import gather
-from .compiling import compiling_s
+from .channel_roles import Roles
+from .compile_time import compiling_s
 from .document import document_of
-from .roles import Roles
-from .sense import refuse_nonsense
+from .record_checks import refuse_nonsense
 from .sources import Source
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0

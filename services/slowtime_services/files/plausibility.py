@@ -11,9 +11,9 @@ import itertools
 from collections.abc import Iterator
 from typing import Literal
 
-from .facts import Fact, Facts
+from .headings.sampling import Fact, Facts
 from .record import RecordError
-from .time_units import FASTEST_HZ, SLOWEST_HZ
+from .times.time_units import FASTEST_HZ, SLOWEST_HZ
 
 SAME_RATE = 1e-3
 """Relative difference up to which two rates are the same: clocks of loggers keep time to tens

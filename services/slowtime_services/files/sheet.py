@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Shaped
 
-from .facts import Facts
+from .headings.sampling import Facts
 from .record import Values
-from .stamps import Stamps
+from .times.stamps import Stamps
 
 ColumnKind = Literal["number", "stamp", "date", "clock", "word"]
 

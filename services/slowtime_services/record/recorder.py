@@ -22,7 +22,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 
-from .healing import Healer
+from .retransmission import Healer
 from .series import Series
 from .writer import CHUNK_BYTES, RecordingWriter, free_path
 

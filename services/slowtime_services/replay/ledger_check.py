@@ -18,7 +18,7 @@ from slowtime_services.ledger import (
 )
 from slowtime_services.ledger import chain as kinds
 
-from .reading import read_recording
+from .recording_reader import read_recording
 
 
 @dataclasses.dataclass

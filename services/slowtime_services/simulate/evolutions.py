@@ -8,7 +8,7 @@ from pydantic import Field
 
 from slowtime.dynamics.degradation import mass_change, stiffness_change
 
-from .fields import Frozen, NotNegative, Positive
+from .field_types import Frozen, NotNegative, Positive
 
 
 class Constant(Frozen):

@@ -15,8 +15,8 @@ from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration, simulate
 
 from .evolutions import Constant, Evolution, renewals
-from .fields import Positive
-from .listening import LASTING, Record, Simulated
+from .field_types import Positive
+from .measurement import LASTING, Record, Simulated
 
 
 class SimulatedStructure(Simulated):

@@ -1,0 +1,231 @@
+"""The answer of a diagnosis in slow time in; ``report.json`` and ``report.html`` out."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime import history_diagnosis as slow
+from slowtime.history_diagnosis import SlowEffect, SlowReport
+from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
+from slowtime_services.reports import Chart, Section, Table, write_page
+
+from .charts import AUGMENTED, MEASURED, NOMINAL
+from .history_table import History
+from .labels import VERDICTS, named
+
+MOST = 2_000
+"""Readings of a chart."""
+
+_SCALES = {"stiffness_change": (100.0, "%"), "frequency_ratio": (100.0, "%"),
+           "frequency_hz": (1.0, "Hz")}  # fmt: skip
+_TITLES = {"stiffness_change": "stiffness change", "frequency_ratio": "frequency change",
+           "frequency_hz": "frequency"}  # fmt: skip
+
+
+def diagnose_slowly(
+    history: History, *, progress: Callable[[str, float], None] | None = None
+) -> tuple[SlowReport, dict[str, Any]]:
+    """Say what a history follows.
+
+    Raises
+    ------
+    ValueError
+        Where there are too few epochs; the text says what to do.
+    """
+    began = time.monotonic()
+    report = slow.diagnose_history(
+        history.time,
+        history.value,
+        history.sd,
+        history.covariates,
+        quantity=history.quantity,
+        time_unit=history.time_unit,
+        progress=progress,
+    )
+    document = slow_document(
+        report,
+        of=history.of,
+        quantity=history.quantity,
+        time_unit=history.time_unit,
+        seconds=time.monotonic() - began,
+    )
+    return report, document
+
+
+def slow_document(
+    report: SlowReport, *, of: str, quantity: str, time_unit: str, seconds: float
+) -> dict[str, Any]:
+    """Write a report as the object that stands for it; what is not finite is left out."""
+    gap = report.gap
+    document = {
+        "slowtime_slow_diagnosis": 1,
+        "clock": "slow",
+        "of": of,
+        "quantity": quantity,
+        "slow_time_unit": time_unit,
+        "verdict": report.verdict,
+        "sentence": report.sentence,
+        "effects": [_effect(effect) for effect in report.effects],
+        "undecided": list(report.undecided),
+        "experiment": report.experiment or None,
+        "nothing_probability": report.nothing_probability,
+        "gap": {
+            "measure": "scatter",
+            "nominal": gap.nominal,
+            "augmented": gap.augmented,
+            "nominal_step": gap.nominal_step,
+            "augmented_step": gap.augmented_step,
+            "noise_floor": gap.noise_floor,
+        },
+        "residual_white": bool(report.residual_white),
+        "white_p_value": report.white_p_value,
+        "noise_factor": report.noise_factor,
+        "outliers": list(report.outliers),
+        "ignored_covariates": list(report.ignored),
+        "readings": len(report.picture.time),
+        "since": float(report.picture.time[0]),
+        "until": float(report.picture.time[-1]),
+        "seconds": seconds,
+    }
+    return SlowDiagnosisFile.model_validate_json(json.dumps(document)).model_dump(mode="json")
+
+
+def write_slow_results(folder: Path, report: SlowReport, document: dict[str, Any]) -> None:
+    """Write ``report.json`` and ``report.html``; what is there is replaced."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    title = f"{VERDICTS[document['verdict']]}: {document['of']} in slow time"
+    sections = list(_sections(report, document))
+    write_page(folder / "report.html", title, document["sentence"], sections)
+
+
+def _effect(effect: SlowEffect) -> dict[str, Any]:
+    return {
+        "effect": effect.effect,
+        "family": effect.family,
+        "covariate": effect.covariate,
+        "parameters": {
+            p.name: {"value": p.measured.value, "sd": p.measured.sd, "unit": p.unit}
+            for p in effect.parameters
+            if np.isfinite([p.measured.value, p.measured.sd]).all()
+        },
+        "probability": effect.probability,
+        "alternatives": [
+            {"effect": a.effect, "covariate": a.covariate, "probability": a.probability}
+            for a in effect.alternatives
+        ],
+        "sentence": effect.sentence,
+    }
+
+
+def _sections(report: SlowReport, document: dict[str, Any]) -> Iterator[Section]:
+    yield Section("The gap", (), [_gap(report)])
+    if report.effects:
+        rows = [
+            (
+                named(e.effect), e.family, e.covariate or "slow time",
+                ", ".join(
+                    f"{p.name} = {p.measured.value:.4g} ± {p.measured.sd:.2g} {p.unit}".rstrip()
+                    for p in e.parameters
+                ),
+                f"{e.probability:.3f}",
+            )
+            for e in report.effects
+        ]  # fmt: skip
+        headings = ("effect", "family", "follows", "parameters", "probability")
+        words = [f"{e.sentence[0].upper()}{e.sentence[1:]}." for e in report.effects]
+        yield Section("What is missing", words, [Table(headings, rows)])
+    if report.experiment:
+        yield Section("What would decide", [report.experiment])
+    curves = [_curve(effect) for effect in report.effects if effect.curve is not None]
+    if curves:
+        yield Section("What each effect does", (), curves)
+    yield Section("The history, and what was expected", (), [_history(report, document)])
+    rest = (
+        "cannot be told from noise without memory" if report.residual_white
+        else "has a memory that is not explained"
+    )  # fmt: skip
+    noise = f"Stated standard deviations are to be multiplied by {report.noise_factor:.3g}."
+    outliers = f"{len(report.outliers)} of {document['readings']} readings were not used."
+    yield Section("What is left", [f"What is left {rest}.", noise, outliers])
+
+
+def _gap(report: SlowReport) -> Chart:
+    gap = report.gap
+    names = ["as it was", "with the effects", "noise alone"]
+    shown = [100 * value for value in (gap.nominal, gap.augmented, gap.noise_floor)]
+    bars = {
+        "type": "bar", "x": names, "y": shown, "text": [f"{v:.3g} %" for v in shown],
+        "textposition": "outside", "cliponaxis": False,
+        "marker": {"color": [NOMINAL, AUGMENTED, MEASURED]},
+    }  # fmt: skip
+    return Chart(
+        [bars],
+        {"yaxis": {"title": {"text": "scatter that is left [%]"}, "rangemode": "tozero"}},
+        "Scatter of what is left of the readings, over the scatter of the readings.",
+    )
+
+
+def _history(report: SlowReport, document: dict[str, Any]) -> Chart:
+    picture = report.picture
+    scale, unit = _SCALES[document["quantity"]]
+    step = max(1, len(picture.time) // MOST)
+    time = picture.time[::step]
+
+    def line(values: Float[np.ndarray, " time"], name: str, colour: str) -> dict[str, Any]:
+        return {
+            "type": "scatter", "mode": "lines", "name": name, "x": time.tolist(),
+            "y": _plain(scale * values[::step]), "line": {"color": colour, "width": 1.4},
+        }  # fmt: skip
+
+    read = {
+        "type": "scatter", "mode": "markers", "name": "read", "x": time.tolist(),
+        "y": _plain(scale * picture.value[::step]), "marker": {"color": MEASURED, "size": 4},
+    }  # fmt: skip
+    along = {"title": {"text": f"slow time [{document['slow_time_unit']}]"}}
+    up = {"title": {"text": f"{_TITLES[document['quantity']]} [{unit}]"}}
+    return Chart(
+        [
+            read,
+            line(picture.nominal, "expected as it was", NOMINAL),
+            line(picture.augmented, "expected with the effects", AUGMENTED),
+        ],
+        {"xaxis": along, "yaxis": up},
+        "Readings, and what either model expected of each from all before it.",
+    )
+
+
+def _curve(effect: SlowEffect) -> Chart:
+    curve = effect.curve
+    assert curve is not None
+    step = max(1, len(curve.points_x) // MOST)
+    band = {
+        "type": "scatter", "mode": "lines", "name": "95 % band", "fill": "toself",
+        "x": [*curve.x.tolist(), *curve.x[::-1].tolist()],
+        "y": _plain(np.concatenate([curve.lo, curve.hi[::-1]])),
+        "line": {"width": 0}, "fillcolor": "rgba(11,111,184,0.25)",
+    }  # fmt: skip
+    law = {
+        "type": "scatter", "mode": "lines", "name": named(effect.effect),
+        "x": curve.x.tolist(), "y": _plain(curve.value), "line": {"color": AUGMENTED},
+    }  # fmt: skip
+    points = {
+        "type": "scatter", "mode": "markers", "name": "readings, all else taken away",
+        "x": _plain(curve.points_x[::step]), "y": _plain(curve.points[::step]),
+        "marker": {"color": MEASURED, "size": 3},
+    }  # fmt: skip
+    layout = {
+        "xaxis": {"title": {"text": curve.label}},
+        "yaxis": {"title": {"text": f"change [{curve.unit}]"}},
+    }
+    return Chart([points, band, law], layout, f"{named(effect.effect)}, against {curve.label}.")
+
+
+def _plain(values: Float[np.ndarray, " point"]) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,1 @@
+"""Text of any delimiter in, a sheet of its columns out."""
