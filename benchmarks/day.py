@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Browser, expect, sync_playwright
 
-from slowtime_cli.structures import METHODS, registration, structure
+from slowtime_cli.shared.demo_structures import METHODS, registration, structure
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality, Registered
 from slowtime_schemas.quantities import RENEWALS, Quantity

@@ -47,9 +47,9 @@ def children() -> Iterator[None]:
 def serve() -> None:
     """Read what stdin names, each in a child; print how the child ended."""
     from slowtime_services.files.binary import matlab
-    from slowtime_services.files.readers import child as reading
+    from slowtime_services.files.readers import reader_main
 
-    mains = {each.__name__: each.main for each in (matlab, reading)}
+    mains = {each.__name__: each.main for each in (matlab, reader_main)}
     for line in sys.stdin:
         module, *words, said = json.loads(line)
         child = os.fork()

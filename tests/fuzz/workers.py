@@ -88,9 +88,9 @@ def worker(patience_s: float) -> Iterator[Worker]:
 def serve() -> None:
     """Read what stdin names; print how it ended."""
     from slowtime_services.files.binary import matlab, workbook
-    from slowtime_services.files.readers import child
+    from slowtime_services.files.readers import reader_main
 
-    mains = {each.__name__: each.main for each in (matlab, workbook, child)}
+    mains = {each.__name__: each.main for each in (matlab, workbook, reader_main)}
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # what a library prints is no answer
     for line in sys.stdin:

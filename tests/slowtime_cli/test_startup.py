@@ -16,9 +16,11 @@ import click
 import pytest
 
 from slowtime_cli.__main__ import app
-from slowtime_cli.deferred import Deferred
-from slowtime_cli.reading import Given
-from slowtime_cli.verbs import diagnosing, entitling, keying
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.record_input import ReadingFlags
+from slowtime_cli.verbs.models import diagnose as diagnosing
+from slowtime_cli.verbs.operation import keys as keying
+from slowtime_cli.verbs.operation import tokens as entitling
 from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
 from twin_server.principals import Scope
@@ -120,7 +122,7 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
-        of_record = {"record_path", *(field.name for field in dataclasses.fields(Given))}
+        of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingFlags))}
         assert given.keys() > of_record
         given = {name: None for name in given.keys() - of_record} | {"record": 0, "path": 0}
     inspect.signature(work).bind(**given)
