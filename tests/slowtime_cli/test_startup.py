@@ -1,6 +1,7 @@
 """What the command imports before it has anything to do: nothing that takes long.
 
-Not timed, so that it does not depend on the machine: `benchmarks/startup.py` times it.
+Not timed, so that it does not depend on the machine: `benchmarks/processes/startup.py` times
+it.
 """
 
 import dataclasses

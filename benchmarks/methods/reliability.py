@@ -1,10 +1,10 @@
 """Calls of the limit state beside OpenTURNS and pystra, at equal coefficient of variation.
 
-`.venv-peers/bin/python -m benchmarks.reliability [--seeds 5] [--methods importance,subset]`.
-Every method is asked for a coefficient of variation of 5 %, or repeated until its mean has it:
-calls are scaled by the square of what was reached over 5 %. The ratio is ours over the best of
-the peers of the same kind that was right; a peer whose answers lie on average more than 20 %
-off is marked.
+`.venv-peers/bin/python -m benchmarks.methods.reliability [--seeds 5] [--methods
+importance,subset]`. Every method is asked for a coefficient of variation of 5 %, or repeated
+until its mean has it: calls are scaled by the square of what was reached over 5 %. The ratio is
+ours over the best of the peers of the same kind that was right; a peer whose answers lie on
+average more than 20 % off is marked.
 """
 
 import argparse

@@ -1,11 +1,11 @@
 """Forecasts across repairs: how often bands hold, and how soon a repair is asked about.
 
-`python -m benchmarks.repairs` takes some minutes, `--histories 20` one. Histories of three laws
-of degradation are simulated: wear at a constant rate, exponential fade, a rate that wanders.
-Each is repaired once, perfectly or in part, as uncertainly as the repair is told; damage that
-is proportional to age goes on from the virtual age of Kijima's second model. Bands are asked
-for right after the repair and after some readings more, over the 25 epochs that follow, and
-held against the true change.
+`python -m benchmarks.methods.repairs` takes some minutes, `--histories 20` one. Histories of
+three laws of degradation are simulated: wear at a constant rate, exponential fade, a rate that
+wanders. Each is repaired once, perfectly or in part, as uncertainly as the repair is told;
+damage that is proportional to age goes on from the virtual age of Kijima's second model. Bands
+are asked for right after the repair and after some readings more, over the 25 epochs that
+follow, and held against the true change.
 """
 
 import argparse

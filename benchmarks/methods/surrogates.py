@@ -1,12 +1,12 @@
 """Surrogates beside chaospy, OpenTURNS and scikit-learn on the same points.
 
-Run `make surrogates`, or `python -m benchmarks.surrogates [--seeds 3] [--write PAGE]` where the
-peers are installed. Designs are Latin hypercubes of 50 and 200 points; the error is the root
-mean square over independent points, over the spread of the output, median over designs. Peers
-are given what their users would give them: degrees of polynomials chosen by their own error
-estimate or by cross-validation, two kernels each, inputs and outputs scaled. Warnings of ours
-are counted, not hidden: of each method that erred by more than half the spread it is asked
-whether its band or a warning told.
+Run `make surrogates`, or `python -m benchmarks.methods.surrogates [--seeds 3] [--write PAGE]`
+where the peers are installed. Designs are Latin hypercubes of 50 and 200 points; the error is
+the root mean square over independent points, over the spread of the output, median over
+designs. Peers are given what their users would give them: degrees of polynomials chosen by
+their own error estimate or by cross-validation, two kernels each, inputs and outputs scaled.
+Warnings of ours are counted, not hidden: of each method that erred by more than half the spread
+it is asked whether its band or a warning told.
 """
 
 import argparse

@@ -1,11 +1,11 @@
 """Maintenance: what the plan's decisions cost over simulated fleets, beside other policies.
 
-`python -m benchmarks.maintenance` simulates 20 fleets of 200 assets over 20 years in some
-minutes, `--fleets 3` fewer. Truth is simulated here and shares no code with `slowtime`: damage
-grows in jumps (a gamma process) at a rate that each asset keeps; in half of the fleets it grows
-faster the more damage there is, which the planner's model does not know. Each month an asset
-that reached a damage of 1 has failed and is replaced; a reading has an error; policies then
-inspect or repair. All policies meet the same jumps and the same errors.
+`python -m benchmarks.methods.maintenance` simulates 20 fleets of 200 assets over 20 years in
+some minutes, `--fleets 3` fewer. Truth is simulated here and shares no code with `slowtime`:
+damage grows in jumps (a gamma process) at a rate that each asset keeps; in half of the fleets
+it grows faster the more damage there is, which the planner's model does not know. Each month an
+asset that reached a damage of 1 has failed and is replaced; a reading has an error; policies
+then inspect or repair. All policies meet the same jumps and the same errors.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """What the command costs before it works: help, and refusing, as ratios to importing NumPy.
 
-`python -m benchmarks.startup` takes half a minute. Each figure is the processor time (user and
-system) of a whole process, the least of `RUNS`, over that of ``python -c "import numpy"`` in
-the same run.
+`python -m benchmarks.processes.startup` takes half a minute. Each figure is the processor time
+(user and system) of a whole process, the least of `RUNS`, over that of ``python -c "import
+numpy"`` in the same run.
 """
 
 import os

@@ -1,8 +1,8 @@
 """Rainflow beside other libraries, and what fatigue and virtual sensors cost at the edge.
 
-``python -m benchmarks.fatigue``; libraries that are not installed are left out. Ratios are of
-processor time in the same run: over one pass of NumPy over the same array (the sum of absolute
-differences), and of the edge over the length of the record.
+``python -m benchmarks.methods.fatigue``; libraries that are not installed are left out. Ratios
+are of processor time in the same run: over one pass of NumPy over the same array (the sum of
+absolute differences), and of the edge over the length of the record.
 """
 
 import importlib

@@ -1,7 +1,8 @@
 """Filters and streaming processes: speed beside peers in the same run, and bands that hold.
 
-Run `python -m benchmarks.learning`. A peer that is not installed is left out, and that is said:
-`make bench` installs scikit-learn and filterpy into .venv-peers, `make peers-torch` GPyTorch.
+Run `python -m benchmarks.methods.filters`. A peer that is not installed is left out, and that
+is said: `make bench` installs scikit-learn and filterpy into .venv-peers, `make peers-torch`
+GPyTorch.
 """
 
 import dataclasses

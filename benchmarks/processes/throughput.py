@@ -1,9 +1,9 @@
 """What the whole flow costs, as ratios to the floor made of its own parts in the same run.
 
-`python -m benchmarks.flow` takes about a minute. The floor of throughput is bare Zenoh into an
-empty callback, the decoding of the same messages, and a batched insert of as many rows of the
-same size, one after the other with nothing between them. Publisher and router are processes of
-their own, as they are in the field.
+`python -m benchmarks.processes.throughput` takes about a minute. The floor of throughput is
+bare Zenoh into an empty callback, the decoding of the same messages, and a batched insert of as
+many rows of the same size, one after the other with nothing between them. Publisher and router
+are processes of their own, as they are in the field.
 """
 
 import gc
@@ -317,8 +317,8 @@ def tell_memory(folder: Path) -> None:
     grown = []
     for twins in (1, 1001):
         code = (
-            "from benchmarks import flow; from pathlib import Path;"
-            f"flow.hold({twins}, Path({str(folder)!r}) / 'hold-{twins}.sqlite')"
+            "from benchmarks.processes import throughput; from pathlib import Path;"
+            f"throughput.hold({twins}, Path({str(folder)!r}) / 'hold-{twins}.sqlite')"
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         grown.append(int(done.stdout))

@@ -1,4 +1,4 @@
-"""What the ledger costs: `python -m benchmarks.ledger [--readings 200000]`.
+"""What the ledger costs: `python -m benchmarks.processes.ledger [--readings 200000]`.
 
 Writing, as a ratio to the same cuts without a ledger, in turn, each to a file of its own; the
 disk is waited for in both. Verifying, as a ratio to reading and hashing the same rows once.

@@ -1,7 +1,7 @@
 """The page beside twins that live: how soon it paints, how late it is, whether it grows.
 
-    python -m benchmarks.page                       10 twins for 30 minutes
-    python -m benchmarks.page --twins 10 --seconds 120 --rate 20
+    python -m benchmarks.processes.page                       10 twins for 30 minutes
+    python -m benchmarks.processes.page --twins 10 --seconds 120 --rate 20
 
 A real server in this process is fed `--rate` features a second of each twin. Two tabs of one
 Chromium look on, the fleet and one twin. Paint is that of an empty cache, from the navigation

@@ -1,7 +1,7 @@
 """Four channels at 1 kHz over a real broker into an edge agent: what is lost, what it costs.
 
-    python -m benchmarks.live                  an hour, in real time
-    python -m benchmarks.live --seconds 300
+    python -m benchmarks.processes.live_sources                  an hour, in real time
+    python -m benchmarks.processes.live_sources --seconds 300
 
 A publisher sends blocks with a counter to Mosquitto, QoS 1; the agent is a process of its own,
 whose processor time and memory the kernel tells. Health tells what was received and lost.

@@ -1,9 +1,9 @@
 """How close identification comes to the limits of what can be known, and whether it says so.
 
-Run `python benchmarks/identification.py [--runs 500]`. Every figure is a ratio to a bound that
-is computed beside it; every case is seeded. Signals are made by another road than the models
-that are fitted: decays in closed form, ambient response by synthesis of its spectrum on a
-record many decay times longer than the part that is kept.
+Run `python benchmarks/methods/identification.py [--runs 500]`. Every figure is a ratio to a
+bound that is computed beside it; every case is seeded. Signals are made by another road than
+the models that are fitted: decays in closed form, ambient response by synthesis of its spectrum
+on a record many decay times longer than the part that is kept.
 
 Ambient errors are set against two limits. `law` is the uncertainty law without noise and with
 an unlimited band; a fitted noise floor at a peak-to-floor ratio of 100 alone costs 1.16 (f) and

@@ -1,11 +1,11 @@
 """Simulated structures of known modes: what identification finds, and whether its errors hold.
 
-Run `python -m benchmarks.modal_truth [--runs 300]`. Each case is a structure under white
-forces, damped by 1 % in every mode, heard for 2,000 cycles of its first mode through noise
-20 dB below each channel's motion, with the line of a machine between two modes. Every figure
-is of all modes of a case together; errors are divided by the uncertainty law (`ambient_law`:
-no noise, no neighbours, the whole spectrum), which two modes as close as their bandwidth
-cannot reach.
+Run `python -m benchmarks.methods.modal_accuracy [--runs 300]`. Each case is a structure under
+white forces, damped by 1 % in every mode, heard for 2,000 cycles of its first mode through
+noise 20 dB below each channel's motion, with the line of a machine between two modes. Every
+figure is of all modes of a case together; errors are divided by the uncertainty law
+(`ambient_law`: no noise, no neighbours, the whole spectrum), which two modes as close as their
+bandwidth cannot reach.
 
 Three methods read the same records: `identify_modes`; subspaces alone, past and future whitened
 as there, at the order, of many, whose errors turn out least, which nobody could know from one

@@ -1,7 +1,8 @@
 """What an edge agent costs before its first sample, as ratios to the libraries it stands on.
 
-`python -m benchmarks.edge` takes ten seconds. The floor is a process that imports NumPy,
-`scipy.signal`, zenoh and pydantic in the same run; memory is the most that a process held.
+`python -m benchmarks.processes.edge_startup` takes ten seconds. The floor is a process that
+imports NumPy, `scipy.signal`, zenoh and pydantic in the same run; memory is the most that a
+process held.
 """
 
 import os

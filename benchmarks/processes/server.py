@@ -1,7 +1,7 @@
 """The door of a twin server: long histories, and many callers who ask for what takes long.
 
-    python -m benchmarks.door                       five minutes
-    python -m benchmarks.door --readings 100000 --seconds 10
+    python -m benchmarks.processes.server                       five minutes
+    python -m benchmarks.processes.server --readings 100000 --seconds 10
 
 First a history of `--readings` and one of a thousand are asked for in turn, and ratios are
 printed: a thinned history, its hash, the latest state and the forecast. Then `--callers` ask

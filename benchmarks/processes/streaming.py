@@ -1,8 +1,8 @@
 """What an edge's windows and long files cost: shares of a core, multiples of their own bytes.
 
-`python -m benchmarks.streaming` takes some minutes; `--hours 24` reads a day of 16 channels
-instead of half an hour. Each case runs in a process of its own, whose peak of memory is
-measured against that of one which has only imported what the case needs.
+`python -m benchmarks.processes.streaming` takes some minutes; `--hours 24` reads a day of 16
+channels instead of half an hour. Each case runs in a process of its own, whose peak of memory
+is measured against that of one which has only imported what the case needs.
 
 CPU is a share of the window's own length. `slow core` is that share on a core a quarter as fast
 as this one, which a Raspberry Pi 4 is about.
@@ -112,7 +112,7 @@ def _resident_peak() -> int:
 def _apart(*case: str) -> dict[str, float]:
     """Run a case in a process of its own."""
     ran = subprocess.run(
-        [sys.executable, "-m", "benchmarks.streaming", "--case", *case],
+        [sys.executable, "-m", "benchmarks.processes.streaming", "--case", *case],
         check=True,
         capture_output=True,
         text=True,

@@ -1,7 +1,7 @@
 """Ten thousand assets on one small machine: what is lost, how long it takes, what it needs.
 
-    python -m benchmarks.load                       30 minutes
-    python -m benchmarks.load --seconds 300 --database postgresql://user@host/name
+    python -m benchmarks.processes.load                       30 minutes
+    python -m benchmarks.processes.load --seconds 300 --database postgresql://user@host/name
 
 Each of `--assets`, spread over `--sites`, sends a feature every `--period-s`, evenly, through a
 real router to a real twin server, each a process of its own, over TCP on this machine; the

@@ -1,7 +1,7 @@
 """How fast a plant runs with its effects, as a ratio to scipy's `solve_ivp` at equal accuracy.
 
-`python -m benchmarks.plant` takes about a minute. Three masses under a random force that is
-linear between samples, 5 s at 200 Hz, with one effect along the second spring. Truth is
+`python -m benchmarks.methods.plant` takes about a minute. Three masses under a random force
+that is linear between samples, 5 s at 200 Hz, with one effect along the second spring. Truth is
 DOP853 at 1e-10; of three methods and four tolerances of `solve_ivp` the fastest counts whose
 error is no more than the plant's own, or 1e-4 where that is smaller. Friction is integrated by
 it from event to event. Slopes are set against as many runs more as differences would take.

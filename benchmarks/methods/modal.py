@@ -1,11 +1,11 @@
 """Modes of many channels against pyOMA-2 in the same run, and what an endless stream costs.
 
-Run `python -m benchmarks.modal [--runs 20] [--hours 2]`. All read the same simulated records
-at the same block rows, model orders and number of blocks for the uncertainty: `slowtime` with
-past and future whitened, as `identify_modes` does, `plain` without, as pyOMA-2. At each order
-the pole nearest to each true mode is compared with the truth: errors over the uncertainty law,
-and how often the 95 % interval of either holds it. Time and memory are those of
-covariance-driven subspace identification with standard deviations of frequency, damping and
+Run `python -m benchmarks.methods.modal [--runs 20] [--hours 2]`. All read the same simulated
+records at the same block rows, model orders and number of blocks for the uncertainty:
+`slowtime` with past and future whitened, as `identify_modes` does, `plain` without, as pyOMA-2.
+At each order the pole nearest to each true mode is compared with the truth: errors over the
+uncertainty law, and how often the 95 % interval of either holds it. Time and memory are those
+of covariance-driven subspace identification with standard deviations of frequency, damping and
 shape; memory is the most that a reading holds at once, beside the record. pyOMA-2 leaves out
 unstable poles as it goes; here they are left out afterwards.
 """

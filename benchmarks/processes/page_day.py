@@ -1,7 +1,7 @@
 """The page after a day of the demo, beside that of its first minute.
 
-    python -m benchmarks.day                        24 hours of tower, tank and wing
-    python -m benchmarks.day --hours 2 --out var/day
+    python -m benchmarks.processes.page_day                        24 hours of tower, tank and
+    wing python -m benchmarks.processes.page_day --hours 2 --out var/day
 
 Features are simulated at the demo's rate straight from the structures' true values, each with
 the noise that its edge agent shows, and written as a recording. `slowtime replay --into` runs

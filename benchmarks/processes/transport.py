@@ -1,6 +1,6 @@
 """What carrying and keeping costs, as ratios to the bare libraries in the same run.
 
-`python -m benchmarks.transport` takes less than a minute. A ratio of 1 means that our
+`python -m benchmarks.processes.transport` takes less than a minute. A ratio of 1 means that our
 part costs nothing beside the library's; the aim stands beside it.
 """
 

@@ -1,8 +1,8 @@
 """Forecasts: what jumps cost to learn, what requests cost after many readings, what bands hold.
 
-`python -m benchmarks.foresight` takes some minutes, `--quick` one. All costs are ratios within
-one run: to learning without jumps, to a request for 500 points of history, to a twin with
-1,000 readings.
+`python -m benchmarks.methods.forecasts` takes some minutes, `--quick` one. All costs are ratios
+within one run: to learning without jumps, to a request for 500 points of history, to a twin
+with 1,000 readings.
 """
 
 import argparse
