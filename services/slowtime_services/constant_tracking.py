@@ -1,4 +1,4 @@
-"""Records of a structure over slow time and its model in; its constants, record by record, out.
+"""Estimation of the constants of a structure from each of its records in slow time.
 
 Each record is filtered by itself: the joint unscented filter of motion and constants
 (`slowtime.estimation.epochs`) under white forces that nobody measures.
@@ -23,31 +23,39 @@ from slowtime.estimation.epochs import Constants, Watched, identify_epoch
 from .diagnose.campaign import gather
 from .diagnose.sources import Source
 
-ROUGH_NOISE = 0.01
+DEFAULT_NOISE_RATIO = 0.01
 """Sensor noise over the rms of its channel, where the model states none [1]."""
 
-SLOWEST = 0.3
-"""Frequency over the lowest mode, below which acceleration tells no motion at the start."""
+MIN_MOTION_FREQUENCY_RATIO = 0.3
+"""Frequency over that of the lowest mode [1], below which accelerations tell no motion at the
+start."""
 
-PER_CYCLE = 20.0
-"""Readings per period of the fastest mode at least; faster records are averaged down to it."""
+READINGS_PER_PERIOD = 20.0
+"""Readings per period of the fastest mode at least [1]; faster records are averaged down to
+it."""
 
-WIDE: Mapping[str, float] = {"stiffness": 0.3, "damping": 0.8, "mass": 0.1, "effect": 0.3}
-"""Prior standard deviation of the logarithm of a constant, by kind, where none is given."""
+PRIOR_LOG_SD: Mapping[str, float] = {
+    "stiffness": 0.3,
+    "damping": 0.8,
+    "mass": 0.1,
+    "effect": 0.3,
+}
+"""Prior standard deviation of the logarithm of a constant [1], by kind, where none is given."""
 
 
-BETWEEN: Mapping[str, float] = {
+INTERPOLATION_SD: Mapping[str, float] = {
     "stiffness": 3e-4,
     "damping": 3e-3,
     "mass": 1e-3,
     "effect": 2e-3,
 }
-"""Relative standard deviation that interpolation between readings adds, by kind of constant:
-measured on records of other integrators at `PER_CYCLE` readings a period."""
+"""Relative standard deviation [1] that interpolation between readings adds, by kind of
+constant: measured on records of other integrators at `READINGS_PER_PERIOD` readings a
+period."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Tracked:
+class TrackedConstants:
     """Constants of each record.
 
     Parameters
@@ -109,7 +117,7 @@ def track(
     white_n: float = 0.0,
     force_sd_n: float | None = None,
     kinds: Mapping[str, Kind] | None = None,
-) -> Tracked:
+) -> TrackedConstants:
     """Estimate the constants of a structure from each record.
 
     Parameters
@@ -146,7 +154,7 @@ def track(
     accelerometers(description)
     rate_hz = rates.pop()
     modes = undamped_modes(assemble(description)).frequency_hz
-    every = max(int(rate_hz / (PER_CYCLE * float(modes[-1]))), 1)
+    every = max(int(rate_hz / (READINGS_PER_PERIOD * float(modes[-1]))), 1)
     white = WhiteForce(added=np.full(len(springs.nodes), white_n))
     found = [
         _of_trial(description, springs, trial, names, every, white, force_sd_n, float(modes[0]))
@@ -156,9 +164,9 @@ def track(
     if every > 1:
         notes.append(
             f"Readings were averaged over {every} samples: {rate_hz / every:g} Hz is "
-            f"{PER_CYCLE:g} times the fastest mode."
+            f"{READINGS_PER_PERIOD:g} times the fastest mode."
         )
-    return Tracked(springs, _together(found), gathered.origins, tuple(notes), white)
+    return TrackedConstants(springs, _together(found), gathered.origins, tuple(notes), white)
 
 
 def accelerometers(description: Description) -> None:
@@ -208,11 +216,15 @@ def _of_trial(
         noise = sensor.noise_sd
         rms = float(np.sqrt(np.nanmean(values**2)))
         # The mean of two readings, then of `every` intervals, scatters less than one reading.
-        sds.append((ROUGH_NOISE * rms if noise is None else noise * worth) / math.sqrt(every))
+        sds.append(
+            (DEFAULT_NOISE_RATIO * rms if noise is None else noise * worth) / math.sqrt(every)
+        )
     seen = _interval_means(np.stack(readings, axis=1), every)
     pushed = _interval_ends(force, every)
     still = np.repeat(
-        _motion(np.stack(readings, axis=1), trial.rate_hz, SLOWEST * lowest_hz),
+        _motion(
+            np.stack(readings, axis=1), trial.rate_hz, MIN_MOTION_FREQUENCY_RATIO * lowest_hz
+        ),
         structure.dofs,
     )
     rms_force = np.sqrt(np.mean(force**2, axis=0))
@@ -222,7 +234,7 @@ def _of_trial(
     watched = Watched(
         springs=springs,
         free=names,
-        log_sd=np.array([WIDE[name[0]] for name in names]),
+        log_sd=np.array([PRIOR_LOG_SD[name[0]] for name in names]),
         step_s=every / trial.rate_hz,
         white=white,
         force_sd=np.maximum(force_sd, 1e-9 * max(float(rms_force.max()), 1.0)),
@@ -288,7 +300,7 @@ def _together(found: Sequence[Constants]) -> Constants:
     def joined(what: str) -> Float[np.ndarray, "..."]:
         return np.concatenate([getattr(one, what) for one in found], axis=0)
 
-    added = np.diag([BETWEEN[name[0]] ** 2 for name in first.names])
+    added = np.diag([INTERPOLATION_SD[name[0]] ** 2 for name in first.names])
     return dataclasses.replace(
         first,
         prior_log_ratio=joined("prior_log_ratio"),

@@ -1,4 +1,4 @@
-"""Whose features a payload carries, and which, without decoding all of it."""
+"""The run and sequence of a features message, without decoding all of it."""
 
 import re
 from typing import NamedTuple

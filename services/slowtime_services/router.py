@@ -1,4 +1,4 @@
-"""The router, made of the Zenoh binding itself: what edges, twin and recorder connect to."""
+"""The Zenoh router that edges, twin and recorder connect to."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""How every process is told to end: Ctrl-C and SIGTERM set an event, and nothing else."""
+"""Shutdown of a process: Ctrl-C and SIGTERM set an event."""
 
 import signal
 import threading

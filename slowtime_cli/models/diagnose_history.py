@@ -18,7 +18,7 @@ from twin_server.serve import ProblemError
 
 TABLES = (".csv", ".txt", ".npz")
 MAX_READINGS = 200_000
-"""Epochs that are read, the newest."""
+"""Readings of a history that are diagnosed at most, the newest [1]."""
 
 
 def diagnose_history(

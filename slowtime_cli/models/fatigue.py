@@ -24,8 +24,9 @@ from slowtime_services.files import Record, find_column
 from slowtime_services.virtual_sensors.settings import PointCurve
 
 YEAR_S = 365.25 * 86_400
+"""Julian year [s]."""
 SPECTRAL_WINDOWS = 16
-"""Windows of a record whose spectra are averaged for spectral methods."""
+"""Windows of a record whose spectra are averaged for spectral methods [1]."""
 
 
 @with_record

@@ -14,8 +14,8 @@ from slowtime_cli.verbs.models.reliability import DEFAULT
 from slowtime_services.problem_files.reliability import read_problem
 
 COLUMNS = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
-MOST_POINTS = 5
-"""Design points that a terminal lists; JSON holds all."""
+MAX_POINTS = 5
+"""Design points that a terminal lists [1]; JSON holds all."""
 
 
 def reliability(
@@ -139,7 +139,7 @@ def _show(found: Sequence[Result], problem: Problem) -> None:
 def _show_points(points: Sequence[DesignPoint], problem: Problem) -> None:
     """Design points, one row an input; lines of a program have them under a heading again."""
     rows, plain = [], []
-    for number, point in enumerate(points[:MOST_POINTS], start=1):
+    for number, point in enumerate(points[:MAX_POINTS], start=1):
         for k, name in enumerate(problem.names):
             mean, sd = point.mean_sensitivity.get(name), point.sd_sensitivity.get(name)
             rows.append(

@@ -8,7 +8,8 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-PATIENCE_S = 8.0
+TERMINATION_S = 8.0
+"""Time that processes are given to end by themselves [s]."""
 
 
 class Children:
@@ -54,7 +55,7 @@ class Children:
         for _, process in reversed(self._running):
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TERMINATION_S
         for _, process in reversed(self._running):
             try:
                 process.wait(max(deadline - time.monotonic(), 0.1))

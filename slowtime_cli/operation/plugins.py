@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from slowtime_services.plugins import discovery as installed
+from slowtime_services.plugins import discovery
 
 CHECK = "import sys; from slowtime_services.plugins import find; find(*sys.argv[1:]).load()"
 
@@ -13,11 +13,11 @@ CHECK = "import sys; from slowtime_services.plugins import find; find(*sys.argv[
 def plugins(timeout_s: float) -> int:
     """List installed parts; 1 where one of them cannot be loaded."""
     rows = [("group", "name", "distribution", "version", "state")]
-    for one in installed.plugins():
+    for one in discovery.plugins():
         state = _state(one, timeout_s)
         rows.append((one.group, one.name, one.distribution, one.version, state))
     if len(rows) == 1:
-        click.echo(f"No parts are installed. Groups: {', '.join(installed.GROUPS)}.")
+        click.echo(f"No parts are installed. Groups: {', '.join(discovery.GROUPS)}.")
         return 0
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
@@ -26,7 +26,7 @@ def plugins(timeout_s: float) -> int:
     return int(any(row[-1] != "loaded" for row in rows[1:]))
 
 
-def _state(plugin: installed.Plugin, timeout_s: float) -> str:
+def _state(plugin: discovery.Plugin, timeout_s: float) -> str:
     try:
         done = subprocess.run(
             [sys.executable, "-c", CHECK, plugin.group, plugin.name],

@@ -23,7 +23,7 @@ from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_
 from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.models import read_description
 
-from . import mode_tables as modal
+from . import mode_tables
 from .modes_file import write_modes_file
 
 F = TypeVar("F", Identified, Mode)
@@ -35,8 +35,8 @@ MIXED = "mixed_units"
 OVERLAPPING = "overlapping"
 """Flag of what was read from a window that shares samples with its neighbours."""
 
-ROUNDING = 0.01
-"""Share of a window that neighbours may have in common by rounding."""
+OVERLAP_TOLERANCE = 0.01
+"""Share of a window that neighbours may have in common by rounding [1]."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
@@ -107,14 +107,16 @@ def identify(
             span = 0.0, len(part) / record.rate_hz
             method = "modes" if method == "auto" else method
             result["modes"] = [
-                without_shape(modal.as_json(mode, models, span, method=method), mixed)
+                without_shape(mode_tables.as_json(mode, models, span, method=method), mixed)
                 for mode in whole.modes
             ]
             if not silent:
-                modal.show_modes(whole, models, path.name, method=method)
+                mode_tables.show_modes(whole, models, path.name, method=method)
             if report is not None:
                 shapes = not mixed
-                modal.write_report(report, path.name, channels, whole, models, shapes=shapes)
+                mode_tables.write_report(
+                    report, path.name, channels, whole, models, shapes=shapes
+                )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
         result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
@@ -127,14 +129,14 @@ def identify(
 
 def reference_modes(
     model: Path | None, channels: tuple[str, ...], mixed: str
-) -> list[modal.ModelMode]:
+) -> list[mode_tables.ModelMode]:
     """Modes of a model file, or of a universal file, at the channels of the record."""
     if model is None:
         return []
     if model.suffix.lower() in UNIVERSAL:
-        found = modal.read_model_modes(model, channels)
+        found = mode_tables.read_model_modes(model, channels)
     else:
-        found = modal.model_modes(read_description(model), channels)
+        found = mode_tables.model_modes(read_description(model), channels)
     return [(hz, None) for hz, _ in found] if mixed else found
 
 
@@ -346,7 +348,7 @@ def _marked(epochs: list[Epoch]) -> list[Epoch]:
                 for mode in epoch.modes
             ),
         )
-        if factor > 1 + ROUNDING
+        if factor > 1 + OVERLAP_TOLERANCE
         else epoch
         for epoch, factor in zip(epochs, factors, strict=True)
     ]

@@ -29,7 +29,7 @@ from slowtime_services.modal import read_geometry
 from slowtime_services.replay import raw_blocks
 
 from . import identify as identifying
-from . import mode_tables as modal
+from . import mode_tables
 from .modes_file import write_modes_file
 
 LONG_BYTES = 256 * 2**20
@@ -41,12 +41,13 @@ LOWEST_SHARE, HIGHEST_SHARE = 1e-3, 0.45
 memory, 70 of its cycles."""
 
 METHOD = "recursive"
+"""Method that is named in files of modes."""
 
-LOOKS = 24
-"""So many times on the way modes are solved for and told."""
+PROGRESS_REPORTS = 24
+"""Times that modes are solved for and shown while a file is read [1]."""
 
-FEWEST_S = 600.0
-"""... but no more often than this."""
+MIN_REPORT_S = 600.0
+"""Least duration of samples between two such reports [s]."""
 
 
 def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
@@ -134,7 +135,7 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
     channels = accelerations(head.channels, head.units)
     columns = [head.channels.index(name) for name in channels]
     band = flags["band_hz"] or (LOWEST_SHARE * rate, HIGHEST_SHARE * rate)
-    every_s = max(FEWEST_S, _guessed_s(opened) / LOOKS)
+    every_s = max(MIN_REPORT_S, _guessed_s(opened) / PROGRESS_REPORTS)
     recursive = RecursiveModes(rate_hz=rate, band_hz=band, every_s=every_s)
     state = recursive.start()
     modes: tuple[Mode, ...] = ()
@@ -198,7 +199,7 @@ def _tell(
             spectrum_hz=nothing,
             singular_values=nothing[:, None],
         )
-        modal.show_modes(shown, models, path.name, method=METHOD)
+        mode_tables.show_modes(shown, models, path.name, method=METHOD)
     if out is None:
         return
     span = 0.0, seconds
@@ -210,7 +211,9 @@ def _tell(
         "duration_s": seconds,
         "assumptions": [*head.assumptions, *head.notes, *said],
         "modes": [
-            identifying.without_shape(modal.as_json(mode, models, span, method=METHOD), mixed)
+            identifying.without_shape(
+                mode_tables.as_json(mode, models, span, method=METHOD), mixed
+            )
             for mode in modes
         ],
     }

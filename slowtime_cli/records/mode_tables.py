@@ -22,9 +22,10 @@ ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
 """Natural frequency [Hz], and the shape at the record's channels where all are in the model."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "kind", "collinearity", "quality", "mistrust")
-MOST_SHAPES = 12
-PLACES_PER_DECADE = 250
-"""Places of a decade at which one pole of an order is drawn: about a pixel each."""
+MAX_SHAPES = 12
+"""Shapes that a report draws at most [1]."""
+BINS_PER_DECADE = 250
+"""Bins of a decade in which one pole of an order is drawn [1]: about a pixel each."""
 
 
 def model_modes(description: Description, channels: Sequence[str]) -> list[ModelMode]:
@@ -283,7 +284,7 @@ def _apart(poles: Stabilisation) -> Bool[np.ndarray, " pole"]:
     sound &= (poles.damping_ratio > 0) & (poles.damping_ratio < MOST_DAMPING)
     sound &= poles.mode < 0
     place = np.full(len(sound), -1)
-    place[sound] = np.floor(PLACES_PER_DECADE * np.log10(poles.frequency_hz[sound]))
+    place[sound] = np.floor(BINS_PER_DECADE * np.log10(poles.frequency_hz[sound]))
     drawn = np.zeros(len(sound), dtype=bool)
     kept = np.unique(np.stack([place, poles.order])[:, sound], axis=1, return_index=True)[1]
     drawn[np.flatnonzero(sound)[kept]] = True
@@ -308,7 +309,7 @@ def _shapes(result: ModalResult, channels: Sequence[str]) -> Chart:
             "mode": "lines+markers",
             "visible": True if number < 3 else "legendonly",
         }
-        for number, mode in enumerate(result.structural[:MOST_SHAPES])
+        for number, mode in enumerate(result.structural[:MAX_SHAPES])
     ]
     return Chart(
         traces,

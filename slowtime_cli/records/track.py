@@ -11,18 +11,18 @@ import numpy as np
 
 from slowtime.evolution.ageing import learn_ageing
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.constant_tracking import Tracked, label, track
+from slowtime_services.constant_tracking import TrackedConstants, label, track
 from slowtime_services.diagnose import read_any
 from slowtime_services.models import read_description
 
-FEWEST = 5
-"""Records from which constants are forecast."""
+MIN_FORECAST_RECORDS = 5
+"""Records from which constants are forecast [1]."""
 
-AHEAD = 10
-"""Slow times of a forecast."""
+FORECAST_STEPS = 10
+"""Slow times of a forecast [1]."""
 
-SURPRISING = 1.5
-"""Mean squared residual over what was expected, above which the model is doubted [1]."""
+MAX_RESIDUAL_RATIO = 1.5
+"""Mean squared residual over what was expected [1], above which the model is doubted."""
 
 
 def track_records(
@@ -70,7 +70,7 @@ def track_records(
         _show("Forecast", ahead)
 
 
-def _rows(found: Tracked, slow: np.ndarray) -> list[dict[str, Any]]:
+def _rows(found: TrackedConstants, slow: np.ndarray) -> list[dict[str, Any]]:
     constants = found.constants
     lo, hi = constants.interval()
     rows: list[dict[str, Any]] = []
@@ -93,7 +93,9 @@ def _rows(found: Tracked, slow: np.ndarray) -> list[dict[str, Any]]:
     return rows
 
 
-def _forecast(found: Tracked, slow: np.ndarray, horizon: float | None) -> list[dict[str, Any]]:
+def _forecast(
+    found: TrackedConstants, slow: np.ndarray, horizon: float | None
+) -> list[dict[str, Any]]:
     if horizon is None:
         return []
     last = float(slow.max())
@@ -101,13 +103,13 @@ def _forecast(found: Tracked, slow: np.ndarray, horizon: float | None) -> list[d
         raise click.UsageError(
             f"--forecast-to {horizon:g} is not after the last record at {last:g}."
         )
-    if len(slow) < FEWEST:
+    if len(slow) < MIN_FORECAST_RECORDS:
         raise click.UsageError(
-            f"{len(slow)} records were given. A forecast takes {FEWEST} at least."
+            f"{len(slow)} records were given. A forecast takes {MIN_FORECAST_RECORDS} at least."
         )
     names = tuple(dict.fromkeys(name[0] for name in found.constants.names))
     ageing = learn_ageing(found.springs, slow, found.constants, of=names)
-    later = last + (horizon - last) * np.arange(1, AHEAD + 1) / AHEAD
+    later = last + (horizon - last) * np.arange(1, FORECAST_STEPS + 1) / FORECAST_STEPS
     rows: list[dict[str, Any]] = []
     for name in found.constants.names:
         band = ageing.future(name, later)
@@ -124,9 +126,9 @@ def _forecast(found: Tracked, slow: np.ndarray, horizon: float | None) -> list[d
     return rows
 
 
-def _warn(found: Tracked) -> None:
+def _warn(found: TrackedConstants) -> None:
     for origin, surprise in zip(found.origins, found.constants.surprise.tolist(), strict=True):
-        if surprise > SURPRISING:
+        if surprise > MAX_RESIDUAL_RATIO:
             note(
                 f"{origin}: the residuals are {surprise:.1f} times as large as expected (mean "
                 "square). The model lacks something, or the stated noise and white force are "

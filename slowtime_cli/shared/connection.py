@@ -11,9 +11,10 @@ from slowtime_services.credentials import options_for
 from .options import endpoints
 from .terminal import Stop
 
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
+"""Time that the router is waited for [s]."""
 ATTEMPT_S = 2.0
-"""Nobody hears Ctrl-C while Zenoh opens, so it is asked to for no longer than this at once."""
+"""Time of one attempt to connect [s]: Ctrl-C is not heard while Zenoh opens a session."""
 
 
 @contextlib.contextmanager
@@ -22,7 +23,7 @@ def connected(
     stop: Stop,
     credentials: Path | None = None,
     *,
-    patience_s: float = PATIENCE_S,
+    patience_s: float = TIMEOUT_S,
 ) -> Iterator[ZenohBus]:
     """Give a client's bus.
 

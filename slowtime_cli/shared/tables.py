@@ -8,7 +8,8 @@ import click
 import numpy as np
 from jaxtyping import Float
 
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
+"""Size of a table that is read at most [bytes]."""
 
 
 def read_columns(path: Path) -> dict[str, Float[np.ndarray, " row"]]:
@@ -19,7 +20,7 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " row"]]:
     click.UsageError
         For a file without rows, a name given twice, or a field that is no finite number.
     """
-    if path.stat().st_size > MOST_BYTES:
+    if path.stat().st_size > MAX_BYTES:
         raise click.UsageError(f"{path.name} is larger than 256 MiB. Give fewer rows.")
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()

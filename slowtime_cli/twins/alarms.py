@@ -8,9 +8,10 @@ import click
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.client import AnswerError, Client, UnreachableError
 
-LOOK_S = 0.2
-OVER = ("delivered", "failed", "dropped")
-"""States of a delivery that is tried no more."""
+POLL_S = 0.2
+"""Pause between two looks at the deliveries [s]."""
+FINAL_STATES = ("delivered", "failed", "dropped")
+"""States of a delivery that do not change any more."""
 
 
 def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> int:
@@ -59,7 +60,7 @@ def _followed(
     while True:
         told = client.deliveries(twin)["deliveries"]
         found = [one for one in told if one["event_id"] == event]
-        over = [one for one in found if one["state"] in OVER]
+        over = [one for one in found if one["state"] in FINAL_STATES]
         if len(over) >= count or time.monotonic() >= until_s:
             return found
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)

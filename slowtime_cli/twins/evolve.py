@@ -30,11 +30,11 @@ from twin_server.rendering import points, state_objects
 SITE, ASSET = "offline", "record"
 NEEDED = ("slow_time", "frequency_hz", "frequency_sd")
 OPTIONAL = ("damping_ratio", "damping_sd")
-OVERLAP = 0.01
-"""Share of a window that neighbours may have in common by rounding."""
+OVERLAP_TOLERANCE = 0.01
+"""Share of a window that neighbours may have in common by rounding [1]."""
 
-ROWS = 40
-"""As many of the epochs as a person will look at."""
+MAX_ROWS = 40
+"""Epochs that a terminal shows at most [1]."""
 
 
 Changes = Literal["stiffness", "mass", "both"]
@@ -159,7 +159,7 @@ def _dependence(epochs: list[Any]) -> list[float]:
     if not len(edges):
         return []
     factors = dependence(edges[:, 0], edges[:, 1])
-    if factors.max() > 1 + OVERLAP:
+    if factors.max() > 1 + OVERLAP_TOLERANCE:
         note(
             f"windows overlap: each counts as {1 / float(np.median(factors)):.2g} of an "
             "independent one, and its variance is multiplied accordingly."
@@ -287,7 +287,7 @@ def _features(
 def _show(states: list[dict[str, Any]], changes: str) -> None:
     wanted = [f"{name}_change" for name in ("stiffness", "mass") if changes in (name, "both")]
     heads = [w.replace("_", " ") + " [%]" for w in wanted]
-    every = max(1, len(states) // ROWS) if sys.stdout.isatty() else 1
+    every = max(1, len(states) // MAX_ROWS) if sys.stdout.isatty() else 1
     shown = states[::every]
     rows = [
         (

@@ -18,7 +18,8 @@ from slowtime_schemas.streams import FEATURES
 
 from .evolve import samples_of
 
-SD_95 = 1.959963984540054
+NORMAL_QUANTILE_97_5 = 1.959963984540054
+"""Quantile 0.975 of the standard normal distribution [1]."""
 KINDS = {
     "rough": "an irregular fluctuation",
     "repeating": "a wave that repeats itself",

@@ -19,9 +19,8 @@ import pytest
 from slowtime_cli.__main__ import app
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.record_input import ReadingFlags
-from slowtime_cli.verbs.models import diagnose as diagnosing
-from slowtime_cli.verbs.operation import keys as keying
-from slowtime_cli.verbs.operation import tokens as entitling
+from slowtime_cli.verbs.models import diagnose
+from slowtime_cli.verbs.operation import keys, tokens
 from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
 from twin_server.principals import Scope
@@ -67,7 +66,7 @@ def files_of(command: click.Command):
     """The parameters that want a file which is there."""
     for parameter in command.params:
         kind = parameter.type
-        if getattr(kind, "exists", False) or isinstance(kind, diagnosing.RecordName):
+        if getattr(kind, "exists", False) or isinstance(kind, diagnose.RecordName):
             yield parameter
 
 
@@ -130,9 +129,9 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
 
 
 def test_what_declarations_repeat_of_the_work_is_what_it_is():
-    assert entitling.SCOPES == tuple(scope.word for scope in Scope)
-    assert {*keying.WITHDRAWN} == {*ROLES} - {"router", "edge"}
-    assert (diagnosing.PATIENCE_S, diagnosing.MASSES, diagnosing.MORE) == (
+    assert tokens.SCOPES == tuple(scope.word for scope in Scope)
+    assert {*keys.WITHDRAWN} == {*ROLES} - {"router", "edge"}
+    assert (diagnose.PATIENCE_S, diagnose.MASSES, diagnose.MORE) == (
         run.PATIENCE_S,
         run.MASSES,
         run.MORE,

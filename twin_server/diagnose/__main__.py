@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.plugins.discovery import said
+from slowtime_services.plugins.discovery import exception_text
 
 from .fast import diagnose_samples
 from .own import attempt
@@ -114,7 +114,7 @@ def main(folder: Path) -> int:
             raise
         # Whatever an effect of one's own raises is its own fault, until the other one raises.
         traceback.print_exc()
-        voice.say({"error": f"{said(error)}."})
+        voice.say({"error": f"{exception_text(error)}."})
         return 1
     return 0
 

@@ -13,7 +13,7 @@ from slowtime.dynamics.description import Description
 from slowtime.evolution.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
-from slowtime_services.plugins.discovery import PluginError, find, said
+from slowtime_services.plugins.discovery import PluginError, exception_text, find
 from twin_server.limit_states import MASS, SPRING, OwnState, built, one_mass
 from twin_server.registration import Registration
 from twin_server.thresholds import shown, signed
@@ -165,7 +165,7 @@ def _own(spec: OwnState) -> LimitState:
     except PluginError:
         raise
     except Exception as error:  # a part of somebody's raises whatever it likes
-        raise PluginError(f"{part} cannot be made: {said(error)}.") from error
+        raise PluginError(f"{part} cannot be made: {exception_text(error)}.") from error
     if not isinstance(state, LimitState):
         raise PluginError(
             f"{part} made a {type(state).__name__}, which is no limit state. Give one with "
@@ -239,10 +239,10 @@ def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> s
         words, unit, times = shown(spec.quantity)
         side, at = ("below", spec.below) if spec.below is not None else ("above", spec.above)
         what = f"{spec.name} ({words} {side} {signed(times * at)} {unit})"
-    said = (
+    exception_text = (
         f"{what}: fails with probability {failed:.2g} up to slow time {order.horizon:.6g}; "
         f"now {float(found.probability[0]):.2g}"
     )
     if math.isfinite(until):
-        return f"{said}. The accepted {spec.accepted:g} is reached at {until:.6g}."
-    return f"{said}. The accepted {spec.accepted:g} is not reached by then."
+        return f"{exception_text}. The accepted {spec.accepted:g} is reached at {until:.6g}."
+    return f"{exception_text}. The accepted {spec.accepted:g} is not reached by then."

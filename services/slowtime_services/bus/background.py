@@ -1,4 +1,4 @@
-"""A bus that is opened in the background, for a process that works without it meanwhile."""
+"""A bus that connects in the background while its process already works."""
 
 import logging
 import math
@@ -11,14 +11,14 @@ from .protocol import Answers, Bus, BusClosedError, BusUnreachableError, Handle,
 
 logger = logging.getLogger(__name__)
 
-PAUSE_S = 0.5
-"""Between two attempts."""
+RETRY_PAUSE_S = 0.5
+"""Pause between two attempts to connect [s]."""
 
 
 class _Promised:
     """Something that is declared once there is a bus to declare it on."""
 
-    def __init__(self, bus: "LateBus", declare: Callable[[Bus], Handle]) -> None:
+    def __init__(self, bus: "BackgroundBus", declare: Callable[[Bus], Handle]) -> None:
         self._bus, self._declare = bus, declare
         self._handle: Handle | None = None
         self._closed = False
@@ -36,7 +36,7 @@ class _Promised:
             self._handle.close()
 
 
-class LateBus:
+class BackgroundBus:
     """A bus that waits for its router as long as it takes, and says so now and then.
 
     Until then nobody is heard, nothing that is published reaches anybody, and questions have no
@@ -147,7 +147,7 @@ class LateBus:
                     logger.warning(
                         "No bus yet, after %.0f s; trying on. %s", now_s - began_s, error
                     )
-                self._over.wait(PAUSE_S)
+                self._over.wait(RETRY_PAUSE_S)
                 continue
             with self._lock:
                 self._bus = bus

@@ -1,4 +1,4 @@
-"""One request and its answer, over the standard library's HTTP."""
+"""HTTP requests to a twin server, over the standard library."""
 
 import json
 import ssl
@@ -40,7 +40,7 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
         """Follow nothing."""
 
 
-class Door:
+class HttpConnection:
     """Where a server is asked.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Records of any file in; the trials of a campaign, in the model's channels and units, out."""
+"""The trials of a campaign, in the model's channels and units, from records."""
 
 import dataclasses
 import itertools
@@ -18,7 +18,7 @@ from .channel_roles import Roles, evaluate
 from .sources import Source
 
 ABSOLUTE_S = 1e8
-"""Times beyond this are counted from 1970, not from the beginning of a campaign."""
+"""Times beyond this [s] are counted from 1970, not from the beginning of a campaign."""
 
 Series = Float[np.ndarray, " time"]
 

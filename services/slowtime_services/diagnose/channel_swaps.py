@@ -1,4 +1,4 @@
-"""Sensors or inputs of one quantity that look exchanged: told, with the roles that mend it.
+"""Detection of sensors or inputs of one quantity that were exchanged.
 
 Sizes do not tell two accelerometers apart. But if third-octave powers are nearer to the model's
 with two sensors exchanged, and the model, refitted within its tolerances, then explains the
@@ -19,12 +19,13 @@ from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import detrended, periodogram
 from slowtime_services.files import RecordError
 
-BETTER, DRIVEN_BETTER = 0.25, 0.4
+MAX_SENSOR_MISFIT_RATIO, MAX_INPUT_MISFIT_RATIO = 0.25, 0.4
 """Share of what is left unexplained that an exchange of sensors, and of inputs, may leave, to
 be told of: what is missing from the model is left by both."""
-OCTAVE = 2 ** (1 / 3)
-DECADES = 1e-4
-"""Power over the greatest of a sensor below which a band says nothing."""
+BAND_RATIO = 2 ** (1 / 3)
+"""Ratio of the edges of a third-octave band [1]."""
+MIN_BAND_POWER = 1e-4
+"""Power of a band over the greatest of its sensor [1], below which the band is left out."""
 
 
 def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None:
@@ -49,11 +50,11 @@ def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None
     if sensors is not None:
         one, two = (campaign.description.sensors[i].channel for i in sensors)
         left = _unexplained(plant, _exchanged(trial, *sensors))
-        tried.append((left, BETTER, one, two))
+        tried.append((left, MAX_SENSOR_MISFIT_RATIO, one, two))
     if inputs is not None:
         one, two = (campaign.description.inputs[i].channel for i in inputs)
         left = _unexplained(plant, _crossed(trial, *inputs))
-        tried.append((left, DRIVEN_BETTER, one, two))
+        tried.append((left, MAX_INPUT_MISFIT_RATIO, one, two))
     before = _unexplained(plant, trial)
     after, share, one, two = min(tried)
     if after <= share * before:
@@ -113,7 +114,7 @@ def _apart(
 ) -> Float[np.ndarray, "sensor sensor"]:
     """Compare powers: mean squared logarithm of what the model makes over what was measured."""
     one, two = _powers(made, trial.rate_hz), _powers(trial.measured, trial.rate_hz)
-    heard = (one > DECADES * one.max(axis=0)) | (two > DECADES * two.max(axis=0))
+    heard = (one > MIN_BAND_POWER * one.max(axis=0)) | (two > MIN_BAND_POWER * two.max(axis=0))
     heard = heard.any(axis=1)
     logs = np.log(one[heard])[:, :, None] - np.log(two[heard])[:, None, :]
     return np.asarray(np.mean(logs**2, axis=0))
@@ -125,7 +126,7 @@ def _powers(
     spectrum = periodogram(detrended(series), rate_hz)
     frequency = spectrum.frequency_hz
     top, low = float(frequency[-1]), 4 * float(frequency[1])
-    edges = low * OCTAVE ** np.arange(int(np.log(top / low) / np.log(OCTAVE)) + 1)
+    edges = low * BAND_RATIO ** np.arange(int(np.log(top / low) / np.log(BAND_RATIO)) + 1)
     first = np.searchsorted(frequency, edges)
     power = np.add.reduceat(spectrum.density, np.unique(first[first < len(frequency)]), axis=0)
     return np.asarray(np.maximum(power, 1e-12 * power.max(axis=0) + 1e-300))

@@ -1,4 +1,4 @@
-"""How long machine code has been in the making, which is spared where it was kept."""
+"""Time spent on compiling machine code."""
 
 import threading
 import time

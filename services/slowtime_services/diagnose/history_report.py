@@ -1,4 +1,4 @@
-"""The answer of a diagnosis in slow time in; ``report.json`` and ``report.html`` out."""
+"""JSON and HTML reports of a diagnosis in slow time."""
 
 import json
 import time
@@ -18,8 +18,8 @@ from .charts import AUGMENTED, MEASURED, NOMINAL
 from .history_table import History
 from .labels import VERDICTS, named
 
-MOST = 2_000
-"""Readings of a chart."""
+MAX_CHART_POINTS = 2_000
+"""Readings that a chart shows at most [1]."""
 
 _SCALES = {"stiffness_change": (100.0, "%"), "frequency_ratio": (100.0, "%"),
            "frequency_hz": (1.0, "Hz")}  # fmt: skip
@@ -175,7 +175,7 @@ def _gap(report: SlowReport) -> Chart:
 def _history(report: SlowReport, document: dict[str, Any]) -> Chart:
     picture = report.picture
     scale, unit = _SCALES[document["quantity"]]
-    step = max(1, len(picture.time) // MOST)
+    step = max(1, len(picture.time) // MAX_CHART_POINTS)
     time = picture.time[::step]
 
     def line(values: Float[np.ndarray, " time"], name: str, colour: str) -> dict[str, Any]:
@@ -204,7 +204,7 @@ def _history(report: SlowReport, document: dict[str, Any]) -> Chart:
 def _curve(effect: SlowEffect) -> Chart:
     curve = effect.curve
     assert curve is not None
-    step = max(1, len(curve.points_x) // MOST)
+    step = max(1, len(curve.points_x) // MAX_CHART_POINTS)
     band = {
         "type": "scatter", "mode": "lines", "name": "95 % band", "fill": "toself",
         "x": [*curve.x.tolist(), *curve.x[::-1].tolist()],

@@ -1,4 +1,4 @@
-"""A file with the history of a feature in; times, values and what was read beside, out."""
+"""The history of a feature, read from a table."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Words that report, page and terminal share."""
+"""Labels and phrases that report, page and terminal share."""
 
 import re
 

@@ -19,12 +19,14 @@ from slowtime_services.files import RecordError
 
 from .channel_swaps import refuse_swaps
 
-ABSURD = 200.0
-"""Times too large or small for anything but a unit or a wire."""
-RIGID = 1e-6
-"""Share of the highest natural frequency below which a motion is no vibration."""
-SANE = 20.0
-"""What a swap must bring all sizes to, to be told of."""
+MAX_SIZE_RATIO = 200.0
+"""Measured over simulated rms of a channel [1], or its inverse, beyond which only a wrong unit
+or a broken wire explains it."""
+RIGID_FREQUENCY_RATIO = 1e-6
+"""Frequency over the highest natural frequency [1] below which a motion is no vibration."""
+PLAUSIBLE_SIZE_RATIO = 20.0
+"""Ratio of measured and simulated rms [1] to which an exchange must bring all channels, to be
+told."""
 ANYWAY = "If it is so, diagnose it all the same with --unchecked."
 
 Sizes = Float[np.ndarray, " sensor"]
@@ -74,7 +76,7 @@ def _struck(trial: Trial) -> bool:
 def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
     """Refuse a rate at which not even the slowest vibration could be followed."""
     frequency = undamped_modes(assemble(model)).frequency_hz
-    own = frequency[frequency > RIGID * frequency[-1]]
+    own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
     if len(own) and trial.rate_hz < 2 * own[0]:
         raise RecordError(
             f"{name} has {trial.rate_hz:.4g} samples per second, and the slowest vibration of "
@@ -91,7 +93,7 @@ def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> 
         return
     heard = measured > 0
     ratio = np.where(heard, measured, made) / made
-    off = (ratio > ABSURD) | (ratio < 1 / ABSURD)
+    off = (ratio > MAX_SIZE_RATIO) | (ratio < 1 / MAX_SIZE_RATIO)
     if not off.any():
         return
     channels = [sensor.channel for sensor in model.sensors]
@@ -113,14 +115,14 @@ def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard
         swapped = measured.copy()
         swapped[[i, j]] = measured[[j, i]]
         again = np.where(heard, swapped, made) / made
-        if np.all(np.abs(np.log(again)) < np.log(SANE)):
+        if np.all(np.abs(np.log(again)) < np.log(PLAUSIBLE_SIZE_RATIO)):
             one, other = sensors[i].channel, sensors[j].channel
             return (
                 f"With {one} and {other} exchanged it would fit: are they swapped? Say "
                 f"--channel {one}={other} --channel {other}={one}."
             )
     factor = float(np.exp(np.mean(np.log(ratio))))
-    alike = bool(np.all(np.abs(np.log(ratio / factor)) < np.log(SANE)))
+    alike = bool(np.all(np.abs(np.log(ratio / factor)) < np.log(PLAUSIBLE_SIZE_RATIO)))
     if alike and len(sensors) > 1:
         units = ", ".join(f"{entry.channel} [{entry.unit}]" for entry in model.inputs)
         return f"All sensors are, alike: look at the unit of the inputs, {units}."

@@ -1,4 +1,4 @@
-"""A diagnosis in; a page that stands alone out: the sentence first, then what it rests on."""
+"""The HTML report of a diagnosis."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A diagnosis in; a folder of files out, for people, machines and simulators."""
+"""The folder of results of a diagnosis."""
 
 import json
 from pathlib import Path

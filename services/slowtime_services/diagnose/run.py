@@ -1,4 +1,4 @@
-"""Model, records and roles in; the diagnosis and its document out: what every caller runs."""
+"""The diagnosis of a model by records, and its document."""
 
 import dataclasses
 import time
@@ -21,8 +21,9 @@ from .sources import Source
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Processor time after which no more laws are tried; degrees of freedom up to which it is that,
 and how many times as much it is at most for more, in proportion."""
-LATE = 0.7
-"""Share of it after which only the likeliest are still tried."""
+LATE_SHARE = 0.7
+"""Share of the allowed processor time [1] after which only the likeliest laws are still
+tried."""
 
 
 def diagnose_records(
@@ -80,7 +81,7 @@ def diagnose_records(
         quick=quick,
         progress=progress,
         stop=stop,
-        late=lambda: used() > LATE * allowed_s,
+        late=lambda: used() > LATE_SHARE * allowed_s,
         over=lambda: used() > allowed_s,
     )
     found = dataclasses.replace(found, seconds=time.monotonic() - begun)

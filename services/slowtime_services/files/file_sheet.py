@@ -1,4 +1,4 @@
-"""A file of any kind in, a sheet of its columns out."""
+"""Conversion of a file of any kind to a sheet."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from .binary import workbook
 from .binary.numpy_arrays import Arrays, as_double, read_npy, read_npz
 from .binary.reader_process import read_matlab
-from .channels import wrapped_rows as wrapping
+from .channels import wrapped_rows
 from .delimited.text_sheet import read_lines, read_text
 from .headings.sampling import Fact, Facts
 from .readers import reader_of
@@ -116,7 +116,7 @@ def pairs_unwrapped(sheet: Sheet) -> Sheet:
     if sheet.named or any(c.kind != "number" for c in sheet.columns) or len(sheet.columns) < 4:
         return sheet
     table = np.column_stack([c.values for c in sheet.columns])
-    pairs = wrapping.pairs_of_time_and_value(table.astype(float), sheet.tail)
+    pairs = wrapped_rows.pairs_of_time_and_value(table.astype(float), sheet.tail)
     if pairs is None:
         return sheet
     time, value = Column("time", "", pairs[:, 0]), Column("channel_1", "", pairs[:, 1])

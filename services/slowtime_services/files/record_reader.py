@@ -1,4 +1,4 @@
-"""One door for every kind of file: find the clock, choose the channels, hold both to account.
+"""Reading of a whole record from a file of any kind.
 
 The stages: a file becomes a `Sheet` of columns with names, units and the figures of its
 heading (`opening`); its clock is told apart (`record_clock`), then what is no channel
@@ -14,21 +14,21 @@ from pathlib import Path
 import numpy as np
 
 from . import plausibility
-from .channels import wrapped_rows as wrapping
+from .channels import wrapped_rows
 from .channels.missing_values import (
+    describe_gaps,
+    describe_missing,
     gaps_of,
     gaps_of_counter,
     only_rows,
     rows_missing,
-    say_gaps,
-    say_missing,
 )
-from .channels.selection import kept_of, refuse_several_sensors, unit_of_channel
+from .channels.selection import refuse_several_sensors, select_channels, unit_of_channel
 from .channels.si_conversion import in_si
-from .clocks import candidates as clock
-from .clocks.record_clock import axis_of, no_clock, said_of, start_of, tell
+from .clocks import candidates
+from .clocks.record_clock import axis_of, clock_of_sheet, clock_words, no_clock, start_of
 from .file_sheet import open_sheet, pairs_unwrapped, renamed
-from .reading_options import Missing, Said, refuse_slips
+from .reading_options import MissingPolicy, ReadingOptions, refuse_implausible_options
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
 from .times.stamps import DateOrder
@@ -116,15 +116,15 @@ def read_record(
         says what to do. OSError where it cannot be opened.
     """
     path = Path(path)
-    refuse_slips(rate_hz, time_unit)
+    refuse_implausible_options(rate_hz, time_unit)
     size = path.stat().st_size
     if size > max_bytes:
         raise RecordError(
             f"{path.name} has {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
             "are read at once. Cut it into several files, or raise max_bytes."
         )
-    said = Said(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
-    missing = Missing(keep_missing, skip_missing)
+    said = ReadingOptions(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
+    missing = MissingPolicy(keep_missing, skip_missing)
     chosen = None if channels is None else tuple(channels)
     sheet = open_sheet(path, skip_lines, max_bytes, date_order, chosen)
     sheet = renamed(sheet, columns)
@@ -139,18 +139,18 @@ def read_record(
     return in_si(record, units, sensitivities)
 
 
-def _record(file: str, sheet: Sheet, said: Said, missing: Missing) -> Record:
+def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy) -> Record:
     """Decide what the columns are, hold that to account, and gather the samples."""
     names = sheet.names
-    told = tell(sheet, said)
-    kept, why = kept_of(file, sheet, said, told.columns, sparse=not missing.keep)
+    told = clock_of_sheet(sheet, said)
+    kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
     if said.rate_hz is None:
         refuse_several_sensors(file, sheet)
     lost = rows_missing(file, sheet, kept, missing)
     rows = np.arange(len(lost))[~lost]
     if missing.skip and lost.any():
         sheet = only_rows(sheet, rows)
-        told = tell(sheet, said)
+        told = clock_of_sheet(sheet, said)
     axis, notes = axis_of(told, said, sheet.facts)
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
@@ -176,14 +176,14 @@ def _record(file: str, sheet: Sheet, said: Said, missing: Missing) -> Record:
         notes += (f"The column of times was not used: {told.refusal}",)
     if verdict.wrapped:
         return _series(sheet, kept, verdict, notes)
-    assumptions = (*sheet.assumptions, *said_of(told, axis, why), *verdict.assumptions)
+    assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
     others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
     start_ns, said_start = start_of(sheet, axis, told)
     assumptions += said_start
     if lost.any():
-        notes += (say_missing(values, lost, missing),)
+        notes += (describe_missing(values, lost, missing),)
     if gaps:
-        notes += (say_gaps(gaps),)
+        notes += (describe_gaps(gaps),)
     return Record(
         samples=in_sensor_type(_finite(np.column_stack(values))),
         rate_hz=float(rate),
@@ -204,7 +204,7 @@ def _series(
     table = np.column_stack([sheet.columns[i].values for i in kept]).astype(float)
     assert verdict.rate_hz is not None
     return Record(
-        samples=wrapping.unwrap(table, sheet.tail)[:, None],
+        samples=wrapped_rows.unwrap(table, sheet.tail)[:, None],
         rate_hz=float(verdict.rate_hz),
         channels=("channel_0",),
         units=(sheet.unit,),
@@ -218,10 +218,10 @@ def _series(
 def _measured(
     sheet: Sheet,
     kept: Sequence[int],
-    said: Said,
+    said: ReadingOptions,
     axis: TimeAxis | None,
     gaps: Sequence[Gap],
-    told: clock.Told,
+    told: candidates.ClockReading,
 ) -> plausibility.Measured:
     values = [sheet.columns[i].values for i in kept]
     alone = len(kept) == len(sheet.columns) and all(v.dtype.kind in "fiu" for v in values)
@@ -237,8 +237,8 @@ def _measured(
         clock_sure=told.clock is None or told.clock.sure,
         given_rate_hz=said.rate_hz,
         named=sheet.named,
-        smooth=table is not None and wrapping.looks_wrapped(table),
-        apart=table is not None and wrapping.looks_like_channels(table),
+        smooth=table is not None and wrapped_rows.looks_wrapped(table),
+        apart=table is not None and wrapped_rows.looks_like_channels(table),
         wrapped=said.wrapped if layered else False,
     )
 

@@ -1,4 +1,4 @@
-"""What every kind of file is brought to before anything is decided: columns and figures."""
+"""The sheet: columns and stated figures of a file of any kind."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -53,7 +53,7 @@ class Plugin:
         try:
             part = self.entry.load()
         except Exception as error:  # an import of somebody's code raises whatever it likes
-            raise PluginError(f"{self} cannot be imported: {said(error)}.") from error
+            raise PluginError(f"{self} cannot be imported: {exception_text(error)}.") from error
         if self.group != "slowtime.effects" and not callable(part):
             raise PluginError(
                 f"{self} is a {type(part).__name__}, not a function. Point its entry at "
@@ -108,7 +108,7 @@ def find(group: str, name: str) -> Plugin:
     raise PluginError(f"{of} each bring a {kind} {name!r}. Uninstall all but one.")
 
 
-def said(error: BaseException) -> str:
+def exception_text(error: BaseException) -> str:
     """Put what an exception says on one line, bounded."""
     text = " ".join(str(error).split())[:MOST_SAID].rstrip(".")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,4 +1,4 @@
-"""A Python file of a user's own in, the kinds of effect that it holds out."""
+"""Kinds of effect in a user's Python file or in an installed part."""
 
 import functools
 import importlib.util

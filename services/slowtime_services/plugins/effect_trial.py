@@ -1,4 +1,4 @@
-"""Kinds of effect of one's own, tried on a known motion before anything is built on them.
+"""Trial of new kinds of effect on a known motion.
 
 What a kind does wrong with parameters that it names itself, it does here: raises, gives what is
 no number, or does not come back. A trial runs in a process of its own, which may be ended.
@@ -28,10 +28,11 @@ GROUP = "slowtime.effects"
 PATIENCE_S = 120.0
 """For the trial of a part on a busy machine: what takes longest is compiling its laws."""
 
-SHAPES = 8
-"""Points of a kind's own grid that are tried; they are spread over it."""
+MAX_GRID_POINTS = 8
+"""Points of a kind's own grid that are tried [1]; they are spread over it."""
 _MOST = 10_000
 _AMPLITUDE_M = 1e-3
+"""Amplitude of the trial motion [m]."""
 _TIMES = np.arange(512) / 100.0
 _ANGULAR = 2 * np.pi * np.array([[2.0], [7.3]])
 _SHARES = _AMPLITUDE_M * np.array([0.8, 0.2])
@@ -70,7 +71,7 @@ def try_kind(kind: Kind) -> None:
             f"{kind.name}: `shapes` gave {type(shapes).__name__} of {len(shapes):,}. Allowed: "
             f"a list of at most {_MOST:,}."
         )
-    for place in np.linspace(0, len(shapes) - 1, min(SHAPES, len(shapes))).astype(int):
+    for place in np.linspace(0, len(shapes) - 1, min(MAX_GRID_POINTS, len(shapes))).astype(int):
         _try_at(kind, shapes[place], motion)
 
 

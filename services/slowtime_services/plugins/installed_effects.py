@@ -1,6 +1,6 @@
-"""Installed kinds of effect, each tried in a process of its own, which may be ended."""
+"""Installed kinds of effect, each tried in a process of its own."""
 
-from .discovery import find, said
+from .discovery import exception_text, find
 from .effect_trial import GROUP, PATIENCE_S
 from .plugin_process import PluginProcess
 
@@ -27,7 +27,7 @@ def sound_parts(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...
         try:
             installed_kinds(name)
         except ValueError as error:
-            fault = str(error) if str(error) else said(error)
+            fault = str(error) if str(error) else exception_text(error)
             faults.append(f"{fault.rstrip('.')}. It was left out.")
         else:
             passed.append(name)

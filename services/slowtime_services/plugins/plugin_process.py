@@ -1,4 +1,4 @@
-"""A part of one's own in a process of its own: asked, streamed from, killed where it hangs.
+"""A process of its own for an installed part, which is ended where it hangs.
 
 The process has the rights of its user, and no more is promised than this: what the part raises,
 prints, returns or keeps to itself for ever ends neither the process that asked nor its threads.
@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 from pydantic_core import from_json, to_json
 
-from .discovery import Plugin, PluginError, find, said
+from .discovery import Plugin, PluginError, exception_text, find
 
 LONGEST_BYTES = 64 * 2**20
 """Of one answer or packet."""
@@ -234,7 +234,7 @@ def _answers(plugin: Plugin, part: Any, arguments: Any) -> Iterator[tuple[bytes,
             yield _ANSWER, bytes(memoryview(packet))
         yield _LAST, b""
     except Exception as error:  # whatever the part raises is its own fault
-        yield _FAULT, f"{plugin} failed: {said(error)}.".encode()
+        yield _FAULT, f"{plugin} failed: {exception_text(error)}.".encode()
 
 
 def _write(out: BinaryIO, kind: bytes, body: bytes) -> None:

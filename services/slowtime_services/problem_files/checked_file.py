@@ -1,4 +1,4 @@
-"""YAML or JSON files of a schema: text in, the checked content and the line of each key out."""
+"""YAML or JSON files that are checked by a schema, with the line of each key."""
 
 import pathlib
 from collections.abc import Callable, Mapping

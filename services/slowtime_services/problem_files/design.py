@@ -1,4 +1,4 @@
-"""Design files → a problem for `slowtime.design`, with the model that it speaks of."""
+"""Problems of `slowtime.design`, read from design files."""
 
 import dataclasses
 import pathlib

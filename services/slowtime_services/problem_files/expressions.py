@@ -13,11 +13,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 Value: TypeAlias = "float | np.ndarray"
-LONGEST = 4000
-"""Characters."""
+MAX_CHARACTERS = 4000
+"""Characters of a formula at most [1]."""
 
-DEEPEST = 60
-"""Nested operations."""
+MAX_DEPTH = 60
+"""Nested operations of a formula at most [1]."""
 
 CONSTANTS = {"pi": float(np.pi), "e": float(np.e)}
 
@@ -83,10 +83,10 @@ class Expression:
     """
 
     def __init__(self, text: str, names: Sequence[str]) -> None:
-        if len(text) > LONGEST:
+        if len(text) > MAX_CHARACTERS:
             raise ExpressionError(
-                f"A formula of {len(text)} characters is too long. Give at most {LONGEST}, or "
-                "a Python file."
+                f"A formula of {len(text)} characters is too long. Give at most "
+                f"{MAX_CHARACTERS}, or a Python file."
             )
         try:
             self._tree = ast.parse(text.strip(), mode="eval").body
@@ -109,9 +109,9 @@ class Expression:
         return np.broadcast_to(value, (len(x),)).copy()
 
     def _check(self, node: ast.AST, depth: int, *, condition: bool = False) -> None:
-        if depth > DEEPEST:
+        if depth > MAX_DEPTH:
             raise ExpressionError(
-                f"A formula nested deeper than {DEEPEST}. Give a Python file."
+                f"A formula nested deeper than {MAX_DEPTH}. Give a Python file."
             )
         match node:
             case ast.Constant(value=bool() | complex()):

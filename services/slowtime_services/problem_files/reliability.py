@@ -1,4 +1,4 @@
-"""Reliability files, or Python files of their owner → a problem for `slowtime.reliability`."""
+"""Problems of `slowtime.reliability`, read from YAML, JSON or Python files."""
 
 import importlib.util
 import inspect

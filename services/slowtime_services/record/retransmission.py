@@ -1,4 +1,4 @@
-"""Features that never reached the recorder are asked for again, as the twin asks for them.
+"""Requests for features that have not reached the recorder.
 
 A router that comes back is found by the edge before the recorder finds it, and what the edge
 sends in between is heard by others or by nobody. The recorder notices the gap in the sequence,
@@ -20,8 +20,10 @@ from slowtime_services.feature_runs import Run, run_and_sequence
 
 logger = logging.getLogger(__name__)
 
-LONGEST_WAIT_S = 30.0
-LONGEST_END_S = 3.0
+MAX_WAIT_S = 30.0
+"""Longest pause between two requests for the same gap [s]."""
+MAX_FINAL_WAIT_S = 3.0
+"""Time that missing features are waited for when a recording ends [s]."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -46,7 +48,7 @@ class _Seen:
     gaps: list[_Gap] = dataclasses.field(default_factory=list)
 
 
-class Healer:
+class Retransmission:
     """Keeps the account of what has come, and asks for what has not.
 
     Parameters
@@ -94,7 +96,7 @@ class Healer:
         """Ask for the gaps whose time it is; `at_last` for all that a few seconds allow."""
         began = time.monotonic()
         for run, gap in self._due(at_last):
-            if at_last and time.monotonic() - began > LONGEST_END_S:
+            if at_last and time.monotonic() - began > MAX_FINAL_WAIT_S:
                 return
             answers = self._bus.ask(
                 request_key(run.site, run.asset, "features"),
@@ -146,7 +148,7 @@ class Healer:
                         self._given_up += len(gap)
                     elif at_last or gap.due <= now:
                         gap.asked += 1
-                        gap.due = now + min(self._grace_s * 2**gap.asked, LONGEST_WAIT_S)
+                        gap.due = now + min(self._grace_s * 2**gap.asked, MAX_WAIT_S)
                         due.append((run, dataclasses.replace(gap)))
         return due
 

@@ -1,4 +1,4 @@
-"""Recorded samples in, blocks out."""
+"""Blocks of samples of a recording."""
 
 import itertools
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a recording holds of each run of each edge, and how much of it has been acknowledged."""
+"""Features that a recording holds of each run, and how many were acknowledged."""
 
 import bisect
 import dataclasses
@@ -15,7 +15,7 @@ from .recording_reader import Recorded, read_recording
 
 
 @dataclasses.dataclass(slots=True)
-class Holding:
+class RunFeatures:
     """The features of one run: 16 bytes each, however large they are."""
 
     sequences: "array[int]"
@@ -46,7 +46,7 @@ class Holding:
         return (min(arrivals), max(arrivals)) if arrivals else None
 
 
-def take_stock(path: Path) -> dict[Run, Holding]:
+def features_by_run(path: Path) -> dict[Run, RunFeatures]:
     """Read once through a recording for what it holds of each run, in order of appearance."""
     arrivals: dict[Run, dict[int, int]] = {}
     words: dict[Run, Health] = {}
@@ -59,7 +59,7 @@ def take_stock(path: Path) -> dict[Run, Holding]:
 
 
 def features_again(
-    path: Path, run: Run, holding: Holding, first: int, last: int
+    path: Path, run: Run, holding: RunFeatures, first: int, last: int
 ) -> list[bytes]:
     """Read the features from `first` to `last` again, as far as published, in order."""
     last = min(last, holding.published)
@@ -76,7 +76,7 @@ def features_again(
     return [payload for _, payload in sorted(found.items())]
 
 
-def words_of(holdings: Mapping[Run, Holding]) -> Iterator[tuple[Run, Health]]:
+def health_messages(holdings: Mapping[Run, RunFeatures]) -> Iterator[tuple[Run, Health]]:
     """Make the health message of each run as far as it is played: it shows a lost tail."""
     for run, holding in holdings.items():
         if holding.published < 0:
@@ -97,10 +97,10 @@ def words_of(holdings: Mapping[Run, Holding]) -> Iterator[tuple[Run, Health]]:
         )
 
 
-def _holding(arrivals: dict[int, int], health: Health | None) -> Holding:
+def _holding(arrivals: dict[int, int], health: Health | None) -> RunFeatures:
     ordered = sorted(arrivals)
     arrived = array("q", (arrivals[sequence] for sequence in ordered))
-    return Holding(array("q", ordered), arrived, health=health)
+    return RunFeatures(array("q", ordered), arrived, health=health)
 
 
 def _health(message: Recorded) -> Health | None:

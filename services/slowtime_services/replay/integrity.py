@@ -1,4 +1,4 @@
-"""A recording from somebody else in; that it is sound, or why it is not, out.
+"""Integrity check of a foreign recording, in a process of its own.
 
 It is read to its end in a process of its own, which may take only so much memory and time: a
 file that was made to break its reader breaks that one.
@@ -13,11 +13,13 @@ from slowtime_schemas.streams import parse_key
 
 from .recording_reader import RecordingError, contents, read_recording
 
-PATIENCE_S = 60.0
-ROOM_BYTES = 2**30
-"""Of the process: its code, one unpacked chunk, and what is made of it."""
-LARGEST_UNPACKED = 2**32
-"""Of all messages together."""
+TIMEOUT_S = 60.0
+"""Time that the reading process is given [s]."""
+ADDRESS_SPACE_BYTES = 2**30
+"""Address space of the process [bytes]: its code, one unpacked chunk, and what is made of
+it."""
+MAX_UNPACKED_BYTES = 2**32
+"""Size of all messages together [bytes]."""
 
 REFUSED = 3
 """Exit status of the process where it has said why the file is refused."""
@@ -33,10 +35,10 @@ def check(path: Path) -> None:
     """
     command = [sys.executable, "-P", "-m", __spec__.name, str(path)]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:
         raise RecordingError(
-            f"It has kept its reader busy for {PATIENCE_S:g} s. Give a shorter recording."
+            f"It has kept its reader busy for {TIMEOUT_S:g} s. Give a shorter recording."
         ) from error
     if done.returncode == REFUSED:
         raise RecordingError(done.stderr.decode(errors="replace").strip())
@@ -71,9 +73,9 @@ def read_through(path: Path) -> None:
                 f"A message of {len(message.payload):,} bytes is on {message.key}. Allowed "
                 f"there: {stream.max_bytes:,}."
             )
-        if unpacked > LARGEST_UNPACKED:
+        if unpacked > MAX_UNPACKED_BYTES:
             raise RecordingError(
-                f"It unpacks to more than {LARGEST_UNPACKED:,} bytes. Give it in parts."
+                f"It unpacks to more than {MAX_UNPACKED_BYTES:,} bytes. Give it in parts."
             )
 
 
@@ -82,8 +84,8 @@ def _bound() -> None:
         import resource
     except ModuleNotFoundError:  # not on every system
         return
-    resource.setrlimit(resource.RLIMIT_AS, (ROOM_BYTES, ROOM_BYTES))
-    seconds = int(PATIENCE_S)
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
+    seconds = int(TIMEOUT_S)
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 

@@ -1,4 +1,4 @@
-"""A recording played onto a bus as the edges played it; only a flag tells the difference.
+"""Replay of a recording onto a bus.
 
 No transport is lossless for a slow receiver, however it is asked. So the recording behaves as
 an edge does: it is alive under the edge's name, tells what it holds (`request/account`), sends
@@ -37,7 +37,7 @@ from slowtime_services.bus import Bus, Query, Sample
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.feature_runs import Run, run_and_sequence
 
-from .feature_holdings import Holding, features_again, take_stock, words_of
+from .feature_holdings import RunFeatures, features_again, features_by_run, health_messages
 from .recording_reader import Contents, Recorded, contents, read_recording
 
 PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH, ASSET_EVENT, FATIGUE, VIRTUAL)
@@ -158,7 +158,7 @@ class _Player:
     ) -> None:
         self._path, self._bus = path, bus
         self._window, self._patience_s, self.stop = window, patience_s, stop
-        self._holdings = take_stock(path)
+        self._holdings = features_by_run(path)
         self._changed = threading.Condition()
         self._silent_s = 0.0
         self._believes = True
@@ -238,7 +238,7 @@ class _Player:
 
     def _remind(self) -> None:
         """Say how far each run is: a twin asks for what it missed, and acknowledges again."""
-        for run, health in words_of(self._holdings):
+        for run, health in health_messages(self._holdings):
             self._bus.publish(
                 HEALTH.key(run.site, run.asset),
                 encode(health),
@@ -294,7 +294,7 @@ class _Player:
                 for payload in features_again(self._path, run, holding, first, last):
                     yield FEATURES.key(run.site, run.asset), payload
 
-    def _asked(self, key: str, what: str) -> list[tuple[Run, Holding]]:
+    def _asked(self, key: str, what: str) -> list[tuple[Run, RunFeatures]]:
         return [
             (run, holding)
             for run, holding in self._holdings.items()

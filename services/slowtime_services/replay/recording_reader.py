@@ -1,4 +1,4 @@
-"""A recording in, its messages out, in the order they arrived."""
+"""Messages of a recording, in the order of their arrival."""
 
 import contextlib
 import dataclasses

@@ -1,4 +1,4 @@
-"""How a part of a simulated structure changes in slow time."""
+"""Laws by which a part of a simulated structure changes in slow time."""
 
 from collections.abc import Iterable
 from typing import Annotated, Literal

@@ -1,4 +1,4 @@
-"""What all simulated things are made of."""
+"""Field types of the settings of simulations."""
 
 from typing import Annotated
 

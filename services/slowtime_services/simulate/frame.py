@@ -1,4 +1,4 @@
-"""A shear frame whose storeys and floors age, each in its own way, heard by many sensors."""
+"""A simulated shear frame whose storeys and floors change in slow time."""
 
 import functools
 import math

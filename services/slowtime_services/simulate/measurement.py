@@ -1,4 +1,4 @@
-"""How a simulated structure is listened to: epochs, sensors, and what these spoil.
+"""Measurement of a simulated structure: epochs, sensors and their errors.
 
 Every epoch is made from its own stream of random numbers, so that epoch 1000 is the same
 whether or not the 999 before it were ever asked for.

@@ -1,4 +1,4 @@
-"""A model file shaken by a force that is measured, until something enters that it lacks.
+"""A simulated structure of a model file under measured forces.
 
 What it lacks is known to the simulator alone: the edge sees samples, the twin a model file.
 Effects and model files are imported where they are needed, since laws of force want a compiler

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from slowtime_services.bus import BusClosedError, BusUnreachableError, LateBus, MemoryBus
+from slowtime_services.bus import BackgroundBus, BusClosedError, BusUnreachableError, MemoryBus
 
 
 class Router:
@@ -22,13 +22,13 @@ class Router:
         return self.bus
 
 
-def connected(bus: LateBus) -> bool:
+def connected(bus: BackgroundBus) -> bool:
     return bus.connected
 
 
 def test_what_was_declared_before_there_was_a_bus_holds_once_there_is_one(caplog):
     router, heard, seen = Router(), [], []
-    with LateBus(router.opened, say_every_s=0.0) as late:
+    with BackgroundBus(router.opened, say_every_s=0.0) as late:
         late.subscribe("a/*", lambda sample: heard.append(sample.payload))
         closed = late.subscribe("a/*", lambda sample: heard.append(b"closed"))
         late.answer("q", lambda query: [(query.key, b"answer")])
@@ -59,7 +59,7 @@ def test_what_was_declared_before_there_was_a_bus_holds_once_there_is_one(caplog
 
 def test_one_that_never_opens_can_be_closed():
     router = Router()
-    late = LateBus(router.opened)
+    late = BackgroundBus(router.opened)
     assert router.asked.acquire(timeout=60)
     assert not late.wait(0.0)
     late.close()

@@ -9,7 +9,7 @@ import pytest
 
 from slowtime_services.files import RecordError, read_record
 from slowtime_services.files.binary import reader_process
-from slowtime_services.plugins import effect_kinds as effects
+from slowtime_services.plugins import effect_kinds
 from slowtime_services.plugins.discovery import PluginError, find, plugins
 from slowtime_services.plugins.plugin_process import PluginProcess
 
@@ -185,8 +185,10 @@ def test_files_that_slowtime_reads_are_given_to_nobody(installed, tmp_path):
 
 def test_an_effect_that_is_none_is_refused(installed):
     installed("effects", "odd", "bad_parts:nothing")
-    with pytest.raises(effects.EffectFileError, match=r"'odd' of bad-parts 1.0 holds no kind"):
-        effects.known(["odd"])
+    with pytest.raises(
+        effect_kinds.EffectFileError, match=r"'odd' of bad-parts 1.0 holds no kind"
+    ):
+        effect_kinds.known(["odd"])
 
 
 def test_the_process_ends_with_who_asked(installed):

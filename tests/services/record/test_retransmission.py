@@ -12,7 +12,7 @@ from slowtime_schemas.messages import Health
 from slowtime_schemas.streams import FEATURES, HEALTH, request_key
 from slowtime_services.bus import MemoryBus
 from slowtime_services.record import Recorder
-from slowtime_services.record.retransmission import Healer
+from slowtime_services.record.retransmission import Retransmission
 from slowtime_services.replay import read_recording
 
 KEY = FEATURES.key("lab", "beam")
@@ -108,7 +108,7 @@ def test_what_nobody_holds_any_more_is_counted_and_said(tmp_path, features_of, c
 def test_a_gap_is_asked_for_ever_more_rarely_and_then_given_up(features_of):
     bus = MemoryBus()
     edge = Edge(bus, features_of(9), held=set())
-    healer = Healer(bus, lambda sample: None, grace_s=0.01, tries=3)
+    healer = Retransmission(bus, lambda sample: None, grace_s=0.01, tries=3)
     for sequence in (0, 8):
         healer.note(KEY, edge.messages[sequence])
     healer.heal()
@@ -131,7 +131,7 @@ def test_a_gap_is_asked_for_ever_more_rarely_and_then_given_up(features_of):
 
 @given(order=st.permutations(range(12)), cut=st.integers(1, 12))
 def test_the_account_of_what_is_missing_is_exact(order, cut):
-    healer = Healer(MemoryBus(), lambda sample: None)
+    healer = Retransmission(MemoryBus(), lambda sample: None)
     come = order[:cut]
     for sequence in come:
         payload = {"site": "lab", "asset": "beam", "boot": "b1", "sequence": sequence}
@@ -144,7 +144,7 @@ def test_the_account_of_what_is_missing_is_exact(order, cut):
 
 @pytest.mark.parametrize("payload", [b"{", b"[]", b'{"site": 1}', b"\xff"])
 def test_what_cannot_be_read_is_no_part_of_the_account(payload):
-    healer = Healer(MemoryBus(), lambda sample: None)
+    healer = Retransmission(MemoryBus(), lambda sample: None)
     healer.note(KEY, payload)
     healer.note(HEALTH.key("lab", "beam"), payload)
     assert healer.missing == 0

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from slowtime.reliability import METHODS
-from slowtime_cli.verbs.models import reliability as verb
+from slowtime_cli.verbs.models import reliability
 
 EXAMPLE = Path(__file__).parents[3] / "docs/examples/column.yaml"
 BEAM = """slowtime_reliability: 1
@@ -29,7 +29,7 @@ def results(run, *arguments):
 
 
 def test_the_verb_knows_every_method():
-    assert tuple(METHODS) == verb.METHODS
+    assert tuple(METHODS) == reliability.METHODS
 
 
 def test_methods_stand_side_by_side_with_design_points(run, tmp_path):

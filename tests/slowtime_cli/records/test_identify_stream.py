@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.signal as sps
 
-from slowtime_cli.records import identify_stream as streaming
+from slowtime_cli.records import identify_stream
 
 RATE = 20.0
 
@@ -49,7 +49,7 @@ def test_a_stream_tells_the_modes_of_the_whole_record_within_their_errors(run, t
 
 
 def test_a_stream_says_on_its_way_how_far_it_is_and_what_it_knows(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(streaming, "FEWEST_S", 200.0)
+    monkeypatch.setattr(identify_stream, "MIN_REPORT_S", 200.0)
     path = record(tmp_path / "long.npy", 900)
     done = run("identify", path, "--rate-hz", "20", "--stream", "--band-hz", "2.2", "3.0")
     said = [line for line in done.err.splitlines() if "h read" in line]
@@ -67,7 +67,7 @@ def test_what_only_a_whole_record_tells_is_refused_of_a_stream(refused, tmp_path
 
 
 def test_a_long_file_becomes_a_stream_by_itself_and_says_so(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(streaming, "LONG_BYTES", 4096)
+    monkeypatch.setattr(identify_stream, "LONG_BYTES", 4096)
     path = record(tmp_path / "long.npy", 60)
     done = run("identify", path, "--rate-hz", "20", "--band-hz", "1", "3")
     assert "is read as a stream. --whole reads it at once" in done.err

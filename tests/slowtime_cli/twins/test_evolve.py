@@ -94,7 +94,7 @@ def test_a_pipe_gets_every_epoch_in_lines_of_fields(run, softening):
 
 def test_a_terminal_gets_a_table_of_some(run, softening, monkeypatch):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    monkeypatch.setattr("slowtime_cli.twins.evolve.ROWS", 20)
+    monkeypatch.setattr("slowtime_cli.twins.evolve.MAX_ROWS", 20)
     done = run("evolve", softening, "--nominal-hz", 5)
     assert done.out.count("±") == 40
     assert "every 3th of 60 epochs is shown; --out writes all of them." in done.err

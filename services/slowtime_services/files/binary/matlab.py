@@ -1,4 +1,4 @@
-"""What runs apart: a MATLAB file in, its numeric variables in a NumPy archive out."""
+"""The process that reads a MATLAB file into a NumPy archive."""
 
 import sys
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Named arrays out of NumPy files, with a bound on what they may unpack to."""
+"""Named arrays of NumPy files, with a bound on their unpacked size."""
 
 import zipfile
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Files whose readers are compiled and trust the file, read in a process of their own.
+"""A process of its own for readers that are compiled and trust the file.
 
 A damaged file can crash such a reader, and what crashes there must not take a server or a
 diagnosis with it. The process may take as much memory as it needs for `max_bytes`, and two

@@ -1,4 +1,4 @@
-"""Recognise binary files by their first bytes, and say how each is read."""
+"""First bytes of binary files, and advice how to read each kind."""
 
 import re
 import struct

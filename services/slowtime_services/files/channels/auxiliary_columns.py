@@ -12,25 +12,26 @@ from slowtime_services.files.sheet import Column
 from slowtime_services.files.times.time_axis import looks_like_time
 from slowtime_services.files.times.time_units import is_time_name, words_of
 
-FEWEST_ROWS = 8
-"""Rows from which the values of a column tell what it is."""
-MOST_SPARSE = 0.5
-"""Share of missing values from which a column was sampled more slowly than the record."""
-SAME_STEP = 0.9
-"""Share of equal steps of a counter; the rest is lost rows and new beginnings."""
-SAMPLE_ROWS = 256
-"""Rows on which magnitudes are looked for."""
-NEAR = 2e-3
-"""Deviation from the square root of a sum of squares, in its largest value, that printing with
-four digits leaves."""
-MOST_CHANNELS = 12
-"""Columns among which the components of a magnitude are looked for."""
+MIN_ROWS = 8
+"""Rows from which the values of a column tell what it is [1]."""
+SPARSE_SHARE = 0.5
+"""Share of missing values [1] from which a column was sampled more slowly than the record."""
+COUNTER_STEP_SHARE = 0.9
+"""Least share of equal steps of a counter [1]; the rest is lost rows and restarts."""
+MAGNITUDE_ROWS = 256
+"""Rows on which magnitudes are looked for [1]."""
+MAGNITUDE_TOLERANCE = 2e-3
+"""Deviation from the square root of a sum of squares over its largest value [1]: what printing
+with four digits leaves."""
+MAX_MAGNITUDE_COLUMNS = 12
+"""Columns among which the components of a magnitude are looked for [1]."""
 
 SLOW = "slow by its name or unit, as a temperature or a battery, and no vibration"
 """Reason for which a column that tells of surroundings is set aside."""
 UNITS_DEGREES = frozenset(("°c", "degc", "deg c", "°f", "degf", "%rh", "hpa", "mbar"))
-SMOOTH = 0.05
-"""Mean square step, in variances, up to which a column whose unit says little is slow."""
+SLOW_STEP_RATIO = 0.05
+"""Mean square step over the variance [1], up to which a column whose unit says little is
+slow."""
 COUNTER = "a counter"
 """Reason for which a column that counts rows is set aside."""
 _COUNTER_WORDS = frozenset(
@@ -40,8 +41,9 @@ _COUNTER_WORDS = frozenset(
     "序号".split()
 )
 _BESIDE_COUNTER = frozenset("of the 0 1 data loop total raw global".split())
-MOST_REPEATED = 0.02
-"""Share of steps forwards of a column that is called a counter, below which it is a state."""
+MIN_FORWARD_SHARE = 0.02
+"""Share of forward steps [1] below which a column that is called a counter is taken for a
+state."""
 _MAGNITUDE = re.compile(
     r"absolut|magnitude|resultant|betrag|vector\s*sum|"
     r"(?<![a-z])(?:norm|total|modulus|amag|svm|rss|vm)(?![a-z])|\|",
@@ -106,7 +108,7 @@ def is_slow(column: Column, name: str) -> bool:
         return False
     values = np.asarray(column.values, dtype=float)
     spread = float(np.var(values))
-    return float(np.mean(np.diff(values) ** 2)) <= SMOOTH * spread if spread else True
+    return float(np.mean(np.diff(values) ** 2)) <= SLOW_STEP_RATIO * spread if spread else True
 
 
 def _reason(column: Column, name: str, sparse: bool, unnamed_clocks: bool) -> str:
@@ -121,17 +123,17 @@ def _reason(column: Column, name: str, sparse: bool, unnamed_clocks: bool) -> st
     lost = float((~np.isfinite(numbers)).mean())
     if lost == 1 and sparse:
         return "empty"
-    if lost > MOST_SPARSE and sparse:
+    if lost > SPARSE_SHARE and sparse:
         return f"sampled more slowly, {100 * lost:.0f} % of its rows are empty"
     if lost:
         return ""
     steps = np.diff(numbers)
-    onwards = steps.any() and (steps >= 0).mean() > SAME_STEP
+    onwards = steps.any() and (steps >= 0).mean() > COUNTER_STEP_SHARE
     if onwards and is_time_name(name):
         return "a second column of times"
     if is_counter(numbers, name):
         return COUNTER
-    if unnamed_clocks and len(numbers) >= 2 * FEWEST_ROWS and looks_like_time(numbers):
+    if unnamed_clocks and len(numbers) >= 2 * MIN_ROWS and looks_like_time(numbers):
         return "grows as evenly as a clock"
     return ""
 
@@ -151,9 +153,9 @@ def is_counter(values: Float[np.ndarray, " time"], name: str) -> bool:
     said = any(word in _COUNTER_WORDS for word in words)
     named = all(word in _COUNTER_WORDS or word in _BESIDE_COUNTER for word in words)
     back, forth = np.count_nonzero(steps < 0), np.count_nonzero(steps > 0)
-    if said and named and forth > 50 * back and forth > MOST_REPEATED * len(steps):
+    if said and named and forth > 50 * back and forth > MIN_FORWARD_SHARE * len(steps):
         return True
-    return len(values) >= FEWEST_ROWS and float((steps == 1).mean()) >= SAME_STEP
+    return len(values) >= MIN_ROWS and float((steps == 1).mean()) >= COUNTER_STEP_SHARE
 
 
 def _is_constant(column: Column) -> bool:
@@ -165,18 +167,18 @@ def _magnitudes(columns: Sequence[Column], names: Sequence[str]) -> dict[int, st
     """Columns that are the length of a vector of others."""
     found: dict[int, str] = {}
     numbers = [np.asarray(c.values, dtype=float) for c in columns]
-    if len(columns) < 3 or len(numbers[0]) < FEWEST_ROWS:
+    if len(columns) < 3 or len(numbers[0]) < MIN_ROWS:
         return found
     whole = np.flatnonzero(np.isfinite(np.column_stack(numbers)).all(axis=1))
-    if len(whole) < FEWEST_ROWS:
+    if len(whole) < MIN_ROWS:
         return found
-    rows = whole[np.linspace(0, len(whole) - 1, min(SAMPLE_ROWS, len(whole))).astype(int)]
+    rows = whole[np.linspace(0, len(whole) - 1, min(MAGNITUDE_ROWS, len(whole))).astype(int)]
     sample = [values[rows] for values in numbers]
     for place, values in enumerate(sample):
         if not (values >= 0).all() or not values.any():
             continue
         others = [i for i in range(len(sample)) if i != place and i not in found]
-        parts = _components(values, [sample[i] for i in others[:MOST_CHANNELS]])
+        parts = _components(values, [sample[i] for i in others[:MAX_MAGNITUDE_COLUMNS]])
         if parts is not None:
             of = ", ".join(names[others[i]] for i in parts)
             found[place] = f"the magnitude of {of}"
@@ -193,7 +195,7 @@ def _components(
     """Which of `others` make up a magnitude, if any two or three do."""
     squares = [other**2 for other in others]
     target = values**2
-    bound = NEAR * float(target.max())
+    bound = MAGNITUDE_TOLERANCE * float(target.max())
     for size in (3, 2):
         for parts in itertools.combinations(range(len(others)), size):
             if np.abs(sum(squares[i] for i in parts) - target).max() <= bound and all(

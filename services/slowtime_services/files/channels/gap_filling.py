@@ -1,4 +1,4 @@
-"""A record with short losses in; the same without them out, where its spectrum allows that."""
+"""Estimation of the samples in short gaps, where the spectrum allows it."""
 
 import dataclasses
 import itertools
@@ -9,14 +9,14 @@ import numpy as np
 from slowtime.signals.bridging import bridge
 from slowtime_services.files.record import Gap, Record
 
-LONGEST_LOSS = 10
-"""Samples of a loss that may be bridged. Packets of wireless and serial sensors hold some."""
-MOST_LOST = 0.1
-"""Share of samples that may be missing in all."""
-MOST_ADDED = 0.02
-"""Noise that estimates may add, in the variance of the record: that of a sensor with 17 dB
-between signal and noise. Losing 2 in 60 samples of white noise, which tell nothing, adds
-0.033."""
+MAX_GAP_SAMPLES = 10
+"""Longest gap that is filled [samples]. Packets of wireless and serial sensors hold some."""
+MAX_MISSING_SHARE = 0.1
+"""Share of samples of a record that may be missing [1]."""
+MAX_ADDED_NOISE = 0.02
+"""Error variance that filling may add, over the variance of the record [1]: that of a sensor
+with 17 dB between signal and noise. Losing 2 in 60 samples of white noise, which tell nothing,
+adds 0.033."""
 MARK = "bridged"
 """Flag of what was found in a record whose losses were bridged."""
 
@@ -29,18 +29,18 @@ def bridged(record: Record) -> tuple[Record, str]:
     The record, with the losses that stay as its gaps, and a sentence; the record as given and
     an empty sentence where no loss is short.
     """
-    short = [gap for gap in record.gaps if gap.missing <= LONGEST_LOSS]
+    short = [gap for gap in record.gaps if gap.missing <= MAX_GAP_SAMPLES]
     missing = sum(gap.missing for gap in short)
     total = len(record.samples) + missing
     samples = np.asarray(record.samples, dtype=float)
     if not short or not np.isfinite(samples).all():
         return record, ""
-    if missing > MOST_LOST * total:
+    if missing > MAX_MISSING_SHARE * total:
         return record, _not_bridged(missing, total, "too many")
     present = np.ones(total, dtype=bool)
     long_gaps, late = [], 0
     for gap in record.gaps:
-        if gap.missing <= LONGEST_LOSS:
+        if gap.missing <= MAX_GAP_SAMPLES:
             present[gap.row + late : gap.row + late + gap.missing] = False
             late += gap.missing
         else:
@@ -48,7 +48,7 @@ def bridged(record: Record) -> tuple[Record, str]:
     spread = np.zeros((total, samples.shape[1]))
     spread[present] = samples
     error = _fill(spread, present, [gap.row for gap in long_gaps])
-    if error is None or error * missing > MOST_ADDED * total:
+    if error is None or error * missing > MAX_ADDED_NOISE * total:
         return record, _not_bridged(missing, total, "too far from what their neighbours tell")
     level = f"{10 * math.log10(max(error, 1e-12)):.0f} dB"
     said = (

@@ -1,23 +1,23 @@
-"""Rows and values that are missing: found, refused or left out, and how that is said."""
+"""Missing rows and values: found, and refused or left out as gaps."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slowtime_services.files.reading_options import Missing
+from slowtime_services.files.reading_options import MissingPolicy
 from slowtime_services.files.record import Gap, RecordError, Values
 from slowtime_services.files.sheet import Column, Sheet
 from slowtime_services.files.times.time_axis import unwrapped
 
-from . import auxiliary_columns as roles
+from . import auxiliary_columns
 
-MOST_MISSING = 0.2
+MAX_MISSING_SHARE = 0.2
 """Share of rows that may lack a value and be left out; beyond it, the file is to be mended."""
 
 
 def rows_missing(
-    file: str, sheet: Sheet, kept: Sequence[int], missing: Missing
+    file: str, sheet: Sheet, kept: Sequence[int], missing: MissingPolicy
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Rows in which a channel has no finite value."""
     lost = np.zeros(len(sheet.columns[0].values), dtype=bool)
@@ -28,11 +28,11 @@ def rows_missing(
         if bad.any() and not missing.keep and (infinite or not missing.skip):
             raise _not_finite(file, sheet.names[place], column, bad)
         lost |= bad
-    if missing.skip and lost.mean() > MOST_MISSING:
+    if missing.skip and lost.mean() > MAX_MISSING_SHARE:
         raise RecordError(
             f"{file}: in {100 * lost.mean():.0f} % of its rows a value is missing; at most "
-            f"{100 * MOST_MISSING:.0f} % are left out as gaps. Leave out the columns that lack "
-            "them with --channels, or fill them in."
+            f"{100 * MAX_MISSING_SHARE:.0f} % are left out as gaps. Leave out the columns that "
+            "lack them with --channels, or fill them in."
         )
     return lost
 
@@ -71,11 +71,15 @@ def gaps_of_counter(
 ) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
     """Gaps where a counter of rows leaves numbers out, and how that is said."""
     for name, column in zip(sheet.names, sheet.columns, strict=True):
-        if why.get(name) != roles.COUNTER:
+        if why.get(name) != auxiliary_columns.COUNTER:
             continue
         counts, _ = unwrapped(np.asarray(column.values))
         steps = np.diff(counts.astype(float))
-        if len(steps) and (steps >= 1).all() and (steps == 1).mean() >= roles.SAME_STEP:
+        if (
+            len(steps)
+            and (steps >= 1).all()
+            and (steps == 1).mean() >= auxiliary_columns.COUNTER_STEP_SHARE
+        ):
             gaps = tuple(
                 Gap(int(at) + 1, int(steps[at]) - 1) for at in np.flatnonzero(steps > 1)
             )
@@ -91,10 +95,10 @@ def gaps_of(rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Iterator[Gap]:
         yield Gap(int(at) + 1, int(jumps[at]))
 
 
-def say_missing(
+def describe_missing(
     values: Sequence[Values],
     lost: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    missing: Missing,
+    missing: MissingPolicy,
 ) -> str:
     """Say how many values are missing, or rows that were left out."""
     if missing.skip:
@@ -104,7 +108,7 @@ def say_missing(
     return f"{count} values are missing."
 
 
-def say_gaps(gaps: tuple[Gap, ...]) -> str:
+def describe_gaps(gaps: tuple[Gap, ...]) -> str:
     """Say how many samples are missing, and where the first gap is."""
     missing = sum(gap.missing for gap in gaps)
     samples = "1 sample is" if missing == 1 else f"{missing} samples are"

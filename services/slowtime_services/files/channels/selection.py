@@ -1,22 +1,22 @@
-"""Columns of a sheet in; those that are channels, with their units, out."""
+"""Selection of the columns that are channels, with their units."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from slowtime_services.files.reading_options import ALL, Said
+from slowtime_services.files.reading_options import ALL, ReadingOptions
 from slowtime_services.files.record import NAMES_SLOW, RecordError, Values, find_column
 from slowtime_services.files.sheet import Sheet
 from slowtime_services.files.times.time_units import is_time_name
 
-from . import auxiliary_columns as roles
+from . import auxiliary_columns
 
-LONGEST_PERIOD = 64
-"""Sensors of which the rows of a file may be in turn."""
+MAX_SENSORS_IN_TURN = 64
+"""Sensors whose rows may alternate in a file [1]."""
 
 
-def kept_of(
-    file: str, sheet: Sheet, said: Said, clocks: frozenset[int], *, sparse: bool
+def select_channels(
+    file: str, sheet: Sheet, said: ReadingOptions, clocks: frozenset[int], *, sparse: bool
 ) -> tuple[tuple[int, ...], dict[str, str]]:
     """Columns to keep as channels, and why others are not."""
     names = sheet.names
@@ -29,7 +29,7 @@ def kept_of(
     }  # fmt: skip
     apart = {
         place: reason
-        for place, reason in roles.aside(
+        for place, reason in auxiliary_columns.aside(
             sheet.columns,
             names,
             clocks,
@@ -97,8 +97,8 @@ def refuse_several_sensors(file: str, sheet: Sheet) -> None:
 
 def _period(values: Values) -> int:
     """Rows after which a column of few words or whole numbers repeats; 0 where it does not."""
-    few = list(values[: 2 * LONGEST_PERIOD])
-    for period in range(2, min(LONGEST_PERIOD, len(values) // 3) + 1):
+    few = list(values[: 2 * MAX_SENSORS_IN_TURN])
+    for period in range(2, min(MAX_SENSORS_IN_TURN, len(values) // 3) + 1):
         if few[period : 2 * period] == few[:period] and len(set(few[:period])) == period:
             return period if bool(np.all(values[period:] == values[:-period])) else 0
     return 0

@@ -1,23 +1,23 @@
-"""Whether the columns of a table are channels, or one series written several values a line."""
+"""Tables that hold one series, several values a line."""
 
 import numpy as np
 from jaxtyping import Float
 
-FEWEST_ROWS = 24
-"""Rows from which statistics tell."""
-MOST_SPREAD = 3.0
+MIN_ROWS = 24
+"""Rows from which the statistics below are computed [1]."""
+MAX_VARIANCE_RATIO = 3.0
 """Ratio of the columns' variances up to which they may be parts of one series. Of n rows with
 few independent values each, a variance scatters by some tens of percent; channels of one
 structure often differ by more."""
-CLOSE = 0.6
-"""Mean square step between neighbouring columns, in that of unrelated values, up to which they
-follow one another."""
-LARGEST_SPREAD = 10.0
-"""Ratio of the columns' variances beyond which they are no parts of one series."""
-EVEN = 1.5
-"""Largest step of times, in the usual one, of pairs that are written several a line."""
-SEAM = 2.5
-"""Ratio of the step from the end of a line to the next, and those within a line."""
+MAX_STEP_RATIO = 0.6
+"""Mean square step between neighbouring columns over that of unrelated values [1], up to which
+the columns follow one another."""
+EXCLUDING_VARIANCE_RATIO = 10.0
+"""Ratio of the columns' variances [1] beyond which they are no parts of one series."""
+MAX_TIME_STEP_RATIO = 1.5
+"""Largest step of times over the median step [1], of pairs that are written several a line."""
+MAX_SEAM_RATIO = 2.5
+"""Step from the end of a line to the next over the steps within a line [1]."""
 
 
 def looks_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
@@ -29,10 +29,10 @@ def looks_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
     each is nearer to its own past.
     """
     rows, width = values.shape
-    if rows < FEWEST_ROWS or width < 3 or not np.isfinite(values).all():
+    if rows < MIN_ROWS or width < 3 or not np.isfinite(values).all():
         return False
     variances = values.var(axis=0)
-    if not (variances > 0).all() or variances.max() > MOST_SPREAD * variances.min():
+    if not (variances > 0).all() or variances.max() > MAX_VARIANCE_RATIO * variances.min():
         return False
     total = float(values.var())
     within = np.mean(np.diff(values, axis=1) ** 2, axis=0)
@@ -42,23 +42,23 @@ def looks_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
     if typical == 0:
         return False
     return bool(
-        typical < CLOSE * 2 * total
-        and 1 / SEAM < seam / typical < SEAM
-        and within.max() < SEAM * within.min()
+        typical < MAX_STEP_RATIO * 2 * total
+        and 1 / MAX_SEAM_RATIO < seam / typical < MAX_SEAM_RATIO
+        and within.max() < MAX_SEAM_RATIO * within.min()
         and typical <= down
     )
 
 
 def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
     """Whether each column is nearer to its own past than to its neighbours."""
-    if len(values) < FEWEST_ROWS or not np.isfinite(values).all():
+    if len(values) < MIN_ROWS or not np.isfinite(values).all():
         return False
     variances = values.var(axis=0)
-    if variances.max() > LARGEST_SPREAD * max(float(variances.min()), 1e-300):
+    if variances.max() > EXCLUDING_VARIANCE_RATIO * max(float(variances.min()), 1e-300):
         return True
     within = float(np.mean(np.diff(values, axis=1) ** 2))
     down = float(np.mean(np.diff(values, axis=0) ** 2))
-    return down < CLOSE * within
+    return down < MAX_STEP_RATIO * within
 
 
 def pairs_of_time_and_value(
@@ -75,7 +75,9 @@ def pairs_of_time_and_value(
     if len(tail) % 2 == 0 and tail:
         flat = np.concatenate([flat, np.asarray(tail).reshape(-1, 2)])
     steps = np.diff(flat[:, 0])
-    even = (steps > 0).all() and steps.max() <= EVEN * max(float(np.median(steps)), 0.0)
+    even = (steps > 0).all() and steps.max() <= MAX_TIME_STEP_RATIO * max(
+        float(np.median(steps)), 0.0
+    )
     return flat if even else None
 
 

@@ -1,4 +1,4 @@
-"""Which columns tell when each row was taken: stamps, dates beside times, counts of a clock."""
+"""Columns that may be the clock of a sheet: stamps, dates beside times, counters."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -74,7 +74,7 @@ class Clock:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class ClockReading:
     """What the chosen clock tells, and which columns are clocks."""
 
     clock: Clock | None
@@ -84,14 +84,14 @@ class Told:
     notes: tuple[str, ...] = ()
 
 
-def tell(
+def read_clock(
     sheet: Sheet,
     names: tuple[str, ...],
     given: str | None,
     *,
     unit: str | None = None,
     stated_rate_hz: float | None = None,
-) -> Told:
+) -> ClockReading:
     """Read the clock of a sheet: the one named, else the first by name or form that works.
 
     Parameters
@@ -104,7 +104,7 @@ def tell(
         The heading's rate, which can decide between units.
     """
     if given is not None and given.casefold() == "none":
-        return Told(None, None, frozenset())
+        return ClockReading(None, None, frozenset())
     only = None if given is None else find_column(given, names)
     read: list[tuple[Clock, TimeAxis]] = []
     refusals: list[RecordError] = []
@@ -122,7 +122,7 @@ def tell(
             if not attempt.named and only is None:
                 refusals.pop()
     if not read:
-        return Told(None, None, frozenset(times), refusals[0] if refusals else None)
+        return ClockReading(None, None, frozenset(times), refusals[0] if refusals else None)
     # Of several clocks, one with all its digits tells more than one whose times repeat.
     read.sort(key=lambda pair: (not pair[0].named, bool(pair[1].notes), not pair[0].sure))
     clock, axis = read[0]
@@ -130,7 +130,7 @@ def tell(
     if axis.start_ns is None:
         dated = [other.start_ns for _, other in read[1:] if other.start_ns is not None]
         axis = dataclasses.replace(axis, start_ns=dated[0] if dated else None)
-    return Told(clock, axis, frozenset(times | set(clock.columns)), None, clock.notes)
+    return ClockReading(clock, axis, frozenset(times | set(clock.columns)), None, clock.notes)
 
 
 def _refuse_other_rates(read: Sequence[tuple[Clock, TimeAxis]]) -> None:

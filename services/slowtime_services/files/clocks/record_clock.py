@@ -1,4 +1,4 @@
-"""Clock of a sheet held against what a person says: time axis, start, and their words."""
+"""The clock of a record, checked against the options that a user gives."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -7,13 +7,13 @@ import numpy as np
 
 from slowtime_services.files import plausibility
 from slowtime_services.files.headings.sampling import Facts
-from slowtime_services.files.reading_options import Said
+from slowtime_services.files.reading_options import ReadingOptions
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Sheet
 from slowtime_services.files.times.time_axis import TimeAxis, UnevenError
 from slowtime_services.files.times.time_units import is_time_name
 
-from . import candidates as clock
+from . import candidates
 
 BY_CLOCK = "time from column"
 """Begins the assumption of a record whose clock is one of its columns."""
@@ -22,13 +22,13 @@ FAR_S, FAR = 1.0, 0.01
 counted from the start that a heading states."""
 
 
-def tell(sheet: Sheet, said: Said) -> clock.Told:
+def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
     """Tell the clock apart; rows that are one series have none."""
     if said.wrapped:
-        return clock.Told(None, None, frozenset())
+        return candidates.ClockReading(None, None, frozenset())
     stated = {value for fact in sheet.facts.of("rate") for value in fact.values}
     stated |= {1 / value for fact in sheet.facts.of("interval") for value in fact.values}
-    return clock.tell(
+    return candidates.read_clock(
         sheet,
         sheet.names,
         said.time_column,
@@ -38,7 +38,7 @@ def tell(sheet: Sheet, said: Said) -> clock.Told:
 
 
 def axis_of(
-    told: clock.Told, said: Said, facts: Facts
+    told: candidates.ClockReading, said: ReadingOptions, facts: Facts
 ) -> tuple[TimeAxis | None, tuple[str, ...]]:
     """Give what the clock says; a rate that was given overrules it."""
     notes = told.notes
@@ -64,7 +64,7 @@ def axis_of(
 
 
 def start_of(
-    sheet: Sheet, axis: TimeAxis | None, told: clock.Told
+    sheet: Sheet, axis: TimeAxis | None, told: candidates.ClockReading
 ) -> tuple[int | None, tuple[str, ...]]:
     """Give the start by the clock, else by the heading, and how the latter is said."""
     if axis is not None and axis.start_ns is not None:
@@ -110,7 +110,9 @@ def no_clock(sheet: Sheet) -> str:
     return f"no time column was found among {', '.join(names)}"
 
 
-def said_of(told: clock.Told, axis: TimeAxis | None, why: dict[str, str]) -> Iterator[str]:
+def clock_words(
+    told: candidates.ClockReading, axis: TimeAxis | None, why: dict[str, str]
+) -> Iterator[str]:
     """Say what was taken for granted of the columns."""
     if told.clock is not None and axis is not None:
         yield f"{BY_CLOCK} {told.clock.said}"

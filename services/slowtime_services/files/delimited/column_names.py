@@ -1,4 +1,4 @@
-"""Names and units of columns, from the lines above the rows that are a heading."""
+"""Names and units of columns, from the lines above the rows."""
 
 import re
 from collections.abc import Sequence

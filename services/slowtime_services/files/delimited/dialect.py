@@ -1,4 +1,4 @@
-"""How one text file writes its rows: delimiter, decimal mark, and kinds of fields."""
+"""The dialect of a text file: delimiter, decimal mark and kinds of fields."""
 
 import csv
 import dataclasses
@@ -15,9 +15,9 @@ LONGEST_FIELD = 64
 """Characters of the longest number or stamp; what is longer is words."""
 LONGEST_LINE = 200_000
 """Characters of a line from which it is not looked at as a row of the head."""
-LONGEST_REPEAT = 0.5
-"""Share of different words in a column from which it is a heading's text, not a state that a
-logger repeats."""
+MAX_DISTINCT_SHARE = 0.5
+"""Share of different words in a column [1] from which it is a heading's text, not a state that
+a logger repeats."""
 
 Kind = Literal["number", "missing", "stamp", "date", "clock", "word"]
 
@@ -219,7 +219,7 @@ def _longest_run(head: Sequence[str], dialect: Dialect) -> _Run | None:
         for seen, field, kind in zip(words, fields, kinds, strict=True):
             if kind == "word":
                 seen.add(field)
-        repeated = all(len(seen) <= max(1, LONGEST_REPEAT * length) for seen in words)
+        repeated = all(len(seen) <= max(1, MAX_DISTINCT_SHARE * length) for seen in words)
         if repeated and (best is None or length > best.length):
             best = _Run(first, length, tuple(kinds))
     return best

@@ -1,4 +1,4 @@
-"""Bytes of a text file in, text out: byte order marks, UTF-16 without one, old code pages."""
+"""Character encoding of a text file: byte order marks, UTF-16, old code pages."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Text of any delimiter, with or without header: found out by looking at its first lines."""
+"""Conversion of text of any delimiter to a sheet."""
 
 import io
 import re

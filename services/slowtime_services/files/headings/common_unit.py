@@ -1,4 +1,4 @@
-"""The unit that a heading states of all samples, in words rather than beside their names."""
+"""The unit of all samples, as a heading states it."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""When a record began, by a line of its heading: a key of a start, and a date with a time."""
+"""The time of the first sample, as a heading states it."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Words and units with which headings state rates, intervals, numbers and durations.
+"""Words and units by which headings state rates, intervals, counts and durations.
 
 Each list holds regular expressions of what stands before or behind a figure, in the languages
 of the loggers that were met: English, German, French, Spanish, Italian, Portuguese, Dutch,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-MOST_DEEP = 6
-"""Levels of a message that are looked at."""
+MAX_DEPTH = 6
+"""Levels of a message that are looked at [1]."""
 _ACCELERATION = re.compile(r"linear_?acc|accel|(?<![a-z])acc(?![a-z])", re.I)
 _ANGULAR = re.compile(r"angular_?vel|gyro|(?<![a-z])rate(?![a-z])", re.I)
 _IN_SI = re.compile(r"linear_?acceleration|angular_?velocity", re.I)
@@ -25,7 +25,7 @@ def vectors_of(message: Any) -> list[Field]:
 
 
 def _vectors(value: Any, name: str, depth: int) -> Iterator[Field]:
-    if not isinstance(value, Mapping) or depth > MOST_DEEP:
+    if not isinstance(value, Mapping) or depth > MAX_DEPTH:
         return
     vector = _vector(value)
     if vector is not None:

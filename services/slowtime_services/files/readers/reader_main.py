@@ -1,4 +1,4 @@
-"""What runs apart: one file in, what its reader finds in a NumPy archive out."""
+"""The process that runs one reader and writes what it finds to a NumPy archive."""
 
 import importlib
 import logging

@@ -1,4 +1,4 @@
-"""Series of any rates and starts in, one sheet of columns that were sampled together out."""
+"""Selection of the series of a file that were sampled together."""
 
 import dataclasses
 import itertools
@@ -18,10 +18,10 @@ SLOWER = 10.0
 """Times by which a series is sampled more slowly, or is shorter, that is set aside unasked: a
 temperature beside accelerations, say."""
 
-FEWEST = 2
-"""Values of a series."""
-SAME_RATE = 1e-3
-"""Relative difference of rates from which a file contradicts itself."""
+MIN_VALUES = 2
+"""Values that a series has at least [1]."""
+RATE_TOLERANCE = 1e-3
+"""Relative difference of rates [1] from which a file contradicts itself."""
 Key = tuple[float | None, int, int | None]
 
 
@@ -34,7 +34,7 @@ def sheet_of(file: str, kind: str, found: Found, wanted: tuple[str, ...] | None)
         Where there is none, or several groups might be meant: it names them.
     """
     found = dataclasses.replace(
-        found, series=[one for one in found.series if len(one.values) >= FEWEST]
+        found, series=[one for one in found.series if len(one.values) >= MIN_VALUES]
     )
     if not found.series:
         raise RecordError(f"{file} is {kind} without any series of numbers. Give another file.")
@@ -65,7 +65,7 @@ def _facts(rate: float, found: Found) -> Iterator[Fact]:
     """Tell the rate of the series, and what contradicts it elsewhere in the file."""
     yield Fact("rate", (rate,), f"{rate:g} Hz", 0, 2)
     for figure in found.figures:
-        if abs(figure.rate_hz / rate - 1.0) > SAME_RATE:
+        if abs(figure.rate_hz / rate - 1.0) > RATE_TOLERANCE:
             yield Fact("rate", (figure.rate_hz,), f"{figure.text} {figure.rate_hz:g} Hz", 0, 2)
 
 

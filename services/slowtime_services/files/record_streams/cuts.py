@@ -1,4 +1,4 @@
-"""Long file in; pieces out, files of its own kind, each with the heading of the whole."""
+"""Cuts of a long file into pieces of its own kind."""
 
 from pathlib import Path
 from typing import Any

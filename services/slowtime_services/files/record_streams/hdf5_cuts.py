@@ -1,4 +1,4 @@
-"""HDF5 files cut into HDF5 files: slices of the long datasets, all else as it is."""
+"""Cuts of an HDF5 file into HDF5 files."""
 
 import contextlib
 from collections.abc import Iterator

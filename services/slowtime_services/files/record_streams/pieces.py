@@ -1,4 +1,4 @@
-"""What the pieces of a long file are, and where they begin and end."""
+"""Pieces of a long file, and their edges."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

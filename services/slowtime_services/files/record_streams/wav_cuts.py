@@ -1,4 +1,4 @@
-"""WAV files cut into WAV files: frames as they stand, behind a header of their own."""
+"""Cuts of a WAV file into WAV files."""
 
 import struct
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Dates and times written as text, as nanoseconds."""
+"""Dates and times written as text, converted to nanoseconds."""
 
 import dataclasses
 import datetime

@@ -1,4 +1,4 @@
-"""From a column of times to a rate, a start, and what is missing; or to the reason why not."""
+"""Rate, start and gaps of a column of times; or why they cannot be told."""
 
 import dataclasses
 
@@ -18,32 +18,36 @@ __all__ = [
     "unwrapped",
 ]
 
-MOST_JITTER = 0.25
+MAX_JITTER_STEPS = 0.25
 """Root mean square deviation from a constant step [steps] beyond which samples may have
 changed places with their neighbours' instants: a uniform deviation over half a step either way
 has 0.29."""
-MOST_MISSING = 0.2
-"""Share of instants without a sample from which many short losses are bursts, not losses."""
-FEWEST_IN_A_ROW = 64
-"""Median length of runs without a loss from which any share may be missing: pauses between
-long runs are no bursts."""
-PAUSE = 4.0
-"""Steps, in the usual one, from which there is a pause between bursts."""
-REGULAR = 0.3
-"""Relative scatter of the lengths of bursts, beyond which they are called uneven instead."""
-FEWEST_REPEATED = 0.3
-"""Share of rows that repeat the time above them, from which the column has too few digits."""
-ONE_DIGIT = 1.05
-"""Range of deviations, in the last digit, that rounding or cutting off leaves."""
-FINE = 2e-3
-"""Last digit, in the length of the record, that leaves the rate sure enough to be used where
-times repeat."""
-MOST_SCATTER = 0.7
+BURST_MISSING_SHARE = 0.2
+"""Share of instants without a sample [1] from which many short losses are bursts, not
+losses."""
+LONG_RUN_SAMPLES = 64
+"""Median length of runs without a loss [samples] from which any share may be missing: pauses
+between long runs are no bursts."""
+PAUSE_STEPS = 4.0
+"""Step over the median step [1] from which there is a pause between bursts."""
+BURST_LENGTH_SCATTER = 0.3
+"""Relative scatter of the lengths of bursts [1], beyond which they are called uneven
+instead."""
+REPEATED_TIME_SHARE = 0.3
+"""Share of rows that repeat the time above them [1], from which the column has too few
+digits."""
+MAX_ROUNDING_DIGITS = 1.05
+"""Range of deviations [units of the last digit] that rounding or cutting off leaves."""
+MAX_DIGIT_SHARE = 2e-3
+"""Last digit over the length of the record [1] that leaves the rate sure enough to be used
+where times repeat."""
+MAX_SCATTER_STEPS = 0.7
 """Range of deviations from an even clock [steps] without a gap. A sample that is missing in the
 middle of a record makes 1."""
 _WRAPS = (2.0**32, 2.0**31, 2.0**24, 2.0**16, 2.0**15, 2.0**8)
 """Counts at which the counters of loggers begin anew."""
 _DECIMAL_PLACES = 12
+"""Decimal places that are tried for the last digit of printed times [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -155,18 +159,18 @@ def read_time(
     even = _even_step(seconds, instants)
     # Where the last digit is the step itself, a step of two is a loss, not rounding.
     coarse = bool(digit) and abs(digit / even - 1) > 0.1 and (np.diff(seconds) >= 0).all()
-    printed = coarse and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
+    printed = coarse and _scatter(seconds, instants, even) <= MAX_ROUNDING_DIGITS * digit
     if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
         spread = _spread(seconds, name)
         if spread is not None:
             seconds, said = spread
             notes, even = (said,), _even_step(seconds, instants)
-        elif not (printed and digit <= FINE * seconds[-1]):
+        elif not (printed and digit <= MAX_DIGIT_SHARE * seconds[-1]):
             _refuse_repeated(seconds, name, first_line)
     if not printed:
         _refuse_disorder(values, seconds, name, first_line)
     step = even
-    if not printed and _scatter(seconds, instants, even) > MOST_SCATTER * even:
+    if not printed and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
         step = float(np.median(np.diff(seconds)))
         for _ in range(3):
             instants = np.concatenate(([0], np.cumsum(np.round(np.diff(seconds) / step))))
@@ -178,13 +182,14 @@ def read_time(
     deviation = seconds / step - instants
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
     scattered = _are_scattered(jumps)
-    if (jitter > MOST_JITTER and not printed) or (jumps < 0).any() or scattered:
+    if (jitter > MAX_JITTER_STEPS and not printed) or (jumps < 0).any() or scattered:
         raise UnevenError(
             f"The times in column {name!r} are too uneven for one sampling rate: they deviate "
-            f"by {jitter:.2g} steps (rms) from a step of {step:.6g} s (at most {MOST_JITTER:g}"
-            f"), and {int(jumps[jumps > 0].sum())} samples would be missing. {count} samples "
-            f"in {seconds[-1]:.6g} s are {1 / _mean(seconds):.6g} Hz on average. Resample "
-            "the record, or give --rate-hz if the column is not the clock.",
+            f"by {jitter:.2g} steps (rms) from a step of {step:.6g} s (at most "
+            f"{MAX_JITTER_STEPS:g}), and {int(jumps[jumps > 0].sum())} samples would be "
+            f"missing. {count} samples in {seconds[-1]:.6g} s are "
+            f"{1 / _mean(seconds):.6g} Hz on average. Resample the record, or give --rate-hz if "
+            "the column is not the clock.",
             1 / _mean(seconds),
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
@@ -195,8 +200,8 @@ def read_time(
 def _are_scattered(jumps: Float[np.ndarray, " gap"]) -> bool:
     """Whether much is missing, and in so many places that few samples follow each other."""
     places = np.flatnonzero(jumps > 0)
-    much = jumps[places].sum() > MOST_MISSING * (len(jumps) + 1 + jumps.sum())
-    return bool(much and len(places) > 1 and np.median(np.diff(places)) < FEWEST_IN_A_ROW)
+    much = jumps[places].sum() > BURST_MISSING_SHARE * (len(jumps) + 1 + jumps.sum())
+    return bool(much and len(places) > 1 and np.median(np.diff(places)) < LONG_RUN_SAMPLES)
 
 
 def _mean(seconds: Float[np.ndarray, " time"]) -> float:
@@ -267,7 +272,7 @@ def _spread(
 def _refuse_repeated(seconds: Float[np.ndarray, " time"], name: str, first_line: int) -> None:
     """Ask about times that many rows share; of a few, the order is at fault."""
     steps = np.diff(seconds)
-    if np.count_nonzero(steps == 0) < FEWEST_REPEATED * len(seconds) or not steps.any():
+    if np.count_nonzero(steps == 0) < REPEATED_TIME_SHARE * len(seconds) or not steps.any():
         return
     edges = np.flatnonzero(steps > 0) + 1
     size, quantum = (
@@ -297,14 +302,14 @@ def _refuse_bursts(
     """Refuse short runs of samples with long pauses between: no rate tells what they are."""
     lost = np.flatnonzero(jumps > 0)
     total = len(seconds) + float(jumps[lost].sum())
-    if len(lost) < 3 or jumps[lost].sum() <= MOST_MISSING * total:
+    if len(lost) < 3 or jumps[lost].sum() <= BURST_MISSING_SHARE * total:
         return
-    if np.median(np.diff(lost)) >= FEWEST_IN_A_ROW:
+    if np.median(np.diff(lost)) >= LONG_RUN_SAMPLES:
         return
     steps = np.diff(seconds)
-    pauses = np.flatnonzero(steps > PAUSE * np.median(steps))
+    pauses = np.flatnonzero(steps > PAUSE_STEPS * np.median(steps))
     runs = np.diff(pauses)
-    if len(runs) < 2 or np.std(runs) > REGULAR * np.mean(runs):
+    if len(runs) < 2 or np.std(runs) > BURST_LENGTH_SCATTER * np.mean(runs):
         return
     mean = 1 / _mean(seconds)
     raise UnevenError(

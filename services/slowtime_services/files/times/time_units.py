@@ -1,4 +1,4 @@
-"""Which unit a column of times is counted in: from its name first, from its size last."""
+"""The unit in which a column of times is counted, by its name or its size."""
 
 import dataclasses
 import re
