@@ -72,7 +72,7 @@ mutation: .venv/dev  ## lines changed at random, and the tests that run them; su
 		--rooms $(or $(ROOMS),slowtime twin_server edge_agent)
 
 load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory; DURATION_S=1800
-	$(BIN)/python -m benchmarks.load --seconds $(or $(DURATION_S),1800)
+	$(BIN)/python -m benchmarks.processes.load --seconds $(or $(DURATION_S),1800)
 
 bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
 	$(BIN)/python -m benchmarks
@@ -84,7 +84,7 @@ gallery: .venv/dev  ## twelve hidden effects from the command line to the report
 	$(BIN)/python docs/gallery/build.py
 
 surrogates: .venv-peers/ready  ## docs/surrogates.md: surrogates beside chaospy, OpenTURNS and scikit-learn on the same points
-	.venv-peers/bin/python -m benchmarks.surrogates --seeds $(or $(SEEDS),3) --write docs/surrogates.md
+	.venv-peers/bin/python -m benchmarks.methods.surrogates --seeds $(or $(SEEDS),3) --write docs/surrogates.md
 
 figures: .venv/dev  ## draw the book's figures into docs/figures
 	$(BIN)/python docs/figures/chapter_3.py

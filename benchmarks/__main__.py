@@ -2,75 +2,86 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
-from . import (
-    door,
-    edge,
-    flow,
-    foresight,
+from .methods import (
+    forecasts,
     identification,
-    ledger,
     maintenance,
-    modal_truth,
+    modal_accuracy,
     plant,
     repairs,
+)
+from .processes import (
+    edge_startup,
+    ledger,
+    server,
     startup,
     streaming,
+    throughput,
     transport,
 )
 
 TRUTH_RUNS = 8
-"""Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
+"""Runs of each structure of known modes [1]: a minute or two; 300 take most of an hour."""
 
 PEERS = Path(__file__).parents[1] / ".venv-peers/bin/python"
+"""Interpreter with the libraries to compare with, which `make bench` sets up."""
 
 
 def main() -> int:
-    """Print every figure; 1 where one lies outside what it is held to."""
-    print("# Start-up of the command\n")
-    status = startup.main()
-    print("\n# An edge agent before its first sample\n")
-    status |= edge.main()
-    print("\n# Identification at the limit\n")
-    status |= identification.main([])
-    print("\n# Modes of simulated structures\n")
-    status |= modal_truth.main(["--runs", str(TRUTH_RUNS)])
-    print("\n# Fast sensors and long files\n")
-    status |= streaming.main([])
-    print("\n# Modes of many channels, beside pyOMA-2 and without end\n")
-    sys.stdout.flush()
-    # Peers have an environment of their own, which `make bench` sets up.
-    python = str(PEERS) if PEERS.exists() else sys.executable
-    status |= subprocess.run([python, "-m", "benchmarks.modal"], check=False).returncode
-    print("\n# Filters and streaming processes, beside filterpy and scikit-learn\n")
-    sys.stdout.flush()
-    status |= subprocess.run([python, "-m", "benchmarks.learning"], check=False).returncode
-    print("\n# Reliability, beside OpenTURNS and pystra\n")
-    sys.stdout.flush()
-    reliability = ["-m", "benchmarks.reliability", "--methods", "importance", "--seeds", "3"]
-    status |= subprocess.run([python, *reliability], check=False).returncode
-    print("\n# Maintenance of simulated fleets\n")
-    status |= maintenance.main(["--fleets", "3"])
-    print("\n# Fatigue, beside rainflow and fatpack, and at the edge\n")
-    sys.stdout.flush()
-    status |= subprocess.run([python, "-m", "benchmarks.fatigue"], check=False).returncode
-    print("\n# Forecasts\n")
-    status |= foresight.main([])
-    print("\n# Forecasts across repairs\n")
-    status |= repairs.main(["--histories", "20"])
-    print("\n# Models with effects\n")
-    status = plant.main() or status
-    print("\n# Transport and recordings\n")
-    transport.main()
-    print("\n# The ledger\n")
-    ledger.main([])
-    print("\n# The door: long histories, many callers\n")
-    sys.stdout.flush()
-    status |= door.main(["--readings", "100000", "--seconds", "10", "--rest", "10"])
-    print("\n# The whole flow\n")
-    flow.main()
+    """Print every figure; return 1 where one lies outside what it is held to."""
+    runs: tuple[tuple[str, Callable[[], int | None]], ...] = (
+        ("Start-up of the command", startup.main),
+        ("An edge agent before its first sample", edge_startup.main),
+        ("Identification at the limit", lambda: identification.main([])),
+        (
+            "Modes of simulated structures",
+            lambda: modal_accuracy.main(["--runs", str(TRUTH_RUNS)]),
+        ),
+        ("Fast sensors and long files", lambda: streaming.main([])),
+        (
+            "Modes of many channels, beside pyOMA-2 and without end",
+            lambda: _beside_peers("modal"),
+        ),
+        (
+            "Filters and streaming processes, beside filterpy and scikit-learn",
+            lambda: _beside_peers("filters"),
+        ),
+        (
+            "Reliability, beside OpenTURNS and pystra",
+            lambda: _beside_peers("reliability", "--methods", "importance", "--seeds", "3"),
+        ),
+        ("Maintenance of simulated fleets", lambda: maintenance.main(["--fleets", "3"])),
+        (
+            "Fatigue, beside rainflow and fatpack, and at the edge",
+            lambda: _beside_peers("fatigue"),
+        ),
+        ("Forecasts", lambda: forecasts.main([])),
+        ("Forecasts across repairs", lambda: repairs.main(["--histories", "20"])),
+        ("Models with effects", plant.main),
+        ("Transport and recordings", transport.main),
+        ("The ledger", lambda: ledger.main([])),
+        (
+            "Long histories and many callers of the server",
+            lambda: server.main(["--readings", "100000", "--seconds", "10", "--rest", "10"]),
+        ),
+        ("The whole flow", throughput.main),
+    )
+    status = 0
+    for number, (title, run) in enumerate(runs):
+        print(("\n" if number else "") + f"# {title}\n")
+        sys.stdout.flush()
+        status |= run() or 0
     return status
+
+
+def _beside_peers(name: str, *arguments: str) -> int:
+    """Run a benchmark of `methods` in the environment of the peers, where there is one."""
+    python = str(PEERS) if PEERS.exists() else sys.executable
+    command = [python, "-m", f"benchmarks.methods.{name}", *arguments]
+    return subprocess.run(command, check=False).returncode
 
 
 if __name__ == "__main__":

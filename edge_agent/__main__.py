@@ -14,7 +14,7 @@ from slowtime.signals.block import Block
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Credentials, options_for
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.tracing import Traces, traces_of
 
 from .acquire import CountingSource, Pacer, Source, check_input, open_source

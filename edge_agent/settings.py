@@ -20,7 +20,7 @@ from pydantic_settings import SettingsConfigDict
 from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
-from slowtime_services.points import Asked, PointCurve
+from slowtime_services.virtual_sensors.settings import Asked, PointCurve
 
 from .inputs import BoardsInput, LiveInput
 

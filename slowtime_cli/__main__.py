@@ -11,8 +11,8 @@ import click
 
 from slowtime_services.logs import Format, formatter
 
-from .faults import is_validation, readable
-from .trying import FIRST, HEADING, TRY, with_try
+from .shared.examples import EXAMPLES, FIRST_EXAMPLE, HEADING, with_example
+from .shared.input_errors import is_validation_error, validation_message
 
 
 class Verb(NamedTuple):
@@ -25,111 +25,127 @@ class Verb(NamedTuple):
 # The lines are repeated here so that `--help` answers without importing every verb; a test
 # holds them to the verbs' own.
 VERBS = {
-    "demo": Verb("demo:demo", "Run router, edge agents, twin server and page on this machine."),
+    "demo": Verb(
+        "operation.demo:demo", "Run router, edge agents, twin server and page on this machine."
+    ),
     "edge": Verb(
-        "processes:edge", "Run an edge agent: samples in, features with uncertainty out."
+        "operation.edge:edge", "Run an edge agent: samples in, features with uncertainty out."
     ),
     "twin": Verb(
-        "processes:twin", "Run the twin server: features in; knowledge, REST and page out."
+        "operation.twin:twin", "Run the twin server: features in; knowledge, REST and page out."
     ),
     "router": Verb(
-        "processes:router", "Run a Zenoh router: what edges, twin and recorder connect to."
+        "operation.router:router",
+        "Run a Zenoh router: what edges, twin and recorder connect to.",
     ),
     "keys": Verb(
-        "keying:keys",
+        "operation.keys:keys",
         "Make, renew and withdraw certificates of a site's bus.",
     ),
     "tokens": Verb(
-        "entitling:tokens",
+        "operation.tokens:tokens",
         "Make, list and revoke tokens for REST and the page.",
     ),
     "alarms": Verb(
-        "alarming:alarms",
+        "twins.alarms:alarms",
         "Try whether alarms of a twin reach people and other programs.",
     ),
     "event": Verb(
-        "eventing:event", "Record repairs and inspections of an asset, and undo them."
+        "twins.event:event", "Record repairs and inspections of an asset, and undo them."
     ),
     "status": Verb(
-        "processes:status", "Tell whether the router answers and which edge agents live."
+        "operation.router:status", "Tell whether the router answers and which edge agents live."
     ),
     "plugins": Verb(
-        "plugins:plugins",
+        "operation.plugins:plugins",
         "List parts of your own that are installed.",
     ),
-    "check": Verb("keeping:check", "Look through a twin's database for damage."),
-    "ledger": Verb("ledgering:ledger", "Show that nobody has rewritten a history."),
+    "check": Verb("operation.check:check", "Look through a twin's database for damage."),
+    "ledger": Verb("operation.ledger:ledger", "Show that nobody has rewritten a history."),
     "composite": Verb(
-        "compositing:composite", "Join twins to sites, lines and structures of parts."
+        "twins.composite:composite", "Join twins to sites, lines and structures of parts."
     ),
-    "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
-    "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
-    "export": Verb("exporting:export", "Write what a twin knows, or the samples of a record."),
-    "record": Verb("recording:record", "Record what travels on the bus into an MCAP file."),
+    "backup": Verb(
+        "operation.backup:backup", "Copy a twin's database while the server writes it."
+    ),
+    "restore": Verb(
+        "operation.backup:restore", "Put a backup in the place of a twin's database."
+    ),
+    "export": Verb(
+        "twins.export:export", "Write what a twin knows, or the samples of a record."
+    ),
+    "record": Verb(
+        "operation.record:record", "Record what travels on the bus into an MCAP file."
+    ),
     "replay": Verb(
-        "recording:replay", "Play a recording again and print the hash of its history."
+        "operation.replay:replay", "Play a recording again and print the hash of its history."
     ),
     "recover": Verb(
-        "recovering:recover",
+        "records.recover:recover",
         "Make a recording sound again that was cut short or damaged.",
     ),
     "layout": Verb(
-        "viewing:layout", "Write a layout for Foxglove or Lichtblick to fit a recording."
+        "records.layout:layout", "Write a layout for Foxglove or Lichtblick to fit a recording."
     ),
     "import": Verb(
-        "importing:import_", "Turn a text, NumPy or MATLAB record into an MCAP recording."
+        "records.import_record:import_",
+        "Turn a text, NumPy or MATLAB record into an MCAP recording.",
     ),
     "identify": Verb(
-        "identifying:identify", "Find natural frequencies and damping in a record, with errors."
+        "records.identify:identify",
+        "Find natural frequencies and damping in a record, with errors.",
     ),
     "simulate": Verb(
-        "simulating:simulate",
+        "records.simulate:simulate",
         "Write the vibration of an ageing structure or of a model file.",
     ),
     "publish": Verb(
-        "publishing:publish",
+        "operation.publish:publish",
         "Play an acceleration board on a structure in software.",
     ),
     "diagnose": Verb(
-        "diagnosing:diagnose",
+        "models.diagnose:diagnose",
         "Find what a model lacks, where and how much, from its records.",
     ),
     "merge": Verb(
-        "merging:merge",
+        "records.merge:merge",
         "Merge the modes of several set-ups of sensors.",
     ),
     "track": Verb(
-        "tracking:track", "Track the constants of a nonlinear structure over slow time."
+        "records.track:track", "Track the constants of a nonlinear structure over slow time."
     ),
     "separate": Verb(
-        "separating:separate", "Take a history apart into what drifts and what comes and goes."
+        "twins.separate:separate",
+        "Take a history apart into what drifts and what comes and goes.",
     ),
     "evolve": Verb(
-        "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
+        "twins.evolve:evolve", "Tell how stiffness and mass have changed, from frequencies."
     ),
     "forecast": Verb(
-        "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
+        "twins.forecast:forecast",
+        "Tell where a twin is heading, and when a threshold is reached.",
     ),
     "plan": Verb(
-        "planning:plan",
+        "twins.plan:plan",
         "Tell what to do with a twin: repair, inspect, wait or close.",
     ),
-    "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
-    "risk": Verb("limit_states:risk", "Tell how probable failure is, by each limit state."),
+    "whatif": Verb("twins.whatif:whatif", "Run today's twin under a load, with bands."),
+    "risk": Verb("twins.risk:risk", "Tell how probable failure is, by each limit state."),
     "reliability": Verb(
-        "reliability:reliability", "Tell how probable failure is, by several methods."
+        "models.reliability:reliability", "Tell how probable failure is, by several methods."
     ),
     "surrogate": Verb(
-        "surrogating:surrogate", "Learn a quick function from runs of a slow model."
+        "models.surrogate:surrogate", "Learn a quick function from runs of a slow model."
     ),
     "design": Verb(
-        "design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
+        "models.design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
     ),
     "fatigue": Verb(
-        "assessing:fatigue", "Count stress cycles and sum fatigue damage, with its scatter."
+        "models.fatigue:fatigue",
+        "Count stress cycles and sum fatigue damage, with its scatter.",
     ),
     "virtual": Verb(
-        "assessing:virtual", "Estimate drift, force or stress, which nobody measures."
+        "models.virtual:virtual", "Estimate drift, force or stress, which nobody measures."
     ),
 }
 ROOMS = (
@@ -154,7 +170,7 @@ class Verbs(click.Group):
             importlib.import_module(f"slowtime_cli.verbs.{module}"), name
         )
         if HEADING not in (command.epilog or ""):
-            command.epilog = with_try(command.epilog, TRY[cmd_name])
+            command.epilog = with_example(command.epilog, EXAMPLES[cmd_name])
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -166,14 +182,14 @@ class Verbs(click.Group):
 @click.group(
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96},
-    epilog=with_try(
+    epilog=with_example(
         """\b
 Examples:
   slowtime demo                                    the whole house, on this machine
   slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
   slowtime twin & slowtime edge --simulate tower   the same flow, process by process
 """,
-        FIRST,
+        FIRST_EXAMPLE,
     ),
 )
 @click.version_option(None, "-V", "--version", package_name="slowtime", prog_name="slowtime")
@@ -221,8 +237,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except (ValueError, OSError) as error:
-        if is_validation(error):
-            _say(readable(error))
+        if is_validation_error(error):
+            _say(validation_message(error))
             sys.exit(2)
         if os.environ.get("SLOWTIME_DEBUG"):
             raise

@@ -13,10 +13,10 @@ import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
-from slowtime_services.bus import Bus, LateBus, ZenohBus
+from slowtime_services.bus import BackgroundBus, Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import Store, WrongStoreError, open_store
@@ -299,7 +299,7 @@ def _config(app: ASGIApp, settings: TwinSettings, connections: Connections) -> u
     )
 
 
-def _late_bus(settings: TwinSettings, clock: Clock | None) -> LateBus:
+def _late_bus(settings: TwinSettings, clock: Clock | None) -> BackgroundBus:
     """Wait for the router as long as it takes; page and history need none."""
     options = options_for(settings.credentials, settings.connect, settings.zenoh)
 
@@ -312,7 +312,7 @@ def _late_bus(settings: TwinSettings, clock: Clock | None) -> LateBus:
             clock=clock,
         )
 
-    return LateBus(opened, say_every_s=settings.connect_timeout_s)
+    return BackgroundBus(opened, say_every_s=settings.connect_timeout_s)
 
 
 @contextlib.contextmanager

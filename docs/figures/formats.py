@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from slowtime_services.files import workbook
+from slowtime_services.files.binary import workbook
 from slowtime_services.files.formats import FORMATS
 from slowtime_services.files.readers import READERS
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from playwright.sync_api import expect, sync_playwright
 
-from slowtime_cli.children import Children, children
-from slowtime_cli.structures import registration, structure
+from slowtime_cli.operation.child_processes import Children, children
+from slowtime_cli.shared.demo_structures import registration, structure
 
 PICTURE = Path(__file__).parents[1] / "frame.png"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from slowtime_services.effects import known
 from slowtime_services.models import read_description, run_model
+from slowtime_services.plugins.effect_kinds import known
 
 RATE_HZ, SAMPLES = 100.0, 2000
 

@@ -10,7 +10,7 @@ from edge_agent.settings import RecordingInput
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_schemas.raw import RawHeader
-from slowtime_services.files.conversion import Scaling, scaling_of
+from slowtime_services.files.channels.si_conversion import Scaling, scaling_of
 
 from .source import Pacer, paced
 

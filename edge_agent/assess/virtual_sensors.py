@@ -10,7 +10,7 @@ from slowtime.dynamics.description import Description
 from slowtime.estimation.virtual import VirtualSensor, VirtualState, Window
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Virtual, VirtualQuantity
-from slowtime_services.virtual import make_sensor, read_structure, si_factors
+from slowtime_services.virtual_sensors.sensor import make_sensor, read_structure, si_factors
 
 DIGITS = 6
 """Significant digits of a value that travels."""

@@ -9,8 +9,8 @@ from pydantic import TypeAdapter, ValidationError
 from edge_agent.settings import ExtractSettings
 from slowtime.identification.estimates import Measured
 from slowtime_schemas.messages import Mode, Smoothed
-from slowtime_services.plugin_process import PluginProcess
-from slowtime_services.plugins import PluginError, find
+from slowtime_services.plugins.discovery import PluginError, find
+from slowtime_services.plugins.plugin_process import PluginProcess
 
 from .reader import Memory, ModeReading, Window, doubts, quantity, smooth, with_clock
 

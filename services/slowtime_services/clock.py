@@ -1,4 +1,4 @@
-"""What time it is: the system's, a recording's, or a test's."""
+"""Clocks: of the system, and one that is set by hand."""
 
 import time
 from typing import Protocol, runtime_checkable

@@ -1,4 +1,4 @@
-"""Model files → descriptions, without what only reading YAML or running a model needs."""
+"""Conversion of model files to descriptions, without importing YAML or Numba."""
 
 from slowtime.dynamics import description as described
 from slowtime.dynamics.description import Description

@@ -1,4 +1,4 @@
-"""The router, made of the Zenoh binding itself: what edges, twin and recorder connect to."""
+"""The Zenoh router that edges, twin and recorder connect to."""
 
 import logging
 import threading
@@ -7,8 +7,11 @@ from pathlib import Path
 
 from slowtime_services.bus import BusUnreachableError, ZenohBus
 from slowtime_services.credentials import Credentials, CredentialsError
-from slowtime_services.credentials.folder import check_encrypted, reachable_from_elsewhere
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.credentials.credential_folder import (
+    check_encrypted,
+    reachable_from_elsewhere,
+)
+from slowtime_services.shutdown import ended_by_signals
 
 logger = logging.getLogger(__name__)
 

@@ -18,9 +18,9 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import PROPOSERS, Proposal, Proposer, Round
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.dynamics.effects import Kind
+from slowtime_services.diagnose.results import write_results
 from slowtime_services.diagnose.run import diagnose_records
 from slowtime_services.diagnose.sources import read_any
-from slowtime_services.diagnose.writing import write_results
 from slowtime_services.models import read_description
 
 from .answers import judge, read_report

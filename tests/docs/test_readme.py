@@ -12,7 +12,7 @@ import pytest
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime_cli.__main__ import main
-from slowtime_cli.offline import offline_twin
+from slowtime_cli.shared.offline_twin import offline_twin
 from tests.docs.commands import parse
 from twin_server.pipeline import TwinKnowledge
 from twin_server.serve import Hub, create_app

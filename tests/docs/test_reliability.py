@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from slowtime.reliability import FAMILIES, METHODS
-from slowtime_services.expressions import FUNCTIONS
-from slowtime_services.reliability import parse_problem
+from slowtime_services.problem_files.expressions import FUNCTIONS
+from slowtime_services.problem_files.reliability import parse_problem
 from tests.docs.commands import parse
 
 ROOT = Path(__file__).parents[2]

@@ -168,6 +168,7 @@ def own_effect(folder, said):
 def own_proposer(folder, said):
     """The joint that warmed rubs, as strongly as it was made to."""
     found = re.search(r"Dry friction \(coulomb\) at element j2: ([\d.]+) ± ([\d.]+) N", said)
+    assert found
     value, sd = map(float, found.groups())
     assert abs(value - 0.5) < 4 * sd < 0.01
 

@@ -18,8 +18,8 @@ from edge_agent.settings import EdgeSettings
 from slowtime_schemas.messages import About, Features
 from slowtime_schemas.streams import ABOUT, FEATURES
 from slowtime_services.bus import MemoryBus
-from slowtime_services.ending import ended_by_signals
 from slowtime_services.files import RecordError
+from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.simulate import SimulatedStructure
 
 TABLE_HZ = (26.27, 28.23, 30.82, 33.87, 37.55, 41.96)

@@ -15,7 +15,7 @@ from edge_agent.settings import EdgeSettings
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, TimeBase
 from slowtime_services import router as router_process
-from slowtime_services.ending import ended_by_signals
+from slowtime_services.shutdown import ended_by_signals
 from twin_server.settings import TwinSettings
 
 from .instruments import Dial, FaultySource, SkewedClock, ledger_spool

@@ -2,7 +2,7 @@
 
 collect_ignore = [
     "__main__.py",
-    "apart.py",
+    "reader_server.py",
     "files.py",
     "formats.py",
     "house.py",

@@ -20,8 +20,8 @@ from slowtime_services.record import RecordingWriter, recover
 from slowtime_services.replay import contents, raw_blocks, read_recording
 from tests.services.loggers.made import table, wrapped
 
-from .apart import children
 from .mutate import mutated
+from .reader_server import children
 from .wire import GOOD, NOW_NS
 
 PATIENCE_S = 120

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from slowtime_cli.offline import offline_twin
+from slowtime_cli.shared.offline_twin import offline_twin
 from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app

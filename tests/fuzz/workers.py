@@ -1,7 +1,8 @@
 """Readers in a worker that is used again, and replaced where it dies, hangs or grows old.
 
 Starting an interpreter with the libraries takes seconds, which 10,000 files a format do not
-have; `slowtime_services.files.apart` starts one for each file, as `test_formats` does too.
+have; `slowtime_services.files.binary.reader_process` starts one for each file, as
+`test_formats` does too.
 """
 
 import contextlib
@@ -14,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from unittest import mock
 
-from slowtime_services.files import apart
+from slowtime_services.files.binary import reader_process
 
 Done = subprocess.CompletedProcess[bytes]
 MOST_FILES = 500
@@ -31,7 +32,7 @@ class Worker:
         self._files = 0
 
     def run(self, module: str, words: Sequence[str]) -> Done:
-        """Read a file as `apart` would have it read."""
+        """Read a file as `reader_process` would have it read."""
         process = self._fresh()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -78,7 +79,7 @@ def worker(patience_s: float) -> Iterator[Worker]:
     """Let readers work in one process."""
     one = Worker(patience_s)
     try:
-        with mock.patch.object(apart, "_run", one.run):
+        with mock.patch.object(reader_process, "_run", one.run):
             yield one
     finally:
         one.close()
@@ -86,10 +87,10 @@ def worker(patience_s: float) -> Iterator[Worker]:
 
 def serve() -> None:
     """Read what stdin names; print how it ended."""
-    from slowtime_services.files import matlab, workbook
-    from slowtime_services.files.readers import child
+    from slowtime_services.files.binary import matlab, workbook
+    from slowtime_services.files.readers import reader_main
 
-    mains = {each.__name__: each.main for each in (matlab, workbook, child)}
+    mains = {each.__name__: each.main for each in (matlab, workbook, reader_main)}
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # what a library prints is no answer
     for line in sys.stdin:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from slowtime_cli.options import Size
+from slowtime_cli.shared.options import Size
 
 ROOT = Path(__file__).parents[2]
 FILES = ("docker-compose.yml", "docker-compose.postgres.yml")

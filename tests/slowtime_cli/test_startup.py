@@ -1,6 +1,7 @@
 """What the command imports before it has anything to do: nothing that takes long.
 
-Not timed, so that it does not depend on the machine: `benchmarks/startup.py` times it.
+Not timed, so that it does not depend on the machine: `benchmarks/processes/startup.py` times
+it.
 """
 
 import dataclasses
@@ -16,9 +17,10 @@ import click
 import pytest
 
 from slowtime_cli.__main__ import app
-from slowtime_cli.deferred import Deferred
-from slowtime_cli.reading import Given
-from slowtime_cli.verbs import diagnosing, entitling, keying
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.record_input import ReadingFlags
+from slowtime_cli.verbs.models import diagnose
+from slowtime_cli.verbs.operation import keys, tokens
 from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
 from twin_server.identity.principals import Scope
@@ -64,7 +66,7 @@ def files_of(command: click.Command):
     """The parameters that want a file which is there."""
     for parameter in command.params:
         kind = parameter.type
-        if getattr(kind, "exists", False) or isinstance(kind, diagnosing.RecordName):
+        if getattr(kind, "exists", False) or isinstance(kind, diagnose.RecordName):
             yield parameter
 
 
@@ -120,16 +122,16 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
-        of_record = {"record_path", *(field.name for field in dataclasses.fields(Given))}
+        of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingFlags))}
         assert given.keys() > of_record
         given = {name: None for name in given.keys() - of_record} | {"record": 0, "path": 0}
     inspect.signature(work).bind(**given)
 
 
 def test_what_declarations_repeat_of_the_work_is_what_it_is():
-    assert entitling.SCOPES == tuple(scope.word for scope in Scope)
-    assert {*keying.WITHDRAWN} == {*ROLES} - {"router", "edge"}
-    assert (diagnosing.PATIENCE_S, diagnosing.MASSES, diagnosing.MORE) == (
+    assert tokens.SCOPES == tuple(scope.word for scope in Scope)
+    assert {*keys.WITHDRAWN} == {*ROLES} - {"router", "edge"}
+    assert (diagnose.PATIENCE_S, diagnose.MASSES, diagnose.MORE) == (
         run.PATIENCE_S,
         run.MASSES,
         run.MORE,

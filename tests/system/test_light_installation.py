@@ -57,7 +57,7 @@ def test_an_edge_over_a_file_leaves_features_in_its_spool(tmp_path):
 def test_a_simulated_tower_needs_no_compiler(tmp_path):
     code = (
         "from slowtime_services.simulate import simulated_structure as made\n"
-        "from slowtime_cli.structures import structure\n"
+        "from slowtime_cli.shared.demo_structures import structure\n"
         "print(sum(len(block.samples) for block in made(structure('tower')).epoch(0)))"
     )
     done = subprocess.run(

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from benchmarks import load
+from benchmarks.processes import load
 
 pytestmark = pytest.mark.system
 SMALL = ("--period-s", "2", "--seconds", "12", "--burst-s", "2")

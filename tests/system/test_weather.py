@@ -5,7 +5,7 @@ import pytest
 
 from edge_agent.extract import Extract
 from edge_agent.settings import ExtractSettings, Origin
-from slowtime_cli.structures import METHODS, registration, structure
+from slowtime_cli.shared.demo_structures import METHODS, registration, structure
 from slowtime_schemas.messages import Features
 from slowtime_services.simulate import simulated_structure
 from twin_server.estimate import Checkpoint, Twin, estimate

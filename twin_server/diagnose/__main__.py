@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.plugins import said
+from slowtime_services.plugins.discovery import exception_text
 
 from .history_diagnosis import diagnose_history
 from .plugin_effects import diagnose_with_plugins
@@ -115,7 +115,7 @@ def main(folder: Path) -> int:
             raise
         # Whatever an effect of one's own raises is its own fault, until the other one raises.
         traceback.print_exc()
-        reporter.say({"error": f"{said(error)}."})
+        reporter.say({"error": f"{exception_text(error)}."})
         return 1
     return 0
 

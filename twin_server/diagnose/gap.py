@@ -29,9 +29,9 @@ from slowtime.discrepancy.validation.free_run import relative_errors
 from slowtime.dynamics.plant import Plant
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.diagnose import Source, campaign_of
-from slowtime_services.effects import kinds_for
 from slowtime_services.files import Record
 from slowtime_services.models import description_of, model_file_of
+from slowtime_services.plugins.effect_kinds import kinds_for
 
 IN_A_ROW = 2
 """Records in a row beyond the limit, or within it again, that change the state."""

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.diagnose.histories import History, Quantity, covariate
 from slowtime_services.diagnose.history_document import (
     diagnose_with_document,
     write_history_results,
 )
+from slowtime_services.diagnose.history_table import History, Quantity, covariate
 
 from .task import HISTORY, Task
 

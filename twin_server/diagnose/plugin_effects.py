@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from slowtime.dynamics.effects import catalogue
-from slowtime_services.installed_effects import sound_parts
+from slowtime_services.plugins.installed_effects import sound_parts
 
 from .task import REPORT, Task, write_task
 

@@ -11,8 +11,8 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.signals.block import Block
 from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
-from slowtime_services.effects import known
 from slowtime_services.models import description_of
+from slowtime_services.plugins.effect_kinds import known
 from slowtime_services.replay import raw_blocks
 
 from .samples import NoSamplesError, Piece, bounded, held_back, pieces_of, within

@@ -13,7 +13,7 @@ from slowtime.dynamics.description import Description
 from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
-from slowtime_services.plugins import PluginError, find, said
+from slowtime_services.plugins.discovery import PluginError, exception_text, find
 from twin_server.registration.limit_states import (
     MASS,
     SPRING,
@@ -173,7 +173,7 @@ def _own(spec: OwnState) -> LimitState:
     except PluginError:
         raise
     except Exception as error:  # a part of somebody's raises whatever it likes
-        raise PluginError(f"{part} cannot be made: {said(error)}.") from error
+        raise PluginError(f"{part} cannot be made: {exception_text(error)}.") from error
     if not isinstance(state, LimitState):
         raise PluginError(
             f"{part} made a {type(state).__name__}, which is no limit state. Give one with "

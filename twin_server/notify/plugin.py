@@ -1,7 +1,7 @@
 """Sends events to an installed plug-in, in a process of its own."""
 
-from slowtime_services.plugin_process import PluginProcess
 from slowtime_services.plugins import PluginError, find
+from slowtime_services.plugins.plugin_process import PluginProcess
 from twin_server.events.receivers import OwnReceiver
 
 from .message import Message, NotDeliveredError

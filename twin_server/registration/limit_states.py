@@ -21,8 +21,8 @@ from slowtime.limit_states import (
 from slowtime_schemas.files.design import DesignLoad, DesignResponse
 from slowtime_schemas.files.reliability import RandomInput
 from slowtime_schemas.quantities import Plain, PlainText
-from slowtime_services.design import load_of, response_of
-from slowtime_services.reliability import law_of
+from slowtime_services.problem_files.design import load_of, response_of
+from slowtime_services.problem_files.reliability import law_of
 from twin_server.orders import Frozen
 
 from .thresholds import Positive, Quantity

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from edge_agent.inputs import LiveInput
 from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
-from slowtime_services.plugins import plugins
+from slowtime_services.plugins.discovery import plugins
 
 from .formats.decoding import AnyLayout, Decoder
 

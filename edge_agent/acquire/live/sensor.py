@@ -12,7 +12,7 @@ from slowtime.signals.clock.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock
-from slowtime_services.files.conversion import scaling_of
+from slowtime_services.files.channels.si_conversion import scaling_of
 
 from .batch import Batch
 from .counts import SampleCounts

@@ -1,4 +1,4 @@
-"""What a board on a structure measures: an ambient vibration in counts of an ADXL355."""
+"""Simulated readings of an ADXL355 on a vibrating structure."""
 
 import dataclasses
 import math

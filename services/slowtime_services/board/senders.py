@@ -1,4 +1,4 @@
-"""Where a board sends its readings, and in which form: what edges read by the same schemes."""
+"""Senders of readings by MQTT, TCP, UDP, serial line, Zenoh or standard output."""
 
 import json
 import socket

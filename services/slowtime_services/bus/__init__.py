@@ -1,8 +1,8 @@
 """How messages move between processes: one protocol, over Zenoh or within one process."""
 
+from .background import BackgroundBus
 from .inbox import Inbox
 from .keys import InvalidKeyError, matches
-from .late import LateBus
 from .memory import MemoryBus
 from .protocol import (
     Answers,
@@ -17,13 +17,13 @@ from .zenoh import ZenohBus
 
 __all__ = [
     "Answers",
+    "BackgroundBus",
     "Bus",
     "BusClosedError",
     "BusUnreachableError",
     "Handle",
     "Inbox",
     "InvalidKeyError",
-    "LateBus",
     "MemoryBus",
     "Query",
     "Sample",

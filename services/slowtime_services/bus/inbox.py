@@ -1,4 +1,4 @@
-"""Where a callback puts what arrives, for another thread to take; nothing is lost unseen."""
+"""A bounded queue of messages between two threads; what it drops is counted."""
 
 import collections
 import threading

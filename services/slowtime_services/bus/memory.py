@@ -1,4 +1,4 @@
-"""The bus within one process: a full member of the family, and the quickest."""
+"""The bus within one process."""
 
 import logging
 import threading

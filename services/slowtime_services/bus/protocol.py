@@ -1,4 +1,4 @@
-"""What every bus promises: publish and subscribe, ask and answer, announce and watch."""
+"""The protocol of every bus: publish, subscribe, ask, answer, announce and watch."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol, Self, runtime_checkable

@@ -1,4 +1,4 @@
-"""The bus over Zenoh, with what measurement taught us about it written into the defaults.
+"""The bus over Zenoh.
 
 Congestion: BLOCK. A burst then slows its sender instead of vanishing; it is not a guarantee
 (Zenoh cuts a receiver off that does not drain for five seconds), which is why callbacks only

@@ -28,9 +28,9 @@ from .answers import (
     State,
     Twin,
 )
-from .asking import AnswerError, UnreachableError
 from .client import Client, Live
 from .composite_answers import Composite, CompositeBrief, Pool
+from .http import AnswerError, UnreachableError
 
 __all__ = [
     "AnswerError",

@@ -25,8 +25,8 @@ from .answers import (
     State,
     Twin,
 )
-from .asking import AnswerError, Door, UnreachableError
 from .composite_answers import Composite, CompositeBrief
+from .http import AnswerError, HttpConnection, UnreachableError
 
 TOKEN = "SLOWTIME_TOKEN"
 """Name of the variable that holds the token; arguments may be read by others."""
@@ -79,8 +79,8 @@ class Client:
         timeout_s: float = 60.0,
     ) -> None:
         self._token = token or os.environ.get(TOKEN)
-        self._door = Door(url, self._token, ca, timeout_s)
-        self._patient = Door(url, self._token, ca, _SILENT_S)
+        self._door = HttpConnection(url, self._token, ca, timeout_s)
+        self._patient = HttpConnection(url, self._token, ca, _SILENT_S)
 
     @property
     def url(self) -> str:

@@ -2,7 +2,7 @@
 
 from .access import access_control
 from .authority import Authority, Issued, WrongAuthorityError
-from .folder import Credentials, CredentialsError, NotNowError, options_for
+from .credential_folder import Credentials, CredentialsError, NotNowError, options_for
 from .roles import ROLES, Role, common_name
 from .signing import Signer, fingerprint, is_signed, make_key, public_key
 

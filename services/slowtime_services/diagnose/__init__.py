@@ -1,12 +1,12 @@
 """Model file and records in; the answer of a diagnosis, as files that others read, out."""
 
 from .campaign import campaign_of
+from .channel_roles import Roles, roles_of
 from .document import document_of
-from .page import write_report
-from .roles import Roles, roles_of
+from .report import write_report
+from .results import write_results
 from .run import diagnose_records
 from .sources import Source, read_any
-from .writing import write_results
 
 __all__ = [
     "Roles",

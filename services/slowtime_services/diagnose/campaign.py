@@ -1,4 +1,4 @@
-"""Records of any file in; the trials of a campaign, in the model's channels and units, out."""
+"""The trials of a campaign, in the model's channels and units, from records."""
 
 import dataclasses
 import itertools
@@ -12,13 +12,13 @@ from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.units import UNITS, Quantity
 from slowtime_services.files import Record, RecordError
-from slowtime_services.files.timeaxis import unit_scale
+from slowtime_services.files.times.time_axis import unit_scale
 
-from .roles import Roles, evaluate
+from .channel_roles import Roles, evaluate
 from .sources import Source
 
 ABSOLUTE_S = 1e8
-"""Times beyond this are counted from 1970, not from the beginning of a campaign."""
+"""Times beyond this [s] are counted from 1970, not from the beginning of a campaign."""
 
 Series = Float[np.ndarray, " time"]
 

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis, as the page draws them."""
+"""Charts of a diagnosis."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,16 +11,17 @@ from slowtime.dynamics.description import Sensor
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.reports import Chart
 
-from .words import named, placed
+from .labels import named, placed
 
 MEASURED, NOMINAL, REFITTED, AUGMENTED = "#5b6770", "#b3541e", "#c99a2e", "#0b6fb8"
-WINDOW = 1200
-"""Samples of a record that are shown where each is to be seen."""
-BINS = 600
-"""Of a whole record, each drawn from its lowest to its highest sample."""
-POINTS = 1500
-"""Of a recovered force."""
-MOST_SENSORS = 6
+WINDOW_SAMPLES = 1200
+"""Samples of a record that are shown where each is to be seen [1]."""
+ENVELOPE_BINS = 600
+"""Bins of a whole record, each drawn from its lowest to its highest sample [1]."""
+FORCE_POINTS = 1500
+"""Points of a recovered force that are drawn [1]."""
+MAX_SENSORS = 6
+"""Sensors whose runs are drawn [1]."""
 
 Series = Float[np.ndarray, " time"]
 Plain = dict[str, Any]
@@ -64,7 +65,7 @@ def run_charts(diagnosis: Diagnosis) -> list[Chart]:
         return []
     traces = diagnosis.traces[0]
     charts = []
-    for i, sensor in enumerate(diagnosis.nominal.sensors[:MOST_SENSORS]):
+    for i, sensor in enumerate(diagnosis.nominal.sensors[:MAX_SENSORS]):
         part = _loudest(traces.measured[:, i])
         lines = [
             _line(traces.times_s[part], traces.measured[part, i], "measured", MEASURED, 2.5),
@@ -86,7 +87,7 @@ def residual_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Draw what was left before the effects were in, and after: in time and in frequency."""
     charts = []
     spectra = diagnosis.spectra
-    for i, sensor in enumerate(diagnosis.nominal.sensors[:MOST_SENSORS]):
+    for i, sensor in enumerate(diagnosis.nominal.sensors[:MAX_SENSORS]):
         if diagnosis.traces:
             charts.append(_left_in_time(diagnosis.traces[0], i, sensor))
         kept = spectra.frequency_hz > 0
@@ -112,7 +113,7 @@ def residual_charts(diagnosis: Diagnosis) -> list[Chart]:
 
 def surface_chart(surface: Surface, law: str | None, coordinate: str) -> Chart:
     """Draw the force that was missing over the motion there, with the law if there is one."""
-    stride = max(len(surface.force) // POINTS, 1)
+    stride = max(len(surface.force) // FORCE_POINTS, 1)
     e, v, force = surface.e[::stride], surface.v[::stride], surface.force[::stride]
     traces: list[Plain] = []
     for axis, motion in (("", e), ("2", v)):
@@ -164,21 +165,23 @@ def _left_in_time(traces: Traces, i: int, sensor: Sensor) -> Chart:
 def _envelope(times: Series, values: Series) -> tuple[Series, Series]:
     """Thin a series, so that no extreme is lost: lowest and highest sample of each bin."""
     values = np.where(np.isfinite(values), values, np.nan)
-    if len(values) <= 2 * BINS:
+    if len(values) <= 2 * ENVELOPE_BINS:
         return times, values
-    size = len(values) // BINS
-    cut = values[: size * BINS].reshape(BINS, size)
+    size = len(values) // ENVELOPE_BINS
+    cut = values[: size * ENVELOPE_BINS].reshape(ENVELOPE_BINS, size)
     safe = np.nan_to_num(cut, nan=0.0)
     both = np.sort(np.stack([safe.argmin(axis=1), safe.argmax(axis=1)], axis=1), axis=1)
-    rows = (np.arange(BINS)[:, None] * size + both).ravel()
+    rows = (np.arange(ENVELOPE_BINS)[:, None] * size + both).ravel()
     return times[rows], values[rows]
 
 
 def _loudest(values: Series) -> slice:
     """Rows about the largest sample."""
     size = np.nan_to_num(np.abs(values - np.nanmean(values)), nan=0.0)
-    first = int(np.clip(np.argmax(size) - WINDOW // 3, 0, max(len(values) - WINDOW, 0)))
-    return slice(first, first + WINDOW)
+    first = int(
+        np.clip(np.argmax(size) - WINDOW_SAMPLES // 3, 0, max(len(values) - WINDOW_SAMPLES, 0))
+    )
+    return slice(first, first + WINDOW_SAMPLES)
 
 
 def _heard(sensor: Sensor) -> str:

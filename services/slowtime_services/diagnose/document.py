@@ -1,4 +1,4 @@
-"""A diagnosis in; the file that others script against out."""
+"""The JSON document of a diagnosis."""
 
 import dataclasses
 import math

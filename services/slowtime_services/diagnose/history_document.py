@@ -14,7 +14,7 @@ from slowtime_schemas.files.slow_diagnosis import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL
-from .histories import History
+from .history_table import History
 from .words import VERDICTS, named
 
 _MOST_POINTS = 2_000

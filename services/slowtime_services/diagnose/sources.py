@@ -1,4 +1,4 @@
-"""Names of files in, whole or in part; records of any kind out."""
+"""Records that are named whole or in part."""
 
 import dataclasses
 import re

@@ -4,26 +4,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .bridging import MARK, bridged
-    from .conversion import Scaling, in_si, mixed_units, scaling_of
-    from .read import MAX_BYTES, read_record
+    from .channels.gap_filling import MARK, bridged
+    from .channels.si_conversion import Scaling, in_si, mixed_units, scaling_of
+    from .reading_options import ALL
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
-    from .said import ALL
-    from .stamps import DateOrder
-    from .streaming import RecordStream, open_record, streams
-    from .time_units import UNITS
+    from .record_reader import MAX_BYTES, read_record
+    from .record_streams.record_stream import RecordStream, open_record, streams
+    from .times.stamps import DateOrder
+    from .times.time_units import UNITS
 
 _MODULES = {
-    "bridging": ("MARK", "bridged"),
-    "conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
-    "read": ("MAX_BYTES", "read_record"),
+    "channels.gap_filling": ("MARK", "bridged"),
+    "channels.si_conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
+    "record_reader": ("MAX_BYTES", "read_record"),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
-    "said": ("ALL",),
-    "stamps": ("DateOrder",),
-    "streaming": ("RecordStream", "open_record", "streams"),
-    "time_units": ("UNITS",),
+    "reading_options": ("ALL",),
+    "times.stamps": ("DateOrder",),
+    "record_streams.record_stream": ("RecordStream", "open_record", "streams"),
+    "times.time_units": ("UNITS",),
 }  # fmt: skip
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -1,4 +1,4 @@
-"""Hold what was read against every figure of the heading; ask where they contradict.
+"""Consistency of the samples with every figure that a heading states.
 
 The samples have a number, the clock or the heading gives a rate, and the heading may state
 a number of points, an interval and a duration. All of them are of one record, so one reading
@@ -11,21 +11,21 @@ import itertools
 from collections.abc import Iterator
 from typing import Literal
 
-from .facts import Fact, Facts
+from .headings.sampling import Fact, Facts
 from .record import RecordError
-from .time_units import FASTEST_HZ, SLOWEST_HZ
+from .times.time_units import FASTEST_HZ, SLOWEST_HZ
 
-SAME_RATE = 1e-3
-"""Relative difference up to which two rates are the same: clocks of loggers keep time to tens
-of parts in a million, printed intervals to their digits."""
-NEAR_RATE = 0.05
-"""Relative difference up to which a clock's rate is that which the heading means: sensors run
-some percent beside their nominal rate, as data sheets of MEMS accelerometers state."""
-SAME_DURATION = 0.01
-"""Relative difference of durations that are the same: headings round them."""
-TIDY = 1e-6
-"""Relative distance from a whole number of Hz at which a rate may be computed from a duration
-and a number of samples."""
+RATE_TOLERANCE = 1e-3
+"""Relative difference [1] up to which two rates are the same: clocks of loggers keep time to
+tens of parts in a million, printed intervals to their digits."""
+NOMINAL_RATE_TOLERANCE = 0.05
+"""Relative difference [1] up to which a clock's rate is that which the heading means: sensors
+run some percent beside their nominal rate, as data sheets of MEMS accelerometers state."""
+DURATION_TOLERANCE = 0.01
+"""Relative difference [1] of durations that are the same: headings round them."""
+WHOLE_RATE_TOLERANCE = 1e-6
+"""Relative distance from a whole number of Hz [1] at which a rate may be computed from a
+duration and a number of samples."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +194,9 @@ def _stated_rates(name: str, facts: Facts) -> list[float]:
     common = [
         rate
         for rate in options[0]
-        if all(any(_near(rate, other, SAME_RATE) for other in some) for some in options[1:])
+        if all(
+            any(_near(rate, other, RATE_TOLERANCE) for other in some) for some in options[1:]
+        )
     ]
     if not common:
         raise RecordError(
@@ -222,7 +224,7 @@ def _near(one: float, other: float, within: float) -> bool:
 
 def is_near(measured_hz: float, stated_hz: float) -> bool:
     """Whether a measured rate is that which a heading means."""
-    return _near(measured_hz, stated_hz, NEAR_RATE)
+    return _near(measured_hz, stated_hz, NOMINAL_RATE_TOLERANCE)
 
 
 def _agrees(reading: _Reading, facts: Facts, measured: Measured) -> bool:
@@ -248,7 +250,8 @@ def _count_agrees(fact: Fact, reading: _Reading, measured: Measured) -> bool:
 def _duration_agrees(fact: Fact, samples: int, rate_hz: float) -> bool:
     lasts = samples / rate_hz
     return any(
-        abs(value - lasts) <= max(2 / rate_hz, SAME_DURATION * value, fact.tolerance * 1.01)
+        abs(value - lasts)
+        <= max(2 / rate_hz, DURATION_TOLERANCE * value, fact.tolerance * 1.01)
         for value in fact.values
     )
 
@@ -278,7 +281,7 @@ def _computed_rate(name: str, facts: Facts, count: int) -> tuple[float | None, t
         lasts = fact.values[0]
         for samples in (count, count - 1):
             rate = samples / lasts
-            if round(rate) and _near(rate, round(rate), TIDY):
+            if round(rate) and _near(rate, round(rate), WHOLE_RATE_TOLERANCE):
                 said = f"{rate:g} Hz from {count} samples in {lasts:g} s"
                 return float(round(rate)), (f"{said} (heading: {fact.text!r})",)
         raise RecordError(
@@ -304,7 +307,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
     overruled = [
         f"{fact.text!r} (line {fact.line})"
         for fact in (*facts.of("rate"), *facts.of("interval"))
-        if not any(_near(rate, other, NEAR_RATE) for other in _rates_of(fact))
+        if not any(_near(rate, other, NOMINAL_RATE_TOLERANCE) for other in _rates_of(fact))
     ]
     notes = (
         (f"The heading states {', '.join(overruled)}; {rate:g} Hz was given, and used.",)
@@ -325,7 +328,11 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
     assert rate is not None
     notes: list[str] = []
     stated = [*facts.of("rate"), *facts.of("interval")]
-    far = [fact for fact in stated if not _matches(rate, fact, facts.factor, NEAR_RATE)]
+    far = [
+        fact
+        for fact in stated
+        if not _matches(rate, fact, facts.factor, NOMINAL_RATE_TOLERANCE)
+    ]
     agreeing = [fact for fact in stated if fact not in far]
     if far and not agreeing:
         words = ", ".join(f"{fact.text!r} (line {fact.line})" for fact in far)
@@ -338,7 +345,9 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
                 f"The clock of {name} says {rate:.6g} Hz, its heading states {words}. Give "
                 f"--rate-hz {rate:.6g} if the clock is right, or the other figure if it is."
             )
-    if agreeing and not any(_matches(rate, fact, facts.factor, SAME_RATE) for fact in agreeing):
+    if agreeing and not any(
+        _matches(rate, fact, facts.factor, RATE_TOLERANCE) for fact in agreeing
+    ):
         notes.append(
             f"The clock says {rate:.6g} Hz, the heading {agreeing[0].text!r}: the clock is "
             "used."

@@ -1,4 +1,4 @@
-"""Records: what a file of measurements says once its own way of writing is taken off."""
+"""Records of measurements, independent of the format of their file."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""What every kind of file is brought to before anything is decided: columns and figures."""
+"""The sheet: columns and stated figures of a file of any kind."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Shaped
 
-from .facts import Facts
+from .headings.sampling import Facts
 from .record import Values
-from .stamps import Stamps
+from .times.stamps import Stamps
 
 ColumnKind = Literal["number", "stamp", "date", "clock", "word"]
 

@@ -1,4 +1,4 @@
-"""Units of motion as files spell them, and what each is worth in SI."""
+"""Units of motion: spellings in files, and factors to SI."""
 
 import dataclasses
 import re

@@ -1,9 +1,9 @@
 """Modes and geometry in files of other programs: universal files (55, 15, 2411, 82), CSV."""
 
 from .geometry import UNIVERSAL, Geometry, Place, name_of, places_of, read_geometry
-from .reading import ReadMode, ReadModes, read_modes
+from .modes_reader import ReadMode, ReadModes, read_modes
+from .modes_writer import write_modes
 from .tables import write_table
-from .writing import write_modes
 
 __all__ = [
     "UNIVERSAL",

@@ -2,9 +2,9 @@
 
 from slowtime_services.descriptions import description_of
 
-from .reading import MAX_BYTES, ModelFileError, read_description, read_model
-from .running import ambient_model, run_model
-from .writing import model_file_of, model_text, write_model
+from .model_reader import MAX_BYTES, ModelFileError, read_description, read_model
+from .model_writer import model_file_of, model_text, write_model
+from .simulation import ambient_model, run_model
 
 __all__ = [
     "MAX_BYTES",

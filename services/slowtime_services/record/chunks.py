@@ -1,4 +1,4 @@
-"""Compressed chunks of a recording in, plain ones out, however large they would like to be.
+"""Decompression of the chunks of a recording, within a bound.
 
 The library unpacks whatever a chunk holds; a few kilobytes can hold gigabytes. Here a chunk
 unpacks to what it states, and it may not state more than `LARGEST_CHUNK`.

@@ -1,4 +1,4 @@
-"""A chunk that was cut short in, the records that are whole in it out.
+"""Records that are whole in a chunk that was cut short.
 
 What was packed with zstd or LZ4 is unpacked as far as it goes: zstd by blocks of 128 KiB at
 most, LZ4 up to the last byte.

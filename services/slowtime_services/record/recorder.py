@@ -1,4 +1,4 @@
-"""Bus in, recording out, in one thread; what cannot be kept is counted, never silent."""
+"""The recorder of a bus, in a thread of its own."""
 
 import collections
 import dataclasses
@@ -22,7 +22,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 
-from .healing import Healer
+from .retransmission import Retransmission
 from .series import Series
 from .writer import CHUNK_BYTES, RecordingWriter, free_path
 
@@ -33,8 +33,9 @@ LEAST_BYTES = 16 * CHUNK_BYTES
 """Least that a bounded recording may take on the disk."""
 SPARE_BYTES = 2 * CHUNK_BYTES
 """Kept free below the bound: a chunk that is being gathered, and the index that ends a file."""
-FILES = 8
-"""Files that a bounded recording consists of, so that at most an eighth goes at once."""
+FILES_PER_RECORDING = 8
+"""Files that a bounded recording consists of [1], so that at most an eighth is deleted at
+once."""
 
 
 class _Arrival(NamedTuple):
@@ -130,7 +131,7 @@ class Recorder:
                     f"A recording of at most {keep_bytes} bytes was asked for. Give at least "
                     f"{LEAST_BYTES}, and twice the size at which another file begins."
                 )
-            rotate_bytes = rotate_bytes or keep_bytes // FILES
+            rotate_bytes = rotate_bytes or keep_bytes // FILES_PER_RECORDING
         self._series, self._keep_bytes = Series(Path(path)), keep_bytes
         self._when_full, self._full = when_full, threading.Event()
         self._deleted, self._deleted_names = 0, list[str]()
@@ -151,7 +152,7 @@ class Recorder:
             )
         self._writer = RecordingWriter(self._paths[0])
         self._began = self._flushed = time.monotonic()
-        self._healer = Healer(bus, self._arrive)
+        self._healer = Retransmission(bus, self._arrive)
         self._healing, self._closing = FEATURES.name in self._streams, threading.Event()
         self._threads = [
             threading.Thread(target=work, name=f"recorder-{work.__name__}", daemon=True)

@@ -1,4 +1,4 @@
-"""A killed recorder's file in, a sound one out, with everything that can be read."""
+"""Recovery of the readable records of a damaged recording."""
 
 import collections
 import dataclasses

@@ -1,4 +1,4 @@
-"""An MCAP file in, its records in their order out, and where something else stands instead.
+"""Scan of an MCAP file for records and damaged bytes.
 
 Behind damage the next record is looked for: a chunk tells itself by its lengths, which must
 agree; other records by several of them that follow one another.
@@ -17,8 +17,8 @@ HEAD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
 """First and last time, unpacked size and checksum of a chunk."""
 COMPRESSIONS = (b"", b"lz4", b"zstd")
-CHAIN = 4
-"""Records in a row that make a place believable."""
+MIN_CHAIN = 4
+"""Consecutive valid records that confirm the place of a record [1]."""
 
 _BEFORE_THE_END = frozenset(
     {
@@ -122,7 +122,7 @@ def _is_chunk(data: mmap.mmap, at: int, size: int) -> bool:
 
 def _is_chain(data: mmap.mmap, at: int, size: int) -> bool:
     ended = False
-    for _ in range(CHAIN):
+    for _ in range(MIN_CHAIN):
         if ended and data[at:] == MCAP0_MAGIC:
             return True
         piece = _piece_at(data, at, size, ended=ended)

@@ -1,4 +1,4 @@
-"""The files of one recording that goes on: their numbers, their sizes, the oldest deleted."""
+"""The numbered files of an endless recording, of which the oldest are deleted."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Payloads in, one MCAP file out; the same payloads give the same bytes."""
+"""The writer of MCAP files; the same payloads give the same bytes."""
 
 import collections
 import contextlib

@@ -1,11 +1,11 @@
 """Recordings in: as messages, as blocks of samples, or played onto a bus as an edge would."""
 
 from .blocks import block_of, raw_blocks, record_of, record_or_foreign
-from .checking import check
+from .integrity import check
 from .layout import layout_of
 from .ledger_check import Verdict, verdicts
-from .playing import PLAYED, Played, Progress, replay
-from .reading import Contents, Recorded, RecordingError, contents, read_recording
+from .player import PLAYED, Played, Progress, replay
+from .recording_reader import Contents, Recorded, RecordingError, contents, read_recording
 
 __all__ = [
     "PLAYED",

@@ -1,4 +1,4 @@
-"""Recorded samples in, blocks out."""
+"""Blocks of samples of a recording."""
 
 import itertools
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from slowtime_schemas.raw_header import RawHeader
 from slowtime_schemas.streams import RAW
 from slowtime_services.files import Gap, Record, find_column, read_record
 
-from .reading import ForeignRecordingError, RecordingError, contents, read_recording
+from .recording_reader import ForeignRecordingError, RecordingError, contents, read_recording
 
 
 def block_of(payload: bytes) -> tuple[RawHeader, Block]:

@@ -12,13 +12,13 @@ from slowtime_services.ledger import (
     Head,
     Leaf,
     beginning,
+    chain,
     features_digest,
     linked,
     proven,
 )
-from slowtime_services.ledger import chain as kinds
 
-from .reading import read_recording
+from .recording_reader import read_recording
 
 
 @dataclasses.dataclass
@@ -164,7 +164,7 @@ def _entries(
     accepted: tuple[Accepted, ...], there: dict[tuple[str, int], bytes]
 ) -> Iterator[tuple[tuple[str, int] | None, Entry]]:
     for one in accepted:
-        if one.kind == kinds.FEATURES:
+        if one.kind == chain.FEATURES:
             for sequence in range(one.first, one.last + 1):
                 key = (one.boot, sequence)
                 place = (one.number << 40) + sequence

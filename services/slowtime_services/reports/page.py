@@ -1,4 +1,4 @@
-"""Sections of words, tables and charts in; one HTML file that needs nothing else out.
+"""HTML files of text, tables and charts that need no other file.
 
 The drawing library is written into the file, so that it opens without a network and in years.
 The charts can be read out of it again, by who draws them beside other things.

@@ -5,20 +5,11 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Tag, TypeAdapter
 
-from .evolutions import Constant as Constant
-from .evolutions import Evolution as Evolution
-from .evolutions import Fatigue as Fatigue
-from .evolutions import FillingAndEmptying as FillingAndEmptying
-from .evolutions import Linear as Linear
-from .evolutions import Step as Step
-from .frame import Machine as Machine
-from .frame import SimulatedFrame as SimulatedFrame
-from .listening import ORIGIN_NS as ORIGIN_NS
-from .listening import Sensor as Sensor
-from .listening import Simulated as Simulated
-from .listening import Temperature as Temperature
-from .modelled import SimulatedModel as SimulatedModel
-from .oscillator import SimulatedStructure as SimulatedStructure
+from .evolutions import Constant, Evolution, Fatigue, FillingAndEmptying, Linear, Step
+from .frame import Machine, SimulatedFrame
+from .measurement import ORIGIN_NS, Sensor, Simulated, Temperature
+from .model_structure import SimulatedModel
+from .oscillator import SimulatedStructure
 
 
 def _kind(given: Any) -> Any:
@@ -47,3 +38,23 @@ def simulated_structure(fields: Mapping[str, Any]) -> Simulated:
         AnyStructure
     )
     return adapter.validate_python(dict(fields))
+
+
+__all__ = [
+    "ORIGIN_NS",
+    "AnyStructure",
+    "Constant",
+    "Evolution",
+    "Fatigue",
+    "FillingAndEmptying",
+    "Linear",
+    "Machine",
+    "Sensor",
+    "Simulated",
+    "SimulatedFrame",
+    "SimulatedModel",
+    "SimulatedStructure",
+    "Step",
+    "Temperature",
+    "simulated_structure",
+]

@@ -1,4 +1,4 @@
-"""How a part of a simulated structure changes in slow time."""
+"""Laws by which a part of a simulated structure changes in slow time."""
 
 from collections.abc import Iterable
 from typing import Annotated, Literal
@@ -8,7 +8,7 @@ from pydantic import Field
 
 from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 
-from .fields import Frozen, NotNegative, Positive
+from .field_types import Frozen, NotNegative, Positive
 
 
 class Constant(Frozen):

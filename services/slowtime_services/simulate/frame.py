@@ -1,4 +1,4 @@
-"""A shear frame whose storeys and floors age, each in its own way, heard by many sensors."""
+"""A simulated shear frame whose storeys and floors change in slow time."""
 
 import functools
 import math
@@ -17,8 +17,8 @@ from slowtime.dynamics.structure import Square, Structure
 from slowtime.dynamics.transfer import frequency_response
 
 from .evolutions import Constant, Evolution, renewals
-from .fields import Frozen, NotNegative, Positive
-from .listening import LASTING, Record, Simulated
+from .field_types import Frozen, NotNegative, Positive
+from .measurement import LASTING, Record, Simulated
 
 Amounts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=12)]
 

@@ -1,4 +1,4 @@
-"""One degree of freedom that ages while nobody looks.
+"""A simulated oscillator whose stiffness and mass change in slow time.
 
 Within an epoch the structure stands still in slow time: t_s is so much slower than t that one
 record sees one oscillator (Ganguli et al., "Digital Twin: A Dynamic System and Computing
@@ -15,8 +15,8 @@ from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration, simulate
 
 from .evolutions import Constant, Evolution, renewals
-from .fields import Positive
-from .listening import LASTING, Record, Simulated
+from .field_types import Positive
+from .measurement import LASTING, Record, Simulated
 
 
 class SimulatedStructure(Simulated):

@@ -18,7 +18,7 @@ from slowtime.signals.block import RateCorrection
 from slowtime_services.clock import SystemClock
 from slowtime_services.plugins import PluginError
 from tests.edge_agent.acquire.live.listening import opened as opened_live
-from tests.services.test_plugins import installed as installed
+from tests.services.plugins.test_plugins import installed as installed
 
 WINDOW = Window(np.zeros((8, 1)), 100.0, ("a",), 0.0)
 GOOD = [

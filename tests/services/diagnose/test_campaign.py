@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slowtime_services.diagnose import campaign_of, read_any, roles_of
-from slowtime_services.diagnose.sense import refuse_nonsense
+from slowtime_services.diagnose.record_checks import refuse_nonsense
 from slowtime_services.files import Gap, RecordError
 from tests.services.diagnose.slide import RATE_HZ, SAMPLES, arrays_of, source_of
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from slowtime_cli.verbs.diagnosing import diagnose
-from slowtime_cli.verbs.flags import CLOCK
+from slowtime_cli.shared.flags import CLOCK
+from slowtime_cli.verbs.models.diagnose import diagnose
 from slowtime_services.diagnose.sources import read_any
 
 

@@ -12,8 +12,8 @@ from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import SimulatedModel
-from tests.services.own_effects import EFFECTS
-from tests.services.test_plugins import installed as installed
+from tests.services.plugins.own_effects import EFFECTS
+from tests.services.plugins.test_plugins import installed as installed
 from tests.twin_server.serve.conftest import FRICTION, RIG
 from twin_server.diagnose import Task, write_task
 from twin_server.diagnose.plugin_effects import diagnose_with_plugins

@@ -19,8 +19,8 @@ from slowtime.evolution.predicted_response.scenario import (
     bands,
     response_runs,
 )
-from slowtime_services.effects import kinds_for
 from slowtime_services.models import description_of, run_model
+from slowtime_services.plugins.effect_kinds import kinds_for
 from twin_server.estimate.checkpoint import Checkpoint
 from twin_server.orders import MOST_SAMPLES, SimulationOrder
 from twin_server.registration.structure import MASS

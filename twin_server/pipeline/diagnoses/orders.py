@@ -17,9 +17,9 @@ from slowtime_schemas.streams import RAW as RAW_STREAM
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, Sample
 from slowtime_services.clock import Clock, SystemClock
-from slowtime_services.installed_effects import installed_kinds
-from slowtime_services.models.reading import parse_model
-from slowtime_services.plugins import PluginError
+from slowtime_services.models.model_reader import parse_model
+from slowtime_services.plugins.discovery import PluginError
+from slowtime_services.plugins.installed_effects import installed_kinds
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in

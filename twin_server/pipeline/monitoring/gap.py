@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
-from slowtime_services.plugins import said
+from slowtime_services.plugins.discovery import exception_text
 from slowtime_services.replay import block_of
 from twin_server.diagnose import Piece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring
@@ -205,7 +205,9 @@ class GapMonitor:
                 raise
             self._drop_workers()
             mind.failed = models.pop()
-            why = said(error) if str(error) else f"it took longer than {PATIENCE_S:g} s"
+            why = (
+                exception_text(error) if str(error) else f"it took longer than {PATIENCE_S:g} s"
+            )
             self._pipeline.note(
                 twin_id, "effect_failed", "warning",
                 f"The adopted model cannot be run ({why}). Its nominal model is compared "

@@ -9,8 +9,8 @@ from edge_agent.acquire.live.batch import Packet
 from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
-from slowtime_services.plugin_process import PluginProcess
-from slowtime_services.plugins import PluginError, find
+from slowtime_services.plugins.discovery import PluginError, find
+from slowtime_services.plugins.plugin_process import PluginProcess
 
 GROUP = "slowtime.sources"
 HUNG_AFTER_SILENCES = 3

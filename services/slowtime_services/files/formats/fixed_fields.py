@@ -14,7 +14,7 @@ import dataclasses
 import re
 from collections.abc import Iterator, Sequence
 
-from slowtime_services.files.facts import Facts, find_facts
+from slowtime_services.files.headings.sampling import Facts, find_facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
 

@@ -10,7 +10,7 @@ import datetime
 import re
 from collections.abc import Sequence
 
-from slowtime_services.files.facts import find_facts
+from slowtime_services.files.headings.sampling import find_facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
 

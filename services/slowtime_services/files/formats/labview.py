@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slowtime_services.files.dialect import Dialect
-from slowtime_services.files.facts import Fact, Facts
+from slowtime_services.files.delimited.dialect import Dialect
+from slowtime_services.files.headings.sampling import Fact, Facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
-from slowtime_services.files.stamps import read_stamps
+from slowtime_services.files.times.stamps import read_stamps
 
 END = "***End_of_Header***"
 SAME_INTERVAL = 0.05

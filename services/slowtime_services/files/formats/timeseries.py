@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slowtime_services.files.facts import Fact, Facts
+from slowtime_services.files.headings.sampling import Fact, Facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
-from slowtime_services.files.stamps import read_stamps
-from slowtime_services.files.time_units import FASTEST_HZ, SLOWEST_HZ
+from slowtime_services.files.times.stamps import read_stamps
+from slowtime_services.files.times.time_units import FASTEST_HZ, SLOWEST_HZ
 
 from .listing import numbers_of
 

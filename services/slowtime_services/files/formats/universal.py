@@ -10,10 +10,10 @@ import math
 import re
 from collections.abc import Sequence
 
-from slowtime_services.files.facts import Fact, Facts
+from slowtime_services.files.headings.sampling import Fact, Facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
-from slowtime_services.files.stamps import read_stamps
+from slowtime_services.files.times.stamps import read_stamps
 
 from .listing import numbers_of
 

@@ -10,13 +10,13 @@ import importlib.util
 import re
 from pathlib import Path
 
-from slowtime_services.files import apart
+from slowtime_services.files.binary import reader_process
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Sheet
-from slowtime_services.plugins import plugins
+from slowtime_services.plugins.discovery import plugins
 
-from .choosing import sheet_of
 from .found import Found
+from .series_selection import sheet_of
 
 HEAD_BYTES = 4096
 OWN = "plugin:"
@@ -85,8 +85,12 @@ class Reader:
                 f"{path.name} is {self.name}, which {self.library} reads. Install it: "
                 f"pip install 'slowtime[formats]' or pip install {self.library}."
             )
-        told, arrays = apart.run(
-            f"{__name__}.child", path, max_bytes, self.name, words=(self.module, self.name)
+        told, arrays = reader_process.run(
+            f"{__name__}.reader_main",
+            path,
+            max_bytes,
+            self.name,
+            words=(self.module, self.name),
         )
         return sheet_of(path.name, self.name, Found.of_json(told, arrays), wanted)
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
 
-from slowtime_services.files.arrays import refuse_above
+from slowtime_services.files.binary.numpy_arrays import refuse_above
 
 from .found import Found, Series
 

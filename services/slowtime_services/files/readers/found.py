@@ -1,4 +1,4 @@
-"""What a reader finds in a file: series, each with its own rate and start."""
+"""Series that a reader finds in a file, each with its own rate and start."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from slowtime_services.files.arrays import refuse_above
+from slowtime_services.files.binary.numpy_arrays import refuse_above
 
 from .found import Figure, Found, Series
 

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from slowtime_services.files.record import RecordError
 
 from .found import Found, Series
-from .inertial import Field, stamp_of, vectors_of
+from .inertial_json import Field, stamp_of, vectors_of
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 _ANGULAR = ("angular_velocity", "rad/s")

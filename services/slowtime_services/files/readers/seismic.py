@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from slowtime_services.files.arrays import refuse_above
+from slowtime_services.files.binary.numpy_arrays import refuse_above
 
 from .found import Figure, Found, Series
 
-FEWEST_SEAMS = 3
-"""Seams between records from which their starts tell a rate."""
-EVERYWHERE = 0.01
-"""Relative difference of seams that are alike."""
+MIN_SEAMS = 3
+"""Seams between records from which their starts tell a rate [1]."""
+SEAM_TOLERANCE = 0.01
+"""Relative difference of seams that are alike [1]."""
 _SINGLE = 1.2e-7
 """Relative step of numbers of single precision."""
 _SAC_BYTES, _SAC_VERSION_AT = 632, 304
@@ -76,7 +76,7 @@ def _of_starts(stream: Any) -> Iterator[Figure]:
     """Tell the rate that the starts of a channel's pieces imply, where none follows on."""
     for name in dict.fromkeys(trace.id for trace in stream):
         pieces = [trace.stats for trace in stream if trace.id == name]
-        if len(pieces) <= FEWEST_SEAMS or len({p.sampling_rate for p in pieces}) > 1:
+        if len(pieces) <= MIN_SEAMS or len({p.sampling_rate for p in pieces}) > 1:
             continue
         pieces.sort(key=lambda one: one.starttime.ns)
         starts = np.array([one.starttime.ns for one in pieces])
@@ -84,7 +84,7 @@ def _of_starts(stream: Any) -> Iterator[Figure]:
         implied = counts[:-1] / np.maximum(np.diff(starts) * 1e-9, 1e-12)
         usual = float(np.median(implied))
         # Losses are here and there; a wrong rate leaves the same gap or overlap everywhere.
-        if np.abs(implied / usual - 1.0).max() < EVERYWHERE:
+        if np.abs(implied / usual - 1.0).max() < SEAM_TOLERANCE:
             yield Figure(usual, f"starts of the records of {name}:")
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from nptdms import TdmsFile
 
-from slowtime_services.files.arrays import refuse_above
+from slowtime_services.files.binary.numpy_arrays import refuse_above
 
 from .found import Found, Series
 

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from slowtime_cli.offline import offline_twin
+from slowtime_cli.shared.offline_twin import offline_twin
 from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from tests.services.own_effects import EFFECTS
-from tests.services.test_plugins import installed as installed
+from tests.services.plugins.own_effects import EFFECTS
+from tests.services.plugins.test_plugins import installed as installed
 from tests.twin_server.serve.conftest import PRETENDS, RIG, Diagnosing
 from twin_server.settings import DiagnoseSettings, GapSettings
 

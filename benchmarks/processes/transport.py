@@ -1,0 +1,290 @@
+"""What carrying and keeping costs, as ratios to the bare libraries in the same run.
+
+`python -m benchmarks.processes.transport` takes less than a minute. A ratio of 1 means that our
+part costs nothing beside the library's; the aim stands beside it.
+"""
+
+import itertools
+import math
+import multiprocessing
+import multiprocessing.connection
+import socket
+import statistics
+import struct
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import zenoh
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from slowtime_schemas.codec import decode, decode_sample, encode
+from slowtime_schemas.messages import Acknowledgement, Features, Mode, Quality
+from slowtime_schemas.quantities import Quantity
+from slowtime_schemas.streams import ACK, FEATURES
+from slowtime_services.bus import Bus, Inbox, MemoryBus, Sample, ZenohBus
+from slowtime_services.record import Recorder, RecordingWriter
+from slowtime_services.replay import read_recording, replay
+
+COUNT = 20_000
+KEY = FEATURES.key("lab", "beam")
+
+
+def features() -> list[bytes]:
+    """Make features messages as an edge sends them."""
+    made = []
+    for i in range(COUNT):
+        mode = Mode(
+            frequency_hz=Quantity(value=3 + i / 7e6, sd=0.0021456789),
+            damping_ratio=Quantity(value=0.0213456789, sd=0.000912345),
+            snr_db=31.72345,
+        )
+        message = Features(
+            site="lab",
+            asset="beam",
+            boot="b1",
+            sequence=i,
+            t_ns=1_700_000_000_000_000_000 + i,
+            start_ns=0,
+            slow_time=i / 7,
+            method="ambient",
+            modes=(mode,),
+            quality=Quality(samples=5000),
+        )
+        made.append(encode(message))
+    return made
+
+
+def seconds(*functions: Callable[[], object], rounds: int = 3) -> list[float]:
+    """Median time of each function, run in turn so that they share the weather [s]."""
+    times: list[list[float]] = [[] for _ in functions]
+    for _ in range(rounds):
+        for function, kept in zip(functions, times, strict=True):
+            began = time.perf_counter()
+            function()
+            kept.append(time.perf_counter() - began)
+    return [statistics.median(kept) for kept in times]
+
+
+def say(what: str, ours: float, bare: float, aim: str = "-") -> None:
+    """Print both rates and their ratio."""
+    print(
+        f"{what:<46} {COUNT / ours:>9,.0f}/s  bare {COUNT / bare:>9,.0f}/s"
+        f"  ratio {bare / ours:5.2f}  aim {aim}"
+    )
+
+
+def compare_decoding(payloads: list[bytes]) -> None:
+    """Set our decoder beside pydantic alone."""
+
+    def ours() -> None:
+        for payload in payloads:
+            decode(FEATURES, payload)
+
+    def bare() -> None:
+        for payload in payloads:
+            Features.model_validate_json(payload)
+
+    with_us, alone = seconds(ours, bare)
+    say("decode / model_validate_json", with_us, alone, "0.80")
+
+
+def compare_writing(payloads: list[bytes], folder: Path) -> None:
+    """Set our writer and recorder beside mcap's writer."""
+    numbers = itertools.count()
+
+    def new_path() -> Path:
+        return folder / f"{next(numbers)}.mcap"
+
+    def bare() -> None:
+        with new_path().open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema("features", "jsonschema", b"{}")
+            channel = writer.register_channel(KEY, "json", schema)
+            for i, payload in enumerate(payloads):
+                writer.add_message(channel, i, payload, i, i)
+            writer.finish()  # type: ignore[no-untyped-call]
+
+    def record() -> None:
+        bus = MemoryBus()
+        with Recorder(bus, new_path()) as recorder:
+            for payload in payloads:
+                bus.publish(KEY, payload, encoding=FEATURES.encoding)
+        assert recorder.recording.counts == {"features": COUNT}
+
+    written, recorded, floor = seconds(lambda: write(new_path(), payloads), record, bare)
+    say("RecordingWriter / mcap writer", written, floor, "0.50")
+    say("bus, inbox, thread, file / mcap writer", recorded, floor)
+
+
+def write(path: Path, payloads: list[bytes]) -> Path:
+    """Write a recording."""
+    with RecordingWriter(path) as writer:
+        for i, payload in enumerate(payloads):
+            writer.write(FEATURES, "lab", "beam", payload, i, i)
+    return path
+
+
+def read_bare(path: Path) -> None:
+    """Read with mcap alone, in file order."""
+    with path.open("rb") as file:
+        for _ in make_reader(file).iter_messages(log_time_order=False):
+            pass
+
+
+def compare_reading(path: Path) -> None:
+    """Set our reader, with and without decoding, beside mcap's."""
+
+    def decoded() -> None:
+        for message in read_recording(path):
+            decode_sample(message.key, message.payload)
+
+    def read() -> None:
+        for _ in read_recording(path):
+            pass
+
+    def played() -> None:
+        replay(path, MemoryBus(), speed=math.inf, window=2 * COUNT, patience_s=0.0)
+
+    ours, with_replay, with_decoding, bare = seconds(
+        read, played, decoded, lambda: read_bare(path)
+    )
+    say("read_recording / mcap reader", ours, bare, "0.50")
+    say("replay onto a bus nobody hears / mcap reader", with_replay, bare, "0.50")
+    say("read_recording and decode / mcap reader", with_decoding, bare)
+
+
+def compare_replay(path: Path, endpoint: str) -> None:
+    """Set a whole replay, decoded and confirmed at the other end, beside the bare reader."""
+    (bare,) = seconds(lambda: read_bare(path))
+    with MemoryBus() as near, MemoryBus(joins=near) as far:
+        say("replay in memory, confirmed / mcap reader", confirmed(path, near, far), bare)
+    with ZenohBus("client", [endpoint]) as one, ZenohBus("client", [endpoint]) as other:
+        say("replay over Zenoh, confirmed / mcap reader", confirmed(path, one, other), bare)
+
+
+def confirmed(path: Path, sender: Bus, receiver: Bus) -> float:
+    """Time of a replay to a receiver that decodes and acknowledges all of it [s]."""
+    inbox: Inbox[bytes] = Inbox(max_items=COUNT)
+    stop = threading.Event()
+
+    def work() -> None:
+        while not stop.is_set():
+            batch = [decode(FEATURES, payload) for payload in inbox.take(500, timeout_s=0.05)]
+            if batch:
+                ack = Acknowledgement(
+                    site="lab", asset="beam", boot="b1", sequence=batch[-1].sequence, t_ns=0
+                )
+                receiver.publish(ACK.key("lab", "beam"), encode(ack), encoding=ACK.encoding)
+
+    def arrive(sample: Sample) -> None:
+        inbox.put(sample.payload)
+
+    receiver.subscribe(KEY, arrive)
+    thread = threading.Thread(target=work)
+    thread.start()
+    played = replay(path, sender, speed=math.inf)
+    stop.set()
+    thread.join()
+    assert played.complete, played
+    return played.duration_s
+
+
+def listen(endpoint: str, bare: bool, pipe: multiprocessing.connection.Connection) -> None:
+    """Receive in a process of its own, and report the one-way latencies [ns]."""
+    latencies: list[int] = []
+
+    def keep(payload: bytes) -> None:
+        latencies.append(time.monotonic_ns() - struct.unpack_from("<q", payload)[0])
+
+    if bare:
+        session = zenoh.open(bare_config(endpoint))
+        session.declare_subscriber(KEY, lambda sample: keep(sample.payload.to_bytes()))
+    else:
+        bus = ZenohBus("client", [endpoint])
+        bus.subscribe(KEY, lambda sample: keep(sample.payload))
+    pipe.send("listening")
+    pipe.recv()
+    pipe.send(latencies)
+    if bare:
+        session.close()  # type: ignore[no-untyped-call]
+    else:
+        bus.close()
+
+
+def free_port() -> int:
+    """Find a port of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def bare_config(endpoint: str) -> zenoh.Config:
+    """Configure a client with nothing but where to connect."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def latency(endpoint: str, *, bare: bool, rate_hz: int = 500, count: int = 1000) -> list[float]:
+    """One-way latency through a router, sorted, without the first tenth [us]."""
+    here, there = multiprocessing.get_context("spawn").Pipe()
+    process = multiprocessing.get_context("spawn").Process(
+        target=listen, args=(endpoint, bare, there)
+    )
+    process.start()
+    here.recv()
+    session = zenoh.open(bare_config(endpoint))
+    bus = ZenohBus("client", [endpoint])
+    time.sleep(0.3)
+    for _ in range(count):
+        payload = struct.pack("<q", time.monotonic_ns()) + bytes(348)
+        if bare:
+            session.put(KEY, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        else:
+            bus.publish(KEY, payload, encoding=FEATURES.encoding)
+        time.sleep(1 / rate_hz)
+    time.sleep(0.2)
+    here.send("enough")
+    received = here.recv()
+    process.join()
+    session.close()  # type: ignore[no-untyped-call]
+    bus.close()
+    assert len(received) == count
+    return sorted(ns / 1e3 for ns in received[count // 10 :])
+
+
+def compare_latency(endpoint: str) -> None:
+    """Set our bus beside bare Zenoh, process to process through a router."""
+    ours, bare = latency(endpoint, bare=False), latency(endpoint, bare=True)
+    for name, share in (("p50", 0.5), ("p99", 0.99)):
+        mine, theirs = (kept[round(share * (len(kept) - 1))] for kept in (ours, bare))
+        print(
+            f"{'one-way latency ' + name + ', 356 B, 500/s':<46} {mine:>9,.0f} us"
+            f"  bare {theirs:>9,.0f} us  ratio {theirs / mine:5.2f}  aim 0.80"
+        )
+
+
+def main() -> None:
+    """Print every ratio."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    payloads = features()
+    print(f"{COUNT:,} features messages of {len(payloads[0])} bytes")
+    compare_decoding(payloads)
+    with tempfile.TemporaryDirectory() as folder, ZenohBus("router", listen=[endpoint]):
+        compare_writing(payloads, Path(folder))
+        path = write(Path(folder) / "features.mcap", payloads)
+        compare_reading(path)
+        compare_replay(path, endpoint)
+        compare_latency(endpoint)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""Labels and phrases that report, page and terminal share."""
+
+import re
+
+from slowtime_schemas.files.diagnosis import Estimated
+
+UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
+"""A unit at the end of a parameter's name."""
+
+VERDICTS = {
+    "missing_effect": "The model lacks an effect",
+    "nothing_missing": "Nothing is missing",
+    "parameters_only": "Only constants are off",
+    "sensor_fault": "A sensor is at fault",
+    "input_fault": "An input is at fault",
+    "undecided": "These records cannot decide",
+    "unknown_effect": "Something is missing that is not known here",
+}
+
+
+def named(effect: str) -> str:
+    """Name an effect as a person reads it.
+
+    Examples
+    --------
+    >>> named("gap_one_sided")
+    'gap one sided'
+    """
+    return effect.replace("_", " ")
+
+
+def labelled(parameter: str, unit: str) -> str:
+    """Name a parameter as a person reads it, without its unit, which its number carries.
+
+    Examples
+    --------
+    >>> labelled("friction_n", "N"), labelled("k3_n_per_m3", "N/m^3"), labelled("n", "")
+    ('friction', 'k3', 'n')
+    >>> labelled("friction_n", "N m"), labelled("t_jump_s", "s"), labelled("drift_total", "g")
+    ('friction', 't jump', 'drift total')
+    """
+    return (UNIT.sub("", parameter) if unit else parameter).replace("_", " ")
+
+
+def placed(kind: str, name: str) -> str:
+    """Name a place.
+
+    Examples
+    --------
+    >>> placed("element", "j1"), placed("base", "base")
+    ('element j1', 'the base')
+    """
+    return "the base" if kind == "base" else f"{kind} {name}"
+
+
+def rare(chance: float) -> str:
+    """Write a probability, of which nobody needs to know how much less than nothing it is.
+
+    Examples
+    --------
+    >>> rare(0.034), rare(0.0)
+    ('0.034', 'below 1e-12')
+    """
+    return f"{chance:.2g}" if chance >= 1e-12 else "below 1e-12"
+
+
+def number(estimated: Estimated) -> str:
+    """Write a number with its standard deviation, to the digits that this leaves.
+
+    Examples
+    --------
+    >>> number(Estimated(value=20.388, sd=0.14, unit="N"))
+    '20.39 ± 0.14 N'
+    >>> number(Estimated(value=1.0, sd=0.0))
+    '1'
+    """
+    if estimated.sd == 0:
+        return f"{estimated.value:.6g} {estimated.unit}".rstrip()
+    digits = f"{estimated.sd:.1e}"
+    places = 1 - int(digits.partition("e")[2])
+    if abs(estimated.value) < 1e7 and places <= 6:
+        places = max(places, 0)
+        text = f"{estimated.value:.{places}f} ± {estimated.sd:.{places}f}"
+    else:
+        text = f"{estimated.value:.5g} ± {estimated.sd:.2g}"
+    return f"{text} {estimated.unit}".rstrip()

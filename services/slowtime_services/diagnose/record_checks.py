@@ -1,0 +1,149 @@
+"""Records that cannot be what the model says they are, told before anything is made of them.
+
+A factor of a thousand between what a channel says and what the model makes of the inputs is no
+effect that was forgotten: it is a unit, a wire, or a column.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
+from slowtime.dynamics.description import Description, assemble
+from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.modes import undamped_modes
+from slowtime.dynamics.plant import Plant
+from slowtime_services.files import RecordError
+
+from .channel_swaps import refuse_swaps
+
+MAX_SIZE_RATIO = 200.0
+"""Measured over simulated rms of a channel [1], or its inverse, beyond which only a wrong unit
+or a broken wire explains it."""
+RIGID_FREQUENCY_RATIO = 1e-6
+"""Frequency over the highest natural frequency [1] below which a motion is no vibration."""
+PLAUSIBLE_SIZE_RATIO = 20.0
+"""Ratio of measured and simulated rms [1] to which an exchange must bring all channels, to be
+told."""
+ANYWAY = "If it is so, diagnose it all the same with --unchecked."
+
+Sizes = Float[np.ndarray, " sensor"]
+
+
+def refuse_nonsense(
+    campaign: Campaign, names: Sequence[str], kinds: Mapping[str, Kind] | None = None
+) -> None:
+    """Refuse inputs that never change, and sizes that no structure could make of them.
+
+    Parameters
+    ----------
+    names
+        What to call each trial to learn from.
+
+    Raises
+    ------
+    RecordError
+        Saying which channel, by how much, and what it looks like.
+    """
+    model = campaign.description
+    if campaign.ambient:
+        return
+    plant = Plant.of(model, kinds=kinds)
+    for trial, name in zip(campaign.trials, names, strict=True):
+        if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:
+            if float(np.ptp(trial.measured, axis=0).max()) > 0.0 and _struck(trial):
+                continue
+            channels = ", ".join(repr(entry.channel) for entry in model.inputs)
+            raise RecordError(
+                f"{name}: input {channels} never changes, while the structure moves. Was it "
+                "recorded? A structure that rings by itself dies away, and this does not. "
+                f"Take the input out of the model if nobody measured it. {ANYWAY}"
+            )
+        _refuse_slow(model, trial, name)
+        _refuse_sizes(model, trial, plant, name)
+    refuse_swaps(campaign, plant, " and ".join(dict.fromkeys(names)), ANYWAY)
+
+
+def _struck(trial: Trial) -> bool:
+    """Whether the motion dies away, as it does where it was let go."""
+    half = len(trial.measured) // 2
+    early, late = trial.measured[:half].std(axis=0), trial.measured[half:].std(axis=0)
+    return bool(np.all(late <= early))
+
+
+def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
+    """Refuse a rate at which not even the slowest vibration could be followed."""
+    frequency = undamped_modes(assemble(model)).frequency_hz
+    own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
+    if len(own) and trial.rate_hz < 2 * own[0]:
+        raise RecordError(
+            f"{name} has {trial.rate_hz:.4g} samples per second, and the slowest vibration of "
+            f"the model is at {own[0]:.4g} Hz. If its clock does not count seconds, name the "
+            f"unit in the head of the column, such as t_ms, or give --rate-hz. {ANYWAY}"
+        )
+
+
+def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> None:
+    measured = _sizes(trial.outputs, trial)
+    with np.errstate(all="ignore"):
+        made = _sizes(plant.simulate(plant.values, trial.inputs, trial.rate_hz), trial)
+    if not (np.isfinite(made).all() and (made > 0).all() and (measured > 0).any()):
+        return
+    heard = measured > 0
+    ratio = np.where(heard, measured, made) / made
+    off = (ratio > MAX_SIZE_RATIO) | (ratio < 1 / MAX_SIZE_RATIO)
+    if not off.any():
+        return
+    channels = [sensor.channel for sensor in model.sensors]
+    told = ", ".join(
+        f"{channel} is {_times(float(r))}"
+        for channel, r, bad in zip(channels, ratio, off, strict=True)
+        if bad
+    )
+    raise RecordError(
+        f"{name}: {told} what the model makes of the inputs, which no effect explains. "
+        f"{_guess(model, measured, made, ratio, heard)} {ANYWAY}"
+    )
+
+
+def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard: Sizes) -> str:
+    """Say what it looks like: sensors exchanged, a unit of the inputs, or one of a sensor."""
+    sensors = model.sensors
+    for i, j in itertools.combinations(range(len(sensors)), 2):
+        swapped = measured.copy()
+        swapped[[i, j]] = measured[[j, i]]
+        again = np.where(heard, swapped, made) / made
+        if np.all(np.abs(np.log(again)) < np.log(PLAUSIBLE_SIZE_RATIO)):
+            one, other = sensors[i].channel, sensors[j].channel
+            return (
+                f"With {one} and {other} exchanged it would fit: are they swapped? Say "
+                f"--channel {one}={other} --channel {other}={one}."
+            )
+    factor = float(np.exp(np.mean(np.log(ratio))))
+    alike = bool(np.all(np.abs(np.log(ratio / factor)) < np.log(PLAUSIBLE_SIZE_RATIO)))
+    if alike and len(sensors) > 1:
+        units = ", ".join(f"{entry.channel} [{entry.unit}]" for entry in model.inputs)
+        return f"All sensors are, alike: look at the unit of the inputs, {units}."
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    sensor, power = sensors[worst], 10.0 ** (3 * round(float(np.log10(ratio[worst])) / 3))
+    return (
+        f"Look at the unit of {sensor.channel}, {sensor.unit} in the model: if its numbers in "
+        f"the record are {_times(power)} that, say "
+        f"--channel {sensor.channel}={sensor.channel}/{power:g}."
+    )
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.4g} times" if ratio >= 1 else f"1/{round(1 / ratio):,} of"
+
+
+def _sizes(series: Float[np.ndarray, "time sensor"], trial: Trial) -> Sizes:
+    """Scatter of each sensor over the samples to be believed; 0 where there are too few."""
+    return np.array(
+        [
+            float(np.std(column[use])) if use.sum() >= MIN_SAMPLES else 0.0
+            for column, use in zip(series.T, trial.used.T, strict=True)
+        ]
+    )

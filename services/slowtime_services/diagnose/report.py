@@ -1,0 +1,166 @@
+"""The HTML report of a diagnosis."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.dynamics.description import Beam, Description
+from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
+from slowtime_services.reports import Section, Table, write_page
+
+from .charts import gap_chart, residual_charts, run_charts, surface_chart
+from .labels import VERDICTS, labelled, named, number, placed, rare
+
+
+def write_report(path: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
+    """Write ``report.html``; it needs nothing but a browser."""
+    title = f"{VERDICTS[document.verdict]}: {document.model or 'diagnosis'}"
+    write_page(path, title, document.sentence, list(_sections(diagnosis, document)))
+
+
+def _sections(diagnosis: Diagnosis, document: DiagnosisFile) -> Iterator[Section]:
+    yield Section("The gap", (), [gap_chart(document)])
+    yield from _effects(document)
+    yield from _undecided(document)
+    if diagnosis.surface is not None:
+        law = named(document.effects[0].effect) if document.effects else None
+        chart = surface_chart(diagnosis.surface, law, diagnosis.nominal.unit_of_coordinate)
+        yield Section("The force recovered", (), [chart])
+    yield Section("Measured, and what the models say", (), run_charts(diagnosis))
+    yield Section("What is left", _whiteness(document), residual_charts(diagnosis))
+    yield _where(document)
+    yield _constants(diagnosis, document)
+    if document.findings:
+        rows = [(f.channel, f.fault, f"{100 * f.share:.2g} %") for f in document.findings]
+        table = Table(("channel", "fault", "share of its samples"), rows)
+        yield Section("Channels", [f.sentence for f in document.findings], [table])
+    yield _account(document)
+
+
+def _effects(document: DiagnosisFile) -> Iterator[Section]:
+    if not document.effects:
+        return
+    rows, rivals = [], []
+    for effect in document.effects:
+        place = placed(effect.where.kind, effect.where.id)
+        numbers = ", ".join(
+            f"{labelled(name, n.unit)} = {number(n)}"
+            for name, n in effect.parameters.items()
+            if n.sd > 0
+        )
+        rows.append((named(effect.effect), effect.family, place, numbers, _chance(effect)))
+        rivals += [
+            (
+                named(r.effect),
+                placed(r.where.kind, r.where.id),
+                named(effect.effect),
+                _chance(r),
+            )
+            for r in effect.alternatives
+        ]
+    headings = ("effect", "family", "where", "parameters", "probability")
+    tables = [Table(headings, rows, "± is one standard deviation.")]
+    if rivals:
+        tables.append(
+            Table(
+                ("rival", "where", "instead of", "probability"), rivals, "What else it may be."
+            )
+        )
+    yield Section("What is missing", [e.sentence for e in document.effects], tables)
+
+
+def _undecided(document: DiagnosisFile) -> Iterator[Section]:
+    words = [f"What would decide: {document.experiment}"] if document.experiment else []
+    rows = [
+        (named(r.effect), placed(r.where.kind, r.where.id), _chance(r))
+        for r in document.undecided
+    ]
+    tables = [Table(("effect", "where", "probability"), rows)] if rows else []
+    if words or tables:
+        yield Section("What cannot be decided", words, tables)
+
+
+def _whiteness(document: DiagnosisFile) -> list[str]:
+    """Say whether what remains is noise."""
+    over = document.chi2_per_datum
+    if document.residual_white:
+        word = "What the augmented model leaves cannot be told from the sensors' noise"
+    else:
+        word = "What the augmented model leaves is more than the sensors' noise"
+    return [
+        f"{word}: its mean square is {over:.3g} times that of the noise (1 is the best there "
+        f"is); the chance of so much or more, were it noise, is {rare(document.white_p_value)}."
+    ]
+
+
+def _where(document: DiagnosisFile) -> Section:
+    rows = [
+        (
+            placed(place.kind, place.id), f"{place.score:.4g}", rare(place.p_value),
+            f"{100 * place.share:.3g} %",
+        )
+        for place in document.where
+    ]  # fmt: skip
+    headings = ("place", "score", "chance if nothing is missing", "explains of what was left")
+    told = (
+        "How much likelier one unknown force at a place makes what the refitted model leaves."
+    )
+    when = document.when
+    words = []
+    if when.bands_hz:
+        bands = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in when.bands_hz)
+        words.append(f"It stands out between {bands}.")
+    if when.times_s:
+        spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in when.times_s[:12])
+        words.append(f"It stands out at campaign times {spans}.")
+    if when.amplitude:
+        words.append(when.amplitude)
+    if when.linear is not None:
+        words.append("It is linear." if when.linear else "It is not linear.")
+    if when.steady is not None:
+        words.append("It is steady." if when.steady else "It changes over the campaign.")
+    return Section("Where and when", words, [Table(headings, rows, told)])
+
+
+def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
+    """Set all constants of the three models side by side."""
+    nominal, refitted, augmented = (
+        dict(_values(model))
+        for model in (diagnosis.nominal, diagnosis.refitted, diagnosis.augmented)
+    )
+    rows = []
+    for name, value in nominal.items():
+        change = f"{100 * (augmented[name] / value - 1):+.2f} %" if value else ""
+        rows.append(
+            (name, f"{value:.6g}", f"{refitted[name]:.6g}", f"{augmented[name]:.6g}", change)
+        )
+    words = [
+        f"{moved.name} left its tolerance: {moved.value:.5g} ± {moved.sd:.2g} {moved.unit}."
+        for moved in document.moved
+    ]
+    headings = ("constant", "as given", "refitted", "augmented", "change")
+    return Section("Constants", words, [Table(headings, rows)])
+
+
+def _values(model: Description) -> Iterator[tuple[str, float]]:
+    for node in model.nodes:
+        if node.mass_kg:
+            yield f"mass of {node.id} [kg]", node.mass_kg
+    for element in model.elements:
+        if isinstance(element, Beam):
+            yield f"bending stiffness of {element.id} [N m²]", element.bending_stiffness_n_m2
+            continue
+        yield f"stiffness of {element.id} [N/m]", element.stiffness_n_per_m
+        yield f"damping of {element.id} [N s/m]", element.damping_n_s_per_m
+
+
+def _account(document: DiagnosisFile) -> Section:
+    words = [f"Learnt from {', '.join(document.records)}."] if document.records else []
+    if document.holdout:
+        words.append(f"Judged by {', '.join(document.holdout)}, which nothing was fitted to.")
+    words.append(f"{document.seconds:.1f} s of computing.")
+    return Section("Of what it was made", [*words, *document.notes])
+
+
+def _chance(told: FoundEffect | Rival) -> str:
+    return f"{told.probability:.3f}"

@@ -1,0 +1,50 @@
+"""The run and sequence of a features message, without decoding all of it."""
+
+import re
+from typing import NamedTuple
+
+from pydantic_core import from_json
+
+from slowtime_schemas.streams import FEATURES
+
+# What `codec.encode` writes first; five times as quick as parsing the whole message.
+AS_WE_ENCODE = re.compile(
+    rb'\{"version":\d+,"site":"([a-z0-9_-]+)","asset":"([a-z0-9_-]+)",'
+    rb'"boot":"([0-9A-Za-z._-]+)","sequence":(\d{1,18}),'
+)
+
+
+class Run(NamedTuple):
+    """One run of one edge agent."""
+
+    site: str
+    asset: str
+    boot: str
+
+
+def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
+    """Whose features these are and which; None where they are none or cannot be read."""
+    if not key.endswith("/" + FEATURES.name):
+        return None
+    if (ours := AS_WE_ENCODE.match(payload)) is not None:
+        site, asset, boot, number = ours.groups()
+        run, sequence = Run(site.decode(), asset.decode(), boot.decode()), int(number)
+    else:
+        parsed = _found_by_parsing(payload)
+        if parsed is None:
+            return None
+        run, sequence = parsed
+    if not 0 <= sequence < 2**63:
+        return None
+    return (run, sequence) if key == FEATURES.key(run.site, run.asset) else None
+
+
+def _found_by_parsing(payload: bytes) -> tuple[Run, int] | None:
+    try:
+        content = from_json(payload)
+        run = Run(content["site"], content["asset"], content["boot"])
+        sequence = content["sequence"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    sound = all(isinstance(part, str) for part in run) and type(sequence) is int
+    return (run, sequence) if sound else None

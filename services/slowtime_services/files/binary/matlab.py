@@ -1,0 +1,104 @@
+"""The process that reads a MATLAB file into a NumPy archive."""
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+
+from slowtime_services.files.record import RecordError, Values
+
+from .numpy_arrays import Arrays, refuse_above, unreadable
+from .reader_process import REFUSED, bound_memory, save
+
+HEADING_BYTES = 512
+"""Before an HDF5 file's own first bytes, where MATLAB has written one."""
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def _read(path: Path, max_bytes: int) -> Arrays:
+    if _is_hdf5(path):
+        return _read_version_73(path, max_bytes)
+    try:
+        sizes = [np.prod(shape, dtype=float) for _, shape, _ in scipy.io.whosmat(path)]
+        refuse_above(path, int(8 * sum(sizes)), max_bytes)
+        variables = scipy.io.loadmat(path, squeeze_me=False, struct_as_record=True)
+    except RecordError:
+        raise
+    except Exception as error:  # the reader raises whatever a torn file makes it meet
+        raise unreadable(path, error) from error
+    found: dict[str, Values] = {}
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            _flatten(name, value, found)
+    return found
+
+
+def _flatten(name: str, value: Any, into: dict[str, Values]) -> None:
+    array = np.asarray(value)
+    if array.dtype.names and array.size == 1:
+        for field in array.dtype.names:
+            _flatten(f"{name}.{field}", array[field].flat[0], into)
+    elif array.dtype.kind in "fiub":
+        into[name] = array
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Whether a file has the signature of HDF5, behind a heading of MATLAB's or at once."""
+    with path.open("rb") as file:
+        head = file.read(HEADING_BYTES + len(SIGNATURE))
+    return head.startswith(SIGNATURE) or head.endswith(SIGNATURE)
+
+
+def _read_version_73(path: Path, max_bytes: int) -> Arrays:
+    try:
+        import h5py
+    except ImportError as error:
+        raise RecordError(
+            f"{path.name} is a MATLAB file of version 7.3, which h5py reads. Install it: "
+            "pip install 'slowtime[formats]' or pip install h5py. Or save it with -v7."
+        ) from error
+    found: dict[str, Values] = {}
+    try:
+        with h5py.File(path, "r") as file:
+            datasets = list(_datasets(file))
+            refuse_above(
+                path, sum(item.size * item.dtype.itemsize for item in datasets), max_bytes
+            )
+            for item in datasets:
+                name = item.name.strip("/").replace("/", ".")
+                # MATLAB stores by columns, HDF5 by rows: what is read is transposed.
+                found[name] = np.asarray(item[()]).T
+    except RecordError:
+        raise
+    except Exception as error:  # the library says in many ways that a file is torn
+        raise unreadable(path, error) from error
+    return found
+
+
+def _datasets(group: Any) -> Iterable[Any]:
+    for name, item in group.items():
+        if item is None or name.startswith("#") or "MATLAB_empty" in item.attrs:
+            continue  # None is a link that leads nowhere
+        if hasattr(item, "items"):
+            yield from _datasets(item)
+        elif item.attrs.get("MATLAB_class") != b"char" and item.dtype.kind in "fiub":
+            yield item
+
+
+def main(path: str, max_bytes: str, out: str) -> int:
+    """Read the file and leave its arrays in `out`; or say why not."""
+    bound_memory(int(max_bytes))
+    try:
+        found = _read(Path(path), int(max_bytes))
+    except RecordError as error:
+        sys.stderr.write(f"{error}\n")
+        return REFUSED
+    save(out, list(found), list(found.values()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

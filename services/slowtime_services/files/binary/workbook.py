@@ -1,0 +1,102 @@
+"""Excel workbooks as lines of text, by openpyxl: a sheet is a table as any other."""
+
+import datetime
+import importlib.util
+import sys
+import warnings
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from slowtime_services.files.record import RecordError
+
+from . import reader_process
+from .numpy_arrays import refuse_above, unreadable
+
+SUFFIXES = (".xlsx", ".xlsm")
+BYTES_A_CELL = 64
+"""Of a cell and its text; a sheet of one cell in its last corner has 1.7e10 of them."""
+
+
+def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
+    """Rows of the sheet with the most cells, fields apart by tabs; and what to know of it.
+
+    Raises
+    ------
+    RecordError
+        Where openpyxl is missing, or the workbook is damaged or empty.
+    """
+    if importlib.util.find_spec("openpyxl") is None:
+        raise RecordError(
+            f"{path.name} is an Excel workbook, which openpyxl reads. Install it: "
+            "pip install 'slowtime[formats]' or pip install openpyxl. Or save its sheet as CSV."
+        )
+    told, _ = reader_process.run(__name__, path, max_bytes, "an Excel workbook")
+    return told["lines"], tuple(told["notes"])
+
+
+def main(path: str, max_bytes: str, out: str) -> int:
+    """Leave lines and notes in `out`, or say why there are none; in a process of its own."""
+    reader_process.bound_memory(int(max_bytes))
+    warnings.simplefilter("ignore")  # of what openpyxl does not keep
+    try:
+        lines, notes = _read(Path(path), int(max_bytes))
+    except RecordError as error:
+        sys.stderr.write(f"{error}\n")
+        return reader_process.REFUSED
+    reader_process.save(out, {"lines": lines, "notes": notes}, [])
+    return 0
+
+
+def _read(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
+    import openpyxl
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            refuse_above(path, sum(item.file_size for item in archive.infolist()), max_bytes)
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        cells = max_bytes // BYTES_A_CELL
+        sheets: dict[str, list[str]] = {}
+        for sheet in book.worksheets:
+            sheets[sheet.title] = []
+            for row in sheet.iter_rows(values_only=True):
+                cells -= len(row) + 1
+                if cells < 0:
+                    refuse_above(path, 2 * max_bytes, max_bytes)
+                sheets[sheet.title].append("\t".join(_fields(row)))
+        book.close()
+    except RecordError:
+        raise
+    except Exception as error:  # whatever unpacking and parsing raise
+        raise unreadable(path, error) from error
+    full = {name: lines for name, lines in sheets.items() if any(map(str.strip, lines))}
+    if not full:
+        raise RecordError(f"{path.name} has no sheet with anything in it. Give another file.")
+    name = max(full, key=lambda name: sum(map(len, full[name])))
+    others = ", ".join(other for other in full if other != name)
+    notes = (f"Of {path.name} the sheet {name!r} was read, not {others}.",) * bool(others)
+    return full[name], notes
+
+
+def _fields(row: Iterable[Any]) -> list[str]:
+    fields = [_text(value) for value in row]
+    while fields and not fields[-1]:
+        fields.pop()
+    return fields
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime.datetime):
+        return value.isoformat(sep=" ", timespec="microseconds")
+    if isinstance(value, datetime.time):
+        return value.isoformat(timespec="microseconds")
+    if isinstance(value, float):
+        return repr(value)
+    return str(value).replace("\t", " ").replace("\n", " ")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""Columns of a sheet in, the clock of its rows out."""

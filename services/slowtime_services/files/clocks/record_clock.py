@@ -1,0 +1,121 @@
+"""The clock of a record, checked against the options that a user gives."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from slowtime_services.files import plausibility
+from slowtime_services.files.headings.sampling import Facts
+from slowtime_services.files.reading_options import ReadingOptions
+from slowtime_services.files.record import RecordError
+from slowtime_services.files.sheet import Sheet
+from slowtime_services.files.times.time_axis import TimeAxis, UnevenError
+from slowtime_services.files.times.time_units import is_time_name
+
+from . import candidates
+
+BY_CLOCK = "time from column"
+"""Begins the assumption of a record whose clock is one of its columns."""
+FAR_S, FAR = 1.0, 0.01
+"""Time of the first row, in seconds and in lengths of the record, beyond which a clock is not
+counted from the start that a heading states."""
+
+
+def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
+    """Tell the clock apart; rows that are one series have none."""
+    if said.wrapped:
+        return candidates.ClockReading(None, None, frozenset())
+    stated = {value for fact in sheet.facts.of("rate") for value in fact.values}
+    stated |= {1 / value for fact in sheet.facts.of("interval") for value in fact.values}
+    return candidates.read_clock(
+        sheet,
+        sheet.names,
+        said.time_column,
+        unit=said.time_unit,
+        stated_rate_hz=stated.pop() if len(stated) == 1 else None,
+    )
+
+
+def axis_of(
+    told: candidates.ClockReading, said: ReadingOptions, facts: Facts
+) -> tuple[TimeAxis | None, tuple[str, ...]]:
+    """Give what the clock says; a rate that was given overrules it."""
+    notes = told.notes
+    if told.axis is None or told.clock is None:
+        if told.refusal is None:
+            return None, notes
+        if said.rate_hz is None and (said.time_column is not None or told.columns):
+            return None, (*notes, _heading_instead(facts, told.refusal))
+        if said.rate_hz is not None:
+            notes += (f"The clock was not used, since a rate was given: {told.refusal}",)
+        return None, notes
+    axis, name = told.axis, told.clock.name
+    if said.rate_hz is not None and abs(axis.rate_hz / said.rate_hz - 1) > 1e-3:
+        notes += (
+            f"Column {name!r} says {axis.rate_hz:g} Hz; {said.rate_hz:g} Hz was given, and "
+            "used.",
+        )
+        return dataclasses.replace(axis, rate_hz=said.rate_hz, gaps=()), notes
+    notes += axis.notes
+    if axis.jitter > 0.05:
+        notes += (f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).",)
+    return axis, notes
+
+
+def start_of(
+    sheet: Sheet, axis: TimeAxis | None, told: candidates.ClockReading
+) -> tuple[int | None, tuple[str, ...]]:
+    """Give the start by the clock, else by the heading, and how the latter is said."""
+    if axis is not None and axis.start_ns is not None:
+        return axis.start_ns, ()
+    if not sheet.start_said or sheet.start_ns is None:
+        return sheet.start_ns, ()
+    if told.clock is not None and axis is not None:
+        late_s = abs(float(told.clock.values[0])) * told.clock.scale
+        if late_s > FAR_S + FAR * len(told.clock.values) / axis.rate_hz:
+            return None, ()  # counted from power-on or the like, of which the heading tells not
+    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), in UTC",)
+
+
+def _heading_instead(facts: Facts, refusal: RecordError) -> str:
+    """Note that the heading's rate is used, where uneven times have it on average.
+
+    Raises
+    ------
+    RecordError
+        The refusal, where the heading states no rate, or another.
+    """
+    stated = [value for fact in facts.of("rate") for value in fact.values]
+    stated += [1 / value for fact in facts.of("interval") for value in fact.values]
+    if isinstance(refusal, UnevenError) and stated and plausibility.is_near(
+        refusal.mean_hz, stated[0]
+    ):  # fmt: skip
+        return f"The clock was not used, the heading states its mean rate: {refusal}"
+    raise refusal
+
+
+def no_clock(sheet: Sheet) -> str:
+    """Say why no column passes for a clock."""
+    names = sheet.names
+    for name, column in zip(names, sheet.columns, strict=True):
+        if is_time_name(name) and column.kind == "number":
+            with np.errstate(invalid="ignore"):  # two infinities in a row
+                back = int(np.sum(~(np.diff(column.values.astype(float)) > 0)))
+            return (
+                f"column {name!r} does not run forwards in {back} of {len(column.values) - 1} "
+                "steps, and is no clock as it stands. Sort the rows by time if they are out of "
+                "order"
+            )
+    return f"no time column was found among {', '.join(names)}"
+
+
+def clock_words(
+    told: candidates.ClockReading, axis: TimeAxis | None, why: dict[str, str]
+) -> Iterator[str]:
+    """Say what was taken for granted of the columns."""
+    if told.clock is not None and axis is not None:
+        yield f"{BY_CLOCK} {told.clock.said}"
+    if why:
+        apart = "; ".join(f"{name!r}: {reason}" for name, reason in why.items())
+        yield f"set aside ({apart}), --keep keeps them"

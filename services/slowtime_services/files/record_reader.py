@@ -1,0 +1,257 @@
+"""Reading of a whole record from a file of any kind.
+
+The stages: a file becomes a `Sheet` of columns with names, units and the figures of its
+heading (`opening`); its clock is told apart (`record_clock`), then what is no channel
+(`channel_choice`); what remains is held against the heading (`plausibility`), which also
+decides whether columns are channels or one series. What was taken for granted on the way
+stands in the record.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from . import plausibility
+from .channels import wrapped_rows
+from .channels.missing_values import (
+    describe_gaps,
+    describe_missing,
+    gaps_of,
+    gaps_of_counter,
+    only_rows,
+    rows_missing,
+)
+from .channels.selection import refuse_several_sensors, select_channels, unit_of_channel
+from .channels.si_conversion import in_si
+from .clocks import candidates
+from .clocks.record_clock import axis_of, clock_of_sheet, clock_words, no_clock, start_of
+from .file_sheet import open_sheet, pairs_unwrapped, renamed
+from .reading_options import MissingPolicy, ReadingOptions, refuse_implausible_options
+from .record import Gap, Record, RecordError, Values, in_sensor_type
+from .sheet import Column, Sheet
+from .times.stamps import DateOrder
+from .times.time_axis import TimeAxis
+
+MAX_BYTES = 1 << 30
+
+
+# Values of a damaged file may be so large that their squares are infinite: a pattern that
+# is looked for is then not there, and what stands in the file is kept.
+@np.errstate(over="ignore", invalid="ignore")
+def read_record(
+    path: str | Path,
+    *,
+    rate_hz: float | None = None,
+    channels: Sequence[str] | None = None,
+    skip_lines: int | None = None,
+    columns: Sequence[str] | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    date_order: DateOrder | None = None,
+    wrapped: bool | None = None,
+    keep: Sequence[str] = (),
+    keep_missing: bool = False,
+    skip_missing: bool = False,
+    units: Sequence[str] = (),
+    sensitivities: Sequence[str] = (),
+    max_bytes: int = MAX_BYTES,
+    of_a_piece: bool = False,
+) -> Record:
+    """Read a record of measurements from a file.
+
+    Text of any delimiter (comma, tab, semicolon, bar, blanks; decimal point or comma), with
+    or without preamble, header, units and time column; NumPy ``.npy`` and ``.npz``; MATLAB
+    ``.mat`` of version 5 and of version 7.3. Arrays may lie either way: the longer side is
+    time.
+
+    Parameters
+    ----------
+    rate_hz
+        Samples per second; None to find it in a time column, in a variable such as ``fs``,
+        or in the heading. If given, it overrules them.
+    channels
+        Names, or numbers from 0, of the columns to keep as samples; None for all but clocks,
+        counters, magnitudes, constants and words. Other columns go to `Record.aux`.
+    skip_lines
+        Lines of text before the first row of numbers; None to find out.
+    columns
+        Names of the columns, in order; None to take those in the file.
+    time_column
+        Name or number of the column that holds the clock; ``"none"`` if there is none; None to
+        find out.
+    time_unit
+        Unit of that column: s, ms, us, ns, min, h or d; None to find out.
+    date_order
+        Whether day (``"dmy"``) or month (``"mdy"``) comes first in dates with slashes.
+    wrapped
+        Whether all columns are one series, several values a line; None to find out.
+    keep
+        Columns to keep as channels that would be set aside; ``("all",)`` for each.
+    keep_missing
+        Whether NaN and empty fields are kept, as NaN, instead of refused.
+    skip_missing
+        Whether rows in which a value is missing are left out as gaps, instead of refused.
+    units
+        Units of the samples in the file, ``UNIT`` of all channels or ``CHANNEL=UNIT``; they
+        overrule it.
+    sensitivities
+        What volts or counts mean: ``100mV/g``, ``CHANNEL=256LSB/g``.
+    max_bytes
+        What a file may hold at most.
+    of_a_piece
+        Whether it is a piece of a longer file, of which its heading states the number of
+        points and the duration.
+
+    Returns
+    -------
+    Samples in SI where their unit is one of motion, else as the file has them; see
+    `slowtime_services.files.channels.si_conversion`.
+
+    Raises
+    ------
+    RecordError
+        (a ValueError) where the file is no record, or may be read in several ways; the text
+        says what to do. OSError where it cannot be opened.
+    """
+    path = Path(path)
+    refuse_implausible_options(rate_hz, time_unit)
+    size = path.stat().st_size
+    if size > max_bytes:
+        raise RecordError(
+            f"{path.name} has {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
+            "are read at once. Cut it into several files, or raise max_bytes."
+        )
+    said = ReadingOptions(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
+    missing = MissingPolicy(keep_missing, skip_missing)
+    chosen = None if channels is None else tuple(channels)
+    sheet = open_sheet(path, skip_lines, max_bytes, date_order, chosen)
+    sheet = renamed(sheet, columns)
+    if of_a_piece:
+        sheet = dataclasses.replace(sheet, facts=sheet.facts.of_any_length)
+    if len(sheet.columns[0].values) < 2 and len(sheet.columns) + len(sheet.tail) < 2 + (
+        sheet.facts.found == ()
+    ) * len(sheet.columns):
+        raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
+    record = _record(path.name, pairs_unwrapped(sheet), said, missing)
+    plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
+    return in_si(record, units, sensitivities)
+
+
+def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy) -> Record:
+    """Decide what the columns are, hold that to account, and gather the samples."""
+    names = sheet.names
+    told = clock_of_sheet(sheet, said)
+    kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
+    if said.rate_hz is None:
+        refuse_several_sensors(file, sheet)
+    lost = rows_missing(file, sheet, kept, missing)
+    rows = np.arange(len(lost))[~lost]
+    if missing.skip and lost.any():
+        sheet = only_rows(sheet, rows)
+        told = clock_of_sheet(sheet, said)
+    axis, notes = axis_of(told, said, sheet.facts)
+    gaps = axis.gaps if axis is not None else ()
+    if axis is None and missing.skip:
+        gaps = tuple(gaps_of(rows))
+    if axis is None and not gaps:
+        gaps, counted = gaps_of_counter(sheet, why)
+        notes += counted
+    values = [sheet.columns[i].values for i in kept]
+    measured = _measured(sheet, kept, said, axis, gaps, told)
+    verdict = plausibility.judge(file, sheet.facts, measured)
+    rate = verdict.rate_hz
+    if rate is None:
+        raise told.refusal or RecordError(
+            f"{file} does not say how often it was sampled: {no_clock(sheet)}. "
+            "Give --rate-hz, or name the clock with --time-column."
+        )
+    if (
+        said.rate_hz is None
+        and told.clock is None
+        and told.refusal is not None
+        and told.columns
+    ):
+        notes += (f"The column of times was not used: {told.refusal}",)
+    if verdict.wrapped:
+        return _series(sheet, kept, verdict, notes)
+    assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
+    others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
+    start_ns, said_start = start_of(sheet, axis, told)
+    assumptions += said_start
+    if lost.any():
+        notes += (describe_missing(values, lost, missing),)
+    if gaps:
+        notes += (describe_gaps(gaps),)
+    return Record(
+        samples=in_sensor_type(_finite(np.column_stack(values))),
+        rate_hz=float(rate),
+        channels=tuple(names[i] for i in kept),
+        units=tuple(unit_of_channel(sheet, i, kept) for i in kept),
+        start_ns=start_ns,
+        gaps=gaps,
+        aux={**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}},
+        notes=(*sheet.notes, *notes, *verdict.notes),
+        assumptions=assumptions,
+    )
+
+
+def _series(
+    sheet: Sheet, kept: Sequence[int], verdict: plausibility.Verdict, notes: tuple[str, ...]
+) -> Record:
+    """All columns as one series."""
+    table = np.column_stack([sheet.columns[i].values for i in kept]).astype(float)
+    assert verdict.rate_hz is not None
+    return Record(
+        samples=wrapped_rows.unwrap(table, sheet.tail)[:, None],
+        rate_hz=float(verdict.rate_hz),
+        channels=("channel_0",),
+        units=(sheet.unit,),
+        start_ns=sheet.start_ns,
+        aux=sheet.aux,
+        notes=(*(n for n in sheet.notes if "cut short" not in n), *notes, *verdict.notes),
+        assumptions=(*sheet.assumptions, *verdict.assumptions),
+    )
+
+
+def _measured(
+    sheet: Sheet,
+    kept: Sequence[int],
+    said: ReadingOptions,
+    axis: TimeAxis | None,
+    gaps: Sequence[Gap],
+    told: candidates.ClockReading,
+) -> plausibility.Measured:
+    values = [sheet.columns[i].values for i in kept]
+    alone = len(kept) == len(sheet.columns) and all(v.dtype.kind in "fiu" for v in values)
+    layered = alone and len(kept) > 1 and axis is None and not sheet.format
+    open_to_doubt = layered and not sheet.named and said.wrapped is None
+    table = np.column_stack(values).astype(float) if open_to_doubt else None
+    return plausibility.Measured(
+        rows=len(values[0]),
+        width=len(kept),
+        tail=len(sheet.tail) if layered else 0,
+        missing=sum(gap.missing for gap in gaps),
+        clock_rate_hz=axis.rate_hz if axis is not None else None,
+        clock_sure=told.clock is None or told.clock.sure,
+        given_rate_hz=said.rate_hz,
+        named=sheet.named,
+        smooth=table is not None and wrapped_rows.looks_wrapped(table),
+        apart=table is not None and wrapped_rows.looks_like_channels(table),
+        wrapped=said.wrapped if layered else False,
+    )
+
+
+def _plain(column: Column) -> Values:
+    """Values of a column that is no channel; of stamps, seconds from the first."""
+    if column.stamps is None:
+        return column.values
+    return np.asarray((column.values - column.values[0]) * 1e-9)
+
+
+def _finite(samples: Values) -> Values:
+    """Put NaN in place of what is infinite."""
+    if samples.dtype.kind != "f" or not np.isinf(samples).any():
+        return samples
+    return np.where(np.isfinite(samples), samples, np.nan)

@@ -1,0 +1,1 @@
+"""A long file in; its records, piece by piece in bounded memory, out."""

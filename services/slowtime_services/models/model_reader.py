@@ -1,0 +1,161 @@
+"""Model files in; what is wrong with them, line by line, or the description they hold out."""
+
+import dataclasses
+import difflib
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from slowtime.dynamics.description import Description, DescriptionError
+from slowtime.dynamics.effects import Kind, read_effects
+from slowtime_schemas.files import model as schema
+from slowtime_schemas.files.model import ModelFile
+from slowtime_services.descriptions import description_of
+
+from .yaml_lines import Path, YamlError, read_with_lines
+
+MAX_BYTES = 1 << 20
+SHOWN = 8
+"""Faults that are told of at once."""
+NAMES = ("name", "id", "between", "effect", "element", "node", "input", "sensor", "channel")
+"""Keys of names, which may look like numbers."""
+
+
+class ModelFileError(ValueError):
+    """A model file that cannot be used; the text names line and cure."""
+
+
+def read_model(path: str | pathlib.Path, kinds: Mapping[str, Kind] | None = None) -> ModelFile:
+    """Read a model file (YAML or JSON), and check it whole.
+
+    Parameters
+    ----------
+    kinds
+        Of effect, by name; the catalogue where not given.
+
+    Raises
+    ------
+    ModelFileError
+        (a ValueError) naming line and cure. OSError where it cannot be opened.
+    """
+    path = pathlib.Path(path)
+    if path.stat().st_size > MAX_BYTES:
+        raise ModelFileError(
+            f"{path.name} has {path.stat().st_size / 2**20:.1f} MiB; a model file has at most "
+            f"{MAX_BYTES / 2**20:.0f} MiB. Is it a record?"
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelFileError(
+            f"{path.name} is not text (byte {error.start}). Give a model file, in UTF-8."
+        ) from None
+    return parse_model(text, path.name, kinds)
+
+
+def read_description(
+    path: str | pathlib.Path, kinds: Mapping[str, Kind] | None = None
+) -> Description:
+    """Read a model file as the description it holds."""
+    return description_of(read_model(path, kinds))
+
+
+def parse_model(
+    text: str,
+    name: str,
+    kinds: Mapping[str, Kind] | None = None,
+    *,
+    own: frozenset[str] = frozenset(),
+) -> ModelFile:
+    """Check the text of a model file.
+
+    Parameters
+    ----------
+    name
+        What errors call it.
+    own
+        Kinds of effect that are known elsewhere: nothing is checked of them here.
+    """
+    try:
+        values, lines = read_with_lines(text, NAMES)
+    except YamlError as error:
+        raise ModelFileError(f"{name}, line {error.line}: {error}") from None
+    if not isinstance(values, dict):
+        raise ModelFileError(f"{name} is no model file. Begin it with `slowtime_model: 1`.")
+    try:
+        model = ModelFile.model_validate(values)
+    except ValidationError as error:
+        faults = [_fault(item, values, lines) for item in error.errors(include_url=False)]
+        faults = sorted(dict.fromkeys(faults))
+        shown = [f"{name}, line {line}: {sentence}" for line, sentence in faults[:SHOWN]]
+        if len(faults) > SHOWN:
+            shown.append(f"... and {len(faults) - SHOWN} more.")
+        raise ModelFileError("\n".join(shown)) from None
+    try:
+        description = description_of(model)
+        ours = tuple(entry for entry in description.effects if entry["effect"] not in own)
+        read_effects(dataclasses.replace(description, effects=ours), kinds)
+    except DescriptionError as error:
+        line = lines[_known(error.where, lines)]
+        raise ModelFileError(f"{name}, line {line}: {error}") from None
+    return model
+
+
+def _fault(
+    item: ErrorDetails, values: dict[str, Any], lines: Mapping[Path, int]
+) -> tuple[int, str]:
+    """Line and sentence of one thing that the schema refuses."""
+    where = _known(item["loc"], lines)
+    line, last = lines[where], str(item["loc"][-1])
+    if item["type"] == "extra_forbidden":
+        allowed = _keys(where[:-1], values)
+        near = difflib.get_close_matches(last, allowed, 1)
+        hint = f"Did you mean `{near[0]}`? " if near else ""
+        return line, f"unknown key `{last}`. {hint}Allowed: {', '.join(allowed)}."
+    if item["type"] == "missing":
+        return line, f"`{last}` is missing{_of(where)}. Add it."
+    if item["type"] == "union_tag_invalid":
+        ctx = item.get("ctx", {})
+        return (
+            lines.get((*where, "kind"), line),
+            f"`kind: {ctx.get('tag')}` is not known. Allowed: {ctx.get('expected_tags')}.",
+        )
+    said = item["msg"].removeprefix("Value error, ")
+    given = f", not {item['input']!r:.60}" if not isinstance(item["input"], dict | list) else ""
+    name = next((str(step) for step in reversed(where) if isinstance(step, str)), "file")
+    return line, f"`{name}`: {said}{given}."
+
+
+def _known(loc: tuple[str | int, ...], lines: Mapping[Path, int]) -> Path:
+    """Go along `loc` as far as the file does; a union's tag, put between, is left out."""
+    path: Path = ()
+    for step in loc:
+        if (*path, step) in lines:
+            path = (*path, step)
+    return path
+
+
+def _of(where: Path) -> str:
+    steps = [f"number {step + 1}" if isinstance(step, int) else str(step) for step in where]
+    return f" in {' '.join(steps)}" if steps else ""
+
+
+def _keys(parent: Path, values: dict[str, Any]) -> list[str]:
+    """Keys that are allowed where `parent` leads to."""
+    model: type[BaseModel] = ModelFile
+    if parent:
+        part: Any = values
+        for step in parent:
+            part = part[step]
+        beam = part.get("kind") == "beam"
+        model = {
+            "nodes": schema.BeamNode if beam else schema.PointNode,
+            "elements": schema.BeamElement if beam else schema.SpringElement,
+            "inputs": schema.ModelInput,
+            "sensors": schema.ModelSensor,
+            "tolerance": schema.ModelTolerance,
+        }.get(str(parent[0]), ModelFile)
+    return list(model.model_fields)

@@ -1,0 +1,1 @@
+"""Checked YAML and JSON files in; problems of design and reliability out."""

@@ -1,0 +1,86 @@
+"""YAML or JSON files that are checked by a schema, with the line of each key."""
+
+import pathlib
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from slowtime_services.models.yaml_lines import Path, YamlError, read_with_lines
+
+MAX_BYTES = 1 << 20
+SHOWN = 8
+"""Faults of one file that an error lists."""
+
+NAMES = ("marginal", "between", "of", "name")
+"""Keys whose values are names, even where YAML would read them as numbers or truth values."""
+
+Content = TypeVar("Content", bound=BaseModel)
+Failure = Callable[[str], ValueError]
+
+
+def read_text(path: pathlib.Path, failure: Failure) -> str:
+    """Text of a file of at most 1 MiB.
+
+    Raises
+    ------
+    ValueError
+        As `failure` makes it. OSError where the file cannot be opened.
+    """
+    if path.stat().st_size > MAX_BYTES:
+        raise failure(f"{path.name} is larger than 1 MiB. Is it a record?")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise failure(f"{path.name} is not UTF-8 text: {error}.") from None
+
+
+def parse_checked(
+    text: str, name: str, schema: type[Content], kind: str, failure: Failure
+) -> tuple[Content, Mapping[Path, int]]:
+    """Check a text by its schema.
+
+    Parameters
+    ----------
+    name
+        What errors call the file.
+    kind
+        ``reliability`` for a file that begins with `slowtime_reliability: 1`.
+    failure
+        Makes the error of a sentence.
+
+    Returns
+    -------
+    The content, and the line of each key.
+    """
+    try:
+        values, lines = read_with_lines(text, NAMES)
+    except YamlError as error:
+        raise failure(f"{name}, line {error.line}: {error}") from None
+    if not isinstance(values, dict):
+        raise failure(f"{name} is no {kind} file. Begin it with `slowtime_{kind}: 1`.")
+    try:
+        return schema.model_validate(values), lines
+    except ValidationError as error:
+        told = sorted({_fault(item, lines) for item in error.errors(include_url=False)})
+        said = [f"{name}, line {line}: {sentence}" for line, sentence in told[:SHOWN]]
+        raise failure("\n".join(said)) from None
+
+
+def line_of(where: Path, lines: Mapping[Path, int]) -> int:
+    """Line of the place, or of the nearest one around it that the file has."""
+    while where and where not in lines:
+        where = where[:-1]
+    return lines.get(where, 1)
+
+
+def _fault(item: Any, lines: Mapping[Path, int]) -> tuple[int, str]:
+    """Line of a fault that pydantic has found in a file, and a sentence."""
+    where = tuple(item["loc"])
+    last = where[-1] if where else "file"
+    if item["type"] == "extra_forbidden":
+        return line_of(where, lines), f"unknown key `{last}`."
+    if item["type"] == "missing":
+        return line_of(where, lines), f"`{last}` is missing. Add it."
+    said = item["msg"].removeprefix("Value error, ")
+    return line_of(where, lines), f"`{last}`: {said}."

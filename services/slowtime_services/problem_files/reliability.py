@@ -1,0 +1,193 @@
+"""Problems of `slowtime.reliability`, read from YAML, JSON or Python files."""
+
+import importlib.util
+import inspect
+import pathlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from slowtime.reliability import (
+    ClaytonCopula,
+    Copula,
+    FrankCopula,
+    GumbelCopula,
+    LimitState,
+    Marginal,
+    Problem,
+    StudentCopula,
+    System,
+    correlated,
+    marginal,
+)
+from slowtime_schemas.files.reliability import (
+    CopulaOf,
+    Correlation,
+    RandomInput,
+    ReliabilityFile,
+)
+from slowtime_services.models.yaml_lines import Path
+
+from .checked_file import line_of, parse_checked, read_text
+from .expressions import Expression
+
+
+class ReliabilityFileError(ValueError):
+    """A reliability file that cannot be used; the text names line and cure."""
+
+
+def read_problem(
+    path: str | pathlib.Path, limit_state: str | pathlib.Path | None = None
+) -> Problem:
+    """Read a problem from YAML or JSON, or from the variable `problem` of a Python file.
+
+    Parameters
+    ----------
+    limit_state
+        Python file whose function ``g`` is the limit state, instead of a formula. Its
+        arguments are inputs by name, or one array [sample input].
+
+    Raises
+    ------
+    ReliabilityFileError
+        (a ValueError) naming line and cure. OSError where a file cannot be opened.
+    """
+    path = pathlib.Path(path)
+    if path.suffix == ".py":
+        if limit_state is not None:
+            raise ReliabilityFileError(
+                f"{path.name} holds its own limit state. Leave --limit-state out."
+            )
+        problem = _executed(path, "problem")
+        if not isinstance(problem, Problem):
+            raise ReliabilityFileError(
+                f"`problem` of {path.name} is no slowtime.reliability.Problem."
+            )
+        return problem
+    text = read_text(path, ReliabilityFileError)
+    own = None if limit_state is None else _executed(pathlib.Path(limit_state), "g")
+    return parse_problem(text, path.name, own)
+
+
+def parse_problem(text: str, name: str, own: Callable[..., Any] | None = None) -> Problem:
+    """Check the text of a reliability file; `name` is what errors call it."""
+    file, lines = parse_checked(
+        text, name, ReliabilityFile, "reliability", ReliabilityFileError
+    )
+    return _problem(file, lines, name, own)
+
+
+def _problem(
+    file: ReliabilityFile,
+    lines: Mapping[Path, int],
+    name: str,
+    own: Callable[..., Any] | None,
+) -> Problem:
+    def at(where: Path, work: Callable[..., Any], *given: Any) -> Any:
+        try:
+            return work(*given)
+        except ValueError as error:
+            raise ReliabilityFileError(
+                f"{name}, line {line_of(where, lines)}: {error}"
+            ) from None
+
+    inputs = {key: at(("inputs", key), law_of, one) for key, one in file.inputs.items()}
+    dependence: dict[tuple[str, ...], Copula] = {}
+    for number, group in enumerate(file.copulas):
+        dependence[group.of] = at(("copulas", number), copula_of, group)
+    if file.correlations:
+        dependence |= at(("correlations",), correlations_of, inputs, file.correlations)
+    limit_state: LimitState
+    if own is not None:
+        if file.limit_state is not None or file.parts:
+            raise ReliabilityFileError(
+                f"{name} holds a limit state, and --limit-state gives another. Give one."
+            )
+        limit_state = _by_name(own, tuple(inputs))
+    elif file.system is not None:
+        parts = {
+            key: at(("parts", key), Expression, said, tuple(inputs))
+            for key, said in file.parts.items()
+        }
+        limit_state = System(file.system, parts)
+    elif file.limit_state is not None:
+        limit_state = at(("limit_state",), Expression, file.limit_state, tuple(inputs))
+    else:
+        raise ReliabilityFileError(
+            f"{name} has no limit state. Add `limit_state`, `system` with `parts`, or name a "
+            "Python file by --limit-state."
+        )
+    problem: Problem = at(("copulas",), Problem, inputs, limit_state, dependence, file.invalid)
+    return problem
+
+
+def law_of(given: RandomInput) -> Marginal:
+    """Marginal distribution that a file names.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or parameters that do not fit it.
+    """
+    return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
+
+
+def correlations_of(
+    inputs: Mapping[str, Any], given: Sequence[Correlation]
+) -> dict[tuple[str, ...], Copula]:
+    """Copula of the inputs that correlations in a file join."""
+    kinds = {kind for one in given for kind in one.given()}
+    if len(kinds) > 1:
+        raise ValueError(f"{', '.join(sorted(kinds))}: give all correlations in one kind.")
+    kind = kinds.pop()
+    pairs = {one.between: one.given()[kind] for one in given}
+    return correlated(inputs, pairs, kind)  # type: ignore[arg-type]  # one of its literals
+
+
+def copula_of(group: CopulaOf) -> Copula:
+    """Copula that a file names."""
+    if group.copula == "student":
+        if group.freedom is None or group.correlation is None or group.theta is not None:
+            raise ValueError("A student copula takes freedom and correlation, and no theta.")
+        matrix = np.full((len(group.of), len(group.of)), group.correlation)
+        np.fill_diagonal(matrix, 1.0)
+        return StudentCopula(matrix, group.freedom)
+    if group.theta is None or group.freedom is not None or group.correlation is not None:
+        raise ValueError(f"A {group.copula} copula takes theta alone.")
+    if group.copula == "clayton":
+        return ClaytonCopula(group.theta)
+    if len(group.of) != 2:
+        raise ValueError(f"A {group.copula} copula joins two inputs, not {len(group.of)}.")
+    return FrankCopula(group.theta) if group.copula == "frank" else GumbelCopula(group.theta)
+
+
+def _by_name(own: Callable[..., Any], names: tuple[str, ...]) -> LimitState:
+    """Limit state of points, from a function of inputs by name or of all at once."""
+    wanted = tuple(inspect.signature(own).parameters)
+    if set(wanted) <= set(names):
+        places = [names.index(name) for name in wanted]
+        return lambda x: own(*(x[:, place] for place in places))
+    if len(wanted) == 1:
+        return own
+    raise ReliabilityFileError(
+        f"g takes {', '.join(wanted)}. Give it inputs by name ({', '.join(names)}), or one "
+        "array [sample input]."
+    )
+
+
+def _executed(path: pathlib.Path, wanted: str) -> Any:
+    """Execute a Python file that its owner has named, and return one of its names."""
+    spec = importlib.util.spec_from_file_location(f"slowtime_own_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise ReliabilityFileError(f"{path.name} is no Python file. Give one that ends in .py.")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ReliabilityFileError(
+            f"{path.name} cannot be imported: {type(error).__name__}: {error}."
+        ) from error
+    if not hasattr(module, wanted):
+        raise ReliabilityFileError(f"{path.name} has no `{wanted}`. Define it there.")
+    return getattr(module, wanted)

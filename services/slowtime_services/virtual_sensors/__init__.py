@@ -1,0 +1,1 @@
+"""A model file and the quantities asked of it in, a virtual sensor out."""

@@ -1,0 +1,146 @@
+"""The verb `diagnose`: finds what a model lacks, from its records."""
+
+import contextlib
+import functools
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
+from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
+from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
+from slowtime_services.diagnose.labels import labelled, number
+from slowtime_services.files import DateOrder
+from slowtime_services.models import read_description
+from slowtime_services.plugins.effect_kinds import known
+
+
+def diagnose(
+    model: Path | None,
+    records: tuple[str, ...],
+    history: str | None,
+    twin: str | None,
+    holdout: tuple[str, ...],
+    out: Path,
+    quick: bool,
+    effects: tuple[Path, ...],
+    channels: tuple[str, ...],
+    rate_hz: float | None,
+    skip_lines: int | None,
+    time_column: str | None,
+    time_unit: str | None,
+    date_order: DateOrder | None,
+    wrapped: bool | None,
+    units: tuple[str, ...],
+    sensitivities: tuple[str, ...],
+    patience_s: float | None,
+    unchecked: bool,
+) -> None:
+    """Find what a model lacks, where and how much, from its records."""
+    if history is not None:
+        _refuse_unwritable(out)
+        # Only then: it brings the whole server along, which takes half a second.
+        from .diagnose_history import diagnose_history
+
+        with _stages() as progress:
+            diagnose_history(history, twin, out, progress)
+        return
+    assert model is not None
+    kinds = known(effects)
+    description = read_description(model, kinds)
+    if not description.sensors:
+        raise click.UsageError(
+            f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
+        )
+    read = functools.partial(
+        read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
+        time_unit=time_unit, date_order=date_order, wrapped=wrapped, units=units,
+        sensitivities=sensitivities,
+    )  # fmt: skip
+    learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
+    _refuse_unwritable(out)
+    roles = roles_of(channels)
+    with _stages() as progress:
+        found, document = diagnose_records(
+            description, learnt, judged, roles=roles, kinds=kinds, quick=quick,
+            unchecked=unchecked, progress=progress, patience_s=patience_s,
+        )  # fmt: skip
+    for text in document.notes:
+        note(text)
+    write_results(out, found, document)
+    _tell(found, document, out)
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Fail before the work rather than after it where its results could not be kept."""
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise click.UsageError(
+            f"Nothing can be written into {out}: {error.strerror}. Give another folder with "
+            "--out."
+        ) from None
+
+
+@contextlib.contextmanager
+def _stages() -> Iterator[Callable[[str, float], None]]:
+    """Show a bar with the stage in words; nothing off a terminal."""
+    words = TextColumn("{task.description}")
+    columns = (words, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(
+        *columns, console=ERR, transient=True, disable=not shows_progress()
+    ) as progress:
+        task = progress.add_task("reading", total=1.0)
+        yield lambda stage, share: progress.update(task, description=stage, completed=share)
+
+
+def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
+    """Say it: the sentence, the effects with their numbers, the gap, where the files are."""
+    click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
+    rows, plain = [], []
+    for effect in document.effects:
+        told = ", ".join(
+            f"{labelled(name, n.unit)} {number(n)}"
+            for name, n in effect.parameters.items()
+            if n.sd > 0
+        )
+        rows.append((effect.effect, _at(effect.where), told, f"{effect.probability:.3f}"))
+        plain.append(
+            {
+                "effect": effect.effect,
+                "where": _at(effect.where),
+                "parameters": told,
+                "probability": effect.probability,
+            }
+        )
+    if rows:
+        show("", ("effect", "where", "parameters", "probability"), rows, plain=plain)
+    steps = _steps(document)
+    judged = "what was held out" if document.gap.on == "holdout" else "the last third"
+    show(
+        f"Error of the free run on {judged}",
+        ("model", "error [%]"),
+        [(name, f"{100 * value:.2f}") for name, value in steps],
+        plain=[{"model": name, "nrmse": value} for name, value in steps],
+    )
+    click.echo(f"{out}: {found.seconds:.1f} s")
+
+
+def _steps(document: DiagnosisFile) -> list[tuple[str, float]]:
+    gap = document.gap
+    return [
+        ("as given", gap.nominal),
+        ("refitted", gap.refitted_nominal),
+        *((f"with {s.effect} at {_at(s.where)}", s.nrmse) for s in gap.steps),
+        ("noise floor", gap.noise_floor),
+    ]
+
+
+def _at(where: Where) -> str:
+    return "base" if where.kind == "base" else f"{where.kind} {where.id}"

@@ -1,0 +1,194 @@
+"""The verb `surrogate`: fits surrogates to runs of a model, and predicts with the best."""
+
+import csv
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from slowtime.surrogate import PolynomialChaos, Surrogate, choose
+from slowtime.surrogate.choice import LEVEL, Choice, defaults
+from slowtime_cli.shared.tables import read_columns
+from slowtime_cli.shared.terminal import counting, note, show
+from slowtime_cli.verbs.models.surrogate import KINDS
+
+
+def surrogate(
+    runs: Path,
+    output: str,
+    inputs: tuple[str, ...] | None,
+    kinds: tuple[str, ...],
+    at: Path | None,
+    out: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Compare surrogates by cross-validation, and predict with the best.
+
+    Raises
+    ------
+    ValueError
+        Where no surrogate can be learnt from the runs.
+    """
+    table = read_columns(runs)
+    names = _inputs(table, output, inputs, runs)
+    x, y = np.column_stack([table[name] for name in names]), table[output]
+    candidates = {name: one for name, one in _candidates().items() if name in (kinds or KINDS)}
+    with counting("comparing surrogates"), np.errstate(all="ignore"):
+        chosen = choose(x, y, candidates, random_state=seed)
+    shares = _shares(x, y, names)
+    predicted = None if at is None else _predict(chosen.surrogate, at, names)
+    if predicted is not None and out is not None:
+        _write(out, names, predicted)
+    if as_json:
+        click.echo(json.dumps(_body(chosen, shares, names, predicted), indent=1))
+        return
+    note(chosen.why)
+    _show(chosen, shares)
+    if predicted is not None and out is None:
+        _show_predictions(names, predicted)
+
+
+def _candidates() -> dict[str, Surrogate]:
+    return dict(zip(KINDS, defaults().values(), strict=True))
+
+
+def _inputs(
+    table: dict[str, np.ndarray], output: str, inputs: tuple[str, ...] | None, path: Path
+) -> tuple[str, ...]:
+    wanted = inputs or tuple(name for name in table if name != output)
+    missing = [name for name in (output, *wanted) if name not in table]
+    if missing or output in wanted or not wanted:
+        raise click.UsageError(
+            f"{path.name} has the columns {', '.join(table)}; "
+            f"{', '.join(missing) or output} cannot be used so. Name the output and its inputs."
+        )
+    return wanted
+
+
+def _shares(
+    x: np.ndarray, y: np.ndarray, names: tuple[str, ...]
+) -> list[tuple[str, float, float]]:
+    """Sobol' indices by input: alone and in total, of a polynomial chaos of the runs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            chaos = PolynomialChaos().fit(x, y)
+        except ValueError:
+            return []
+    indices = zip(names, chaos.sobol_first_, chaos.sobol_total_, strict=True)
+    return [(name, float(first), float(total)) for name, first, total in indices]
+
+
+def _predict(
+    fitted: Surrogate, at: Path, names: tuple[str, ...]
+) -> list[tuple[list[float], float, float, float, float, bool]]:
+    """Predict: inputs, value, sd, ends of the band, and whether the runs lie elsewhere."""
+    table = read_columns(at)
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise click.UsageError(f"{at.name} lacks {', '.join(missing)}. Give all inputs.")
+    x = np.column_stack([table[name] for name in names])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mean, sd = fitted.predict(x, return_std=True)
+        lo, hi = fitted.predict_interval(x, LEVEL)
+    beyond = fitted.extrapolates(x)
+    if beyond.any():
+        note(
+            f"{int(beyond.sum())} of {len(x)} points lie where no run was made; their values "
+            "are extrapolated."
+        )
+    return [
+        (row.tolist(), float(m), float(s), float(low), float(high), bool(out))
+        for row, m, s, low, high, out in zip(x, mean, sd, lo, hi, beyond, strict=True)
+    ]
+
+
+def _write(out: Path, names: tuple[str, ...], predicted: list[Any]) -> None:
+    with out.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*names, "value", "sd", "lo", "hi", "extrapolated"])
+        for row, *told, beyond in predicted:
+            writer.writerow([*row, *told, int(beyond)])
+
+
+def _body(
+    chosen: Choice,
+    shares: list[tuple[str, float, float]],
+    names: tuple[str, ...],
+    predicted: list[Any] | None,
+) -> dict[str, Any]:
+    return {
+        "chosen": chosen.name,
+        "why": chosen.why,
+        "candidates": [
+            {
+                "name": one.name,
+                "crps": one.crps if one.failure is None else None,
+                "rmse": one.rmse if one.failure is None else None,
+                "coverage": one.coverage if one.failure is None else None,
+                "failure": one.failure,
+            }
+            for one in chosen.candidates
+        ],
+        "sobol": [
+            {"input": name, "first": first, "total": total} for name, first, total in shares
+        ],
+        "predictions": [
+            {
+                **dict(zip(names, row, strict=True)),
+                "value": value, "sd": sd, "lo": lo, "hi": hi, "extrapolated": beyond,
+            }
+            for row, value, sd, lo, hi, beyond in predicted or ()
+        ],
+    }  # fmt: skip
+
+
+def _show(chosen: Choice, shares: list[tuple[str, float, float]]) -> None:
+    good = [one for one in chosen.candidates if one.failure is None]
+    show(
+        "Points left out, predicted",
+        ("surrogate", "crps", "rmse", "held by the 95 % band [%]"),
+        [
+            (one.name, f"{one.crps:.3g}", f"{one.rmse:.3g}", f"{100 * one.coverage:.0f}")
+            for one in good
+        ],
+        plain=[
+            {"surrogate": o.name, "crps": o.crps, "rmse": o.rmse, "coverage": o.coverage}
+            for o in good
+        ],
+    )
+    if shares:
+        click.echo()
+        show(
+            "Sobol' indices",
+            ("input", "alone [%]", "in total [%]"),
+            [(name, f"{100 * one:.1f}", f"{100 * total:.1f}") for name, one, total in shares],
+            plain=[
+                {"input": name, "first": one, "total": total} for name, one, total in shares
+            ],
+        )
+
+
+def _show_predictions(names: tuple[str, ...], predicted: list[Any]) -> None:
+    click.echo()
+    show(
+        "Predictions",
+        (*names, "value", "sd", "lo", "hi"),
+        [
+            (*(f"{v:.5g}" for v in row), *(f"{v:.5g}" for v in told))
+            for row, *told, _ in predicted
+        ],
+        plain=[
+            {
+                **dict(zip(names, row, strict=True)),
+                **dict(zip(("value", "sd", "lo", "hi"), told, strict=True)),
+                "extrapolated": beyond,
+            }
+            for row, *told, beyond in predicted
+        ],
+    )

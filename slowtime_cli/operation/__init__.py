@@ -1,0 +1,1 @@
+"""Verbs that run the processes of a site, and keep their keys, databases and recordings."""

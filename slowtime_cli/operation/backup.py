@@ -1,0 +1,22 @@
+"""The verbs `backup` and `restore`: copies the database of a twin, and puts a copy back."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.operation.check import database_errors_told, print_progress
+from twin_server.persist import backup as copy_database
+from twin_server.persist import restore as put_back
+
+
+def backup(database: Path, out: Path) -> None:
+    """Copy a twin's database while the server writes it."""
+    database_errors_told(lambda: copy_database(database, out, print_progress))
+    click.echo(f"{out} is whole and sound.")
+
+
+def restore(copy: Path, database: Path) -> None:
+    """Put a backup in the place of a twin's database."""
+    aside = database_errors_told(lambda: put_back(copy, database, print_progress))
+    kept = f" What was there is {aside} now." if aside else ""
+    click.echo(f"{database} is as {copy} was.{kept}")

@@ -1,0 +1,75 @@
+"""Processes started by one command: separate logs, one end."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+TERMINATION_S = 8.0
+"""Time that processes are given to end by themselves [s]."""
+
+
+class Children:
+    """Child processes that all end when this one does."""
+
+    def __init__(self, logs: Path) -> None:
+        self._logs = logs
+        self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
+        logs.mkdir(parents=True, exist_ok=True)
+
+    def start(self, name: str, arguments: Sequence[str]) -> None:
+        """Start ``slowtime ARGUMENTS``; what it says goes to its own log file."""
+        with (self._logs / f"{name}.log").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "slowtime_cli", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                # Ctrl-C belongs to the parent: it ends the children in their order.
+                start_new_session=True,
+            )
+        self._running.append((name, process))
+
+    def check(self) -> None:
+        """Raise where a child has died, with the end of what it said.
+
+        Raises
+        ------
+        RuntimeError
+            Naming the child, its exit status and its log file.
+        """
+        for name, process in self._running:
+            if process.poll() is not None:
+                log = self._logs / f"{name}.log"
+                last = log.read_text(errors="replace").strip().splitlines()[-3:]
+                raise RuntimeError(
+                    f"{name} ended with status {process.returncode}. It said: "
+                    f"{' | '.join(last)} (all of it in {log})"
+                )
+
+    def end(self) -> None:
+        """Ask all to end, youngest first, and insist after some seconds."""
+        for _, process in reversed(self._running):
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        deadline = time.monotonic() + TERMINATION_S
+        for _, process in reversed(self._running):
+            try:
+                process.wait(max(deadline - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._running.clear()
+
+
+@contextlib.contextmanager
+def children(logs: Path) -> Iterator[Children]:
+    """Children for the length of a with block."""
+    family = Children(logs)
+    try:
+        yield family
+    finally:
+        family.end()

@@ -1,0 +1,68 @@
+"""The verbs `router` and `status`: runs a Zenoh router, and checks that it answers."""
+
+import logging
+import threading
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.options import endpoints
+from slowtime_schemas.streams import alive_key
+from slowtime_services import router as router_process
+from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.credentials import options_for
+
+
+def router(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    credentials: Path | None,
+    insecure: bool,
+) -> None:
+    """Run a Zenoh router: what edges, twin and recorder connect to."""
+    router_process.run(
+        endpoints(listen, credentials),
+        connect,
+        credentials=credentials,
+        insecure=insecure,
+        ready=lambda where: click.echo(f"Router on {', '.join(where)}"),
+    )
+
+
+def status(
+    connect: tuple[str, ...], credentials: Path | None, asset: str | None, timeout_s: float
+) -> int:
+    """Tell whether the router answers and which edge agents live."""
+    logging.getLogger("slowtime_services").setLevel(logging.CRITICAL)
+    site, _, name = (asset or "*.*").partition(".")
+    connect = endpoints(connect, credentials)
+    options = options_for(credentials, connect)
+    try:
+        with ZenohBus("client", connect, open_timeout_s=timeout_s, options=options) as bus:
+            alive = _alive(bus, alive_key(site, name), timeout_s if asset else 0.5)
+    except BusUnreachableError as error:
+        click.echo(str(error), err=True)
+        return 1
+    for key in sorted(alive):
+        click.echo("{}.{} is alive".format(*key.split("/")[2:4]))
+    if not alive:
+        click.echo(
+            f"{asset or 'No edge agent'} is {'not ' if asset else ''}alive; the router answers."
+        )
+    return 0 if alive or asset is None else 1
+
+
+def _alive(bus: Bus, key: str, timeout_s: float) -> set[str]:
+    """Keys of who is alive: the first to be heard of, or all within `timeout_s`."""
+    seen: set[str] = set()
+    heard = threading.Event()
+
+    def change(who: str, alive: bool) -> None:
+        (seen.add if alive else seen.discard)(who)
+        if who == key:
+            heard.set()
+
+    watching = bus.watch(key, change)
+    heard.wait(timeout_s)
+    watching.close()
+    return seen

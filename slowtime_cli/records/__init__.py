@@ -1,0 +1,1 @@
+"""Verbs on records of samples: identify, merge, track, simulate, import and others."""

@@ -1,0 +1,444 @@
+"""The verb `identify`: estimates natural frequencies and damping from a record."""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+import numpy as np
+
+from slowtime.identification.automatic.estimation import identify_modes
+from slowtime.identification.automatic.modal_result import ModalResult
+from slowtime.identification.estimates import Identified
+from slowtime.identification.methods import by_method
+from slowtime.identification.modes import Mode
+from slowtime.identification.single_mode.estimation import all_modes
+from slowtime.identification.single_mode.excitation import Excitation, excitation
+from slowtime.identification.single_mode.machine_lines import (
+    LINE,
+    ModesAndLines,
+    modes_and_machine_lines,
+)
+from slowtime.identification.single_mode.sliding_windows import (
+    Epoch,
+    dependence,
+    identify_windows,
+)
+from slowtime_cli.shared.record_input import with_record
+from slowtime_cli.shared.terminal import counting, note, plural, show
+from slowtime_cli.verbs.records.identify import ALL_CHANNELS
+from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
+from slowtime_services.modal import UNIVERSAL, read_geometry
+from slowtime_services.models import read_description
+
+from . import mode_tables
+from .modes_file import write_modes_file
+
+F = TypeVar("F", Identified, Mode)
+Samples = np.ndarray[Any, Any]
+
+MIXED = "mixed_units"
+"""Flag of modes whose shape is not told, since channels have several units."""
+
+OVERLAPPING = "overlapping"
+"""Flag of what was read from a window that shares samples with its neighbours."""
+
+OVERLAP_TOLERANCE = 0.01
+"""Share of a window that neighbours may have in common by rounding [1]."""
+
+COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
+
+
+@with_record
+def identify(
+    record: Record,
+    path: Path,
+    second: Record | None,
+    start_sd_ms: float,
+    rate_sd_ppm: float,
+    band_hz: tuple[float, float] | None,
+    window_s: float | None,
+    hop_s: float | None,
+    method: Any,
+    model: Path | None,
+    report: Path | None,
+    out: Path | None,
+    geometry: Path | None,
+) -> None:
+    """Find natural frequencies and damping in a record, with errors."""
+    universal = out is not None and out.suffix.lower() in UNIVERSAL
+    if (model or report or universal) and method == "auto":
+        method = "modes"
+    known = read_geometry(geometry) if geometry else None
+    record = _accelerations_of(record)
+    if second is not None:
+        # Imported here, for most records are of one board.
+        from .alignment import ClockErrors, aligned_record
+
+        clocks = ClockErrors(start_sd_ms, rate_sd_ppm)
+        record = aligned_record(record, second, clocks, band_hz)
+    mixed = mixed_units(record.channels, record.units)
+    models = reference_modes(model, record.channels, mixed)
+    duration_s, rows = record.duration_s, len(record.samples)
+    record, said = bridged(record)
+    if said:
+        note(said)
+    samples = np.asarray(record.samples, dtype=float)
+    _say_constant(record, samples)
+    result: dict[str, Any] = {
+        "slowtime_modes": 1,
+        "record": path.name,
+        "rate_hz": record.rate_hz,
+        "channels": list(record.channels),
+        "duration_s": duration_s,
+        "assumptions": [*record.assumptions, *record.notes, *([said] if said else [])],
+    }
+    silent = out is not None and str(out) == "-"
+    if window_s is None:
+        part = _longest(record, samples)
+        with counting("Identifying"):
+            force = excitation(part, record.rate_hz)
+            told, whole = _identify(part, record.rate_hz, band_hz, method, force)
+        span_s = len(part) / record.rate_hz
+        _say_force(force, span_s, told, whole)
+        _say_lines(told)
+        if not (force.flags or told.modes or (whole and whole.modes)):
+            note("no mode stands out of the noise. Record longer, or give --band-hz.")
+        if whole is None:
+            modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
+            result["modes"] = [_as_json(mode) for mode in modes]
+            if not silent:
+                _show_modes(modes, path.name)
+        else:
+            method = "modes" if method == "auto" else method
+            if mixed and len(record.channels) > 1:
+                note_mixed_units(mixed)
+            result["modes"] = _whole_modes(whole, models, mixed, span_s, method)
+            if not silent:
+                mode_tables.show_modes(whole, models, path.name, method=method)
+            if report is not None:
+                mode_tables.write_report(
+                    report, path.name, record.channels, whole, models, shapes=not mixed
+                )
+    else:
+        epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
+        result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
+        if not silent:
+            _show_epochs(epochs, path.name)
+    if out is not None:
+        _mark(result, len(record.samples) > rows)
+        write_modes_file(out, result, known, record.units[0])
+
+
+def _whole_modes(
+    whole: ModalResult,
+    models: Sequence[mode_tables.ModelMode],
+    mixed: str,
+    span_s: float,
+    method: str,
+) -> list[dict[str, Any]]:
+    return [
+        without_shape(mode_tables.as_json(mode, models, (0.0, span_s), method=method), mixed)
+        for mode in whole.modes
+    ]
+
+
+def reference_modes(
+    model: Path | None, channels: tuple[str, ...], mixed: str
+) -> list[mode_tables.ModelMode]:
+    """Modes of a model file, or of a universal file, at the channels of the record."""
+    if model is None:
+        return []
+    if model.suffix.lower() in UNIVERSAL:
+        found = mode_tables.read_model_modes(model, channels)
+    else:
+        found = mode_tables.model_modes(read_description(model), channels)
+    return [(hz, None) for hz, _ in found] if mixed else found
+
+
+def note_mixed_units(mixed: str) -> None:
+    """Say why there are no shapes."""
+    note(
+        f"channels are of several units ({mixed}), so that no shapes are told: components "
+        "would be of several sizes. Give --unit or --sensitivity, or choose with --channels. "
+        "Frequencies and damping do not depend on it."
+    )
+
+
+def without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
+    """Take the shape from a mode over channels of several units, and flag it."""
+    if not mixed:
+        return body
+    return {**body, "shape": None, "flags": [*body["flags"], MIXED]}
+
+
+def _identify(
+    part: Samples,
+    rate_hz: float,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+    force: Excitation,
+) -> tuple[ModesAndLines, ModalResult | None]:
+    """Modes one by one, or all channels together where asked for or called for.
+
+    Left to itself, a record of many channels that is not explained by decays is taken for the
+    response to an unknown steady force. Where the force plainly was none, only decays are
+    told.
+    """
+    nothing = ModesAndLines((), (), ())
+    if force.flags and method == "auto":
+        found = all_modes(part, rate_hz, band_hz=band_hz)
+        return dataclasses.replace(nothing, modes=tuple(m for m in found if _decays(m))), None
+    told, whole = _by_method(part, rate_hz, band_hz, method)
+    if force.flags and whole is not None:
+        modes = tuple(_flagged(mode, force) for mode in whole.modes)
+        whole = dataclasses.replace(whole, modes=modes)
+    if force.flags:
+        told = dataclasses.replace(told, modes=tuple(_flagged(m, force) for m in told.modes))
+    return told, whole
+
+
+def _decays(mode: Identified) -> bool:
+    damping = mode.damping_ratio
+    return mode.method == "free_decay" and damping.value > 2 * damping.sd
+
+
+def _flagged(mode: F, force: Excitation) -> F:
+    """Put what is plain of the force among the flags of a mode, once."""
+    new: tuple[str, ...] = tuple(f for f in force.flags if f not in mode.flags)
+    return dataclasses.replace(mode, flags=(*mode.flags, *new))
+
+
+def _say_force(
+    force: Excitation, duration_s: float, told: ModesAndLines, whole: ModalResult | None
+) -> None:
+    """Say that a record was not forced as ambient identification takes it to be."""
+    if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
+        return
+    why = []
+    if force.event_s is not None:
+        why.append(
+            f"90 % of its energy came within {force.event_s:.3g} of {duration_s:.4g} s, as in "
+            "an earthquake"
+        )
+    elif force.onset:
+        why.append("it sets in after the record begins, as an earthquake does")
+    if force.period_s is not None:
+        why.append(f"it repeats itself after {force.period_s:.4g} s, as a multisine does")
+    if told.modes or whole is not None:
+        doing = "The errors of modes found all the same do not hold."
+    else:
+        doing = (
+            "No mode is claimed: its spectrum would pass for the structure's. Give a record "
+            "under a steady random force or of free decay; --method modes tries all the same."
+        )
+    note(f"the force was no steady random one: {', and '.join(why)}. {doing}")
+
+
+def _by_method(
+    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+) -> tuple[ModesAndLines, ModalResult | None]:
+    """Modes by the method asked for, or by the one that the record calls for."""
+    if method in ALL_CHANNELS:
+        return ModesAndLines((), (), ()), by_method(
+            part, rate_hz, method=method, band_hz=band_hz
+        )
+    if method == "auto" and part.shape[1] == 1:
+        return modes_and_machine_lines(part, rate_hz, band_hz=band_hz), None
+    modes = ModesAndLines(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
+    decays = bool(modes.modes) and all(mode.method == "free_decay" for mode in modes.modes)
+    if method != "auto" or decays:
+        return modes, None
+    whole = identify_modes(part, rate_hz, band_hz=band_hz)
+    return (modes, None) if not whole.modes else (ModesAndLines((), (), ()), whole)
+
+
+def _say_lines(told: ModesAndLines) -> None:
+    """Say which speeds of machines the lines are multiples of."""
+    speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
+    if told.lines:
+        of = f", multiples of {' and of '.join(speeds)}" if speeds else ""
+        note(f"{plural(len(told.lines), 'line')} of machines{of}: kind harmonic, no modes.")
+
+
+def _mark(result: dict[str, Any], estimated: bool) -> None:
+    """Flag what was found in samples of which some were estimated."""
+    if not estimated:
+        return
+    of_windows = [mode for epoch in result.get("epochs", ()) for mode in epoch["modes"]]
+    for mode in [*result.get("modes", ()), *of_windows]:
+        mode["flags"] = [*mode["flags"], MARK]
+
+
+def _accelerations_of(record: Record) -> Record:
+    """Leave out what is no acceleration by its name, where others are, and say so."""
+    chosen = accelerations(record.channels, record.units)
+    left_out = [name for name in record.channels if name not in chosen]
+    if not left_out:
+        return record
+    note(
+        f"identified from {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
+        "acceleration by name or unit. --channels chooses others."
+    )
+    columns = [record.channels.index(name) for name in chosen]
+    return dataclasses.replace(
+        record,
+        samples=record.samples[:, columns],
+        channels=chosen,
+        units=tuple(record.units[column] for column in columns),
+    )
+
+
+def _say_constant(record: Record, samples: Samples) -> None:
+    dead = [
+        name
+        for name, constant in zip(record.channels, np.ptp(samples, axis=0) == 0, strict=True)
+        if constant
+    ]
+    if dead and len(dead) < len(record.channels):
+        note(f"{', '.join(dead)} never changes and says nothing. Check the sensor.")
+
+
+def _stretches(record: Record) -> list[tuple[int, int, int]]:
+    """First row, last row and rows missing before, of each part without a gap."""
+    starts = [0, *(gap.row for gap in record.gaps), len(record.samples)]
+    lost = np.cumsum([0, *(gap.missing for gap in record.gaps)])
+    return [
+        (a, b, int(missing))
+        for a, b, missing in zip(starts[:-1], starts[1:], lost, strict=True)
+    ]
+
+
+def _longest(record: Record, samples: Samples) -> Samples:
+    first, last, _ = max(_stretches(record), key=lambda part: part[1] - part[0])
+    if record.gaps:
+        note(
+            "only the longest part without a gap is used, "
+            f"{(last - first) / record.rate_hz:.3f} s. --window-s uses all parts."
+        )
+    return samples[first:last]
+
+
+def _windows(
+    record: Record,
+    samples: Samples,
+    window_s: float,
+    hop_s: float | None,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+) -> list[Epoch]:
+    shortest = round(window_s * record.rate_hz)
+    parts = [part for part in _stretches(record) if part[1] - part[0] >= shortest]
+    if not parts:
+        longest = max(b - a for a, b, _ in _stretches(record)) / record.rate_hz
+        raise click.UsageError(
+            f"--window-s {window_s:g} is longer than the longest part of the record without a "
+            f"gap, {longest:g} s. Give a shorter window."
+        )
+    epochs: list[Epoch] = []
+    with counting("Identifying windows") as tell:
+        for number, (first, last, lost) in enumerate(parts):
+            if len(parts) > 1:
+                tell(f"part {number + 1} of {len(parts)}, {plural(len(epochs), 'window')} done")
+            offset = (first + lost) / record.rate_hz
+            for epoch in identify_windows(
+                samples[first:last],
+                record.rate_hz,
+                window_s=window_s,
+                hop_s=hop_s,
+                band_hz=band_hz,
+                method=method,
+            ):
+                span = epoch.start_s + offset, epoch.end_s + offset
+                epochs.append(Epoch(*span, epoch.modes, epoch.refused))
+    return _marked(epochs)
+
+
+def _marked(epochs: list[Epoch]) -> list[Epoch]:
+    """Flag the modes of windows that share samples with their neighbours."""
+    edges = np.array([(epoch.start_s, epoch.end_s) for epoch in epochs])
+    factors = dependence(edges[:, 0], edges[:, 1])
+    return [
+        dataclasses.replace(
+            epoch,
+            modes=tuple(
+                dataclasses.replace(mode, flags=(*mode.flags, OVERLAPPING))
+                for mode in epoch.modes
+            ),
+        )
+        if factor > 1 + OVERLAP_TOLERANCE
+        else epoch
+        for epoch, factor in zip(epochs, factors, strict=True)
+    ]
+
+
+def _as_json(mode: Identified) -> dict[str, Any]:
+    return {
+        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
+        "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
+        "correlation": mode.correlation,
+        "shape": None,
+        "kind": "harmonic" if mode.method == LINE else "structural",
+        "quality": None,
+        "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
+        "method": mode.method,
+        "span_s": list(mode.span_s),
+        "flags": list(mode.flags),
+    }
+
+
+def _epoch_json(epoch: Epoch) -> dict[str, Any]:
+    body: dict[str, Any] = {
+        "start_s": epoch.start_s,
+        "end_s": epoch.end_s,
+        "modes": [_as_json(mode) for mode in epoch.modes],
+    }
+    return body | ({"refused": epoch.refused} if epoch.refused else {})
+
+
+def _cells(mode: Identified) -> tuple[str, ...]:
+    f, z = mode.frequency_hz, mode.damping_ratio
+    return (
+        f"{f.value:.4f} ± {f.sd:.4f}",
+        "machine" if mode.method == LINE else f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
+        "" if mode.snr_db is None else f"{mode.snr_db:.0f}",
+        mode.method,
+        ", ".join(mode.flags),
+    )
+
+
+def _plain(mode: Identified | None) -> dict[str, Any]:
+    """Tell the same as fields of a line; all empty where there is no mode."""
+    fields: dict[str, Any] = dict.fromkeys(
+        ("frequency_hz", "frequency_sd", "damping_ratio", "damping_sd", "snr_db", "method")
+    )
+    fields |= {"kind": None, "quality": None, "flags": None}
+    if mode is not None:
+        f, z = mode.frequency_hz, mode.damping_ratio
+        fit = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method)
+        kind = "harmonic" if mode.method == LINE else "structural"
+        values = (*fit, kind, None, ",".join(mode.flags))
+        fields.update(zip(fields, values, strict=True))
+    return fields
+
+
+def _show_modes(modes: Sequence[Identified], title: str) -> None:
+    if modes:
+        plain = [_plain(mode) for mode in modes]
+        show(title, COLUMNS, [_cells(mode) for mode in modes], plain=plain)
+
+
+def _show_epochs(epochs: Sequence[Epoch], title: str) -> None:
+    rows, plain = [], []
+    for epoch, mode in _by_mode(epochs):
+        cells = _cells(mode) if mode is not None else ("-",) * len(COLUMNS)
+        rows.append((f"{epoch.start_s:g} – {epoch.end_s:g}", *cells))
+        plain.append({"start_s": epoch.start_s, "end_s": epoch.end_s} | _plain(mode))
+    show(title, ("window [s]", *COLUMNS), rows, plain=plain)
+
+
+def _by_mode(epochs: Sequence[Epoch]) -> Iterator[tuple[Epoch, Identified | None]]:
+    for epoch in epochs:
+        for mode in epoch.modes or (None,):
+            yield epoch, mode

@@ -1,0 +1,220 @@
+"""The verb `identify` on a long file, which is read in pieces."""
+
+import contextlib
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slowtime.identification.automatic.modal_result import ModalResult, join_stabilisation
+from slowtime.identification.modes import Mode
+from slowtime.identification.recursive import RecursiveModes
+from slowtime.signals.block import Block
+from slowtime_cli.shared.options import names
+from slowtime_cli.shared.record_input import ReadingFlags, note_reading, overridden_by_flags
+from slowtime_cli.shared.terminal import counting, note, plural
+from slowtime_services.files import (
+    Record,
+    RecordError,
+    RecordStream,
+    accelerations,
+    mixed_units,
+    open_record,
+    streams,
+)
+from slowtime_services.modal import read_geometry
+from slowtime_services.replay import raw_blocks
+
+from . import identify as identifying
+from . import mode_tables
+from .modes_file import write_modes_file
+
+LONG_BYTES = 256 * 2**20
+"""Size from which on a file is read as a stream, unless asked otherwise: read whole, one hour
+of 16 channels takes six times its size."""
+
+LOWEST_SHARE, HIGHEST_SHARE = 1e-3, 0.45
+"""Band that is looked at without --band-hz, in shares of the rate: what is lower would cost
+memory, 70 of its cycles."""
+
+METHOD = "recursive"
+"""Method that is named in files of modes."""
+
+PROGRESS_REPORTS = 24
+"""Times that modes are solved for and shown while a file is read [1]."""
+
+MIN_REPORT_S = 600.0
+"""Least duration of samples between two such reports [s]."""
+
+
+def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
+    """Find natural frequencies and damping: of a long file as a stream, else of the whole."""
+    if stream is None:
+        stream = _is_long(record_path, flags)
+    if not stream:
+        identifying.identify(record_path=record_path, **flags)
+        return
+    said = {field.name: flags.pop(field.name) for field in dataclasses.fields(ReadingFlags)}
+    for name in ("channels", "columns", "keep"):
+        said[name] = names(said[name], f"--{name}")
+    with _opened(record_path, said) as opened:
+        _identify(record_path, opened, flags)
+
+
+def _is_long(path: Path, flags: dict[str, Any]) -> bool:
+    """Whether a file is long, can be read in pieces, and is asked for no more than modes."""
+    whole = flags["window_s"] or flags["report"] or flags["second"]
+    whole = whole or flags["method"] not in ("auto", "modes")
+    kind = path.suffix.lower() == ".mcap" or streams(path)
+    if whole or not kind or path.stat().st_size < LONG_BYTES:
+        return False
+    size = path.stat().st_size / 2**20
+    note(f"{path.name} has {size:.0f} MiB and is read as a stream. --whole reads it at once.")
+    return True
+
+
+@contextlib.contextmanager
+def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
+    """Open a file or a recording."""
+    if path.suffix.lower() != ".mcap":
+        said["keep"] = said["keep"] or ()
+        with open_record(path, **said, skip_missing=True) as opened:
+            yield opened
+        return
+    given = ReadingFlags(**{**said, "keep": ()})
+    blocks = (block for _, block in raw_blocks(path))
+    first = next(blocks, None)
+    if first is None:
+        raise RecordError(
+            f"{path.name} holds no raw blocks. A recording of another program is read at once: "
+            "give --whole."
+        )
+    head = overridden_by_flags(_record(first), path, given)
+    quiet = dataclasses.replace(given, rate_hz=None)
+
+    def all_blocks() -> Iterator[tuple[Block, float]]:
+        for block in itertools.chain([first], blocks):
+            if block.rate_hz != first.rate_hz or block.channels != first.channels:
+                raise RecordError(
+                    f"{path.name}: rate or channels change within it, so that its blocks are "
+                    "no one record. Give a recording of one set-up."
+                )
+            told = overridden_by_flags(_record(block), path, quiet)
+            yield (
+                dataclasses.replace(
+                    block,
+                    samples=told.samples,
+                    channels=told.channels,
+                    units=told.units,
+                    rate_hz=head.rate_hz,
+                ),
+                0.0,
+            )
+
+    yield RecordStream(head, path.stat().st_size, all_blocks())
+
+
+def _record(block: Block) -> Record:
+    """Make a record of one block."""
+    return Record(
+        samples=block.samples,
+        rate_hz=block.rate_hz,
+        channels=block.channels,
+        units=block.units,
+        start_ns=block.start_ns,
+    )
+
+
+def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
+    """Identify a stream from its first block to its last."""
+    head, rate = opened.head, opened.head.rate_hz
+    note_reading(head)
+    channels = accelerations(head.channels, head.units)
+    columns = [head.channels.index(name) for name in channels]
+    band = flags["band_hz"] or (LOWEST_SHARE * rate, HIGHEST_SHARE * rate)
+    every_s = max(MIN_REPORT_S, _guessed_s(opened) / PROGRESS_REPORTS)
+    recursive = RecursiveModes(rate_hz=rate, band_hz=band, every_s=every_s)
+    state = recursive.start()
+    modes: tuple[Mode, ...] = ()
+    first, end, due = None, 0, every_s
+    with counting("Identifying") as tell:
+        for block, share in opened.blocks:
+            first = block.first_index if first is None else first
+            end = block.next_index - first
+            samples = np.asarray(block.samples[:, columns], dtype=float)
+            state, modes = recursive.step(state, samples, first_index=block.first_index - first)
+            if end / rate >= due:
+                due += every_s
+                note(f"{end / rate / 3600:.2f} h read: {_listed(modes)}.")
+            tell(f"{100 * share:.0f} %, {plural(len(modes), 'mode')} so far")
+        modes = recursive.solved(state)
+    _tell(path, opened, channels, end / rate, state.lost, modes, flags)
+
+
+def _guessed_s(opened: RecordStream) -> float:
+    """How long a record lasts, by the size of the file and of its samples [s]."""
+    row = opened.head.samples.nbytes / max(1, len(opened.head.samples))
+    return float(opened.size / row / opened.head.rate_hz)
+
+
+def _listed(modes: Sequence[Mode]) -> str:
+    """Frequencies with their errors, of the lowest few."""
+    few = ", ".join(
+        f"{mode.frequency_hz.value:.4f} ± {mode.frequency_hz.sd:.4f} Hz" for mode in modes[:4]
+    )
+    more = ", …" if len(modes) > 4 else ""
+    return f"{plural(len(modes), 'mode')}{': ' if modes else ''}{few}{more}"
+
+
+def _tell(
+    path: Path,
+    opened: RecordStream,
+    channels: tuple[str, ...],
+    seconds: float,
+    lost: int,
+    modes: tuple[Mode, ...],
+    flags: dict[str, Any],
+) -> None:
+    """Say what was found, as for a record that is read whole."""
+    out, geometry, head = flags["out"], flags["geometry"], opened.head
+    left_out = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
+    said = (*left_out, *opened.end_notes)
+    for text in said:
+        note(text)
+    if not modes:
+        note("no mode stands out of the noise. Record longer, or give --band-hz.")
+    chosen = [head.units[head.channels.index(name)] for name in channels]
+    mixed = mixed_units(channels, chosen) if len(channels) > 1 else ""
+    if mixed:
+        identifying.note_mixed_units(mixed)
+    models = identifying.reference_modes(flags["model"], channels, mixed)
+    if str(out) != "-":
+        nothing = np.zeros(0)
+        shown = ModalResult(
+            modes=modes,
+            stabilisation=join_stabilisation([], [], []),
+            spectrum_hz=nothing,
+            singular_values=nothing[:, None],
+        )
+        mode_tables.show_modes(shown, models, path.name, method=METHOD)
+    if out is None:
+        return
+    span = 0.0, seconds
+    result = {
+        "slowtime_modes": 1,
+        "record": path.name,
+        "rate_hz": head.rate_hz,
+        "channels": list(channels),
+        "duration_s": seconds,
+        "assumptions": [*head.assumptions, *head.notes, *said],
+        "modes": [
+            identifying.without_shape(
+                mode_tables.as_json(mode, models, span, method=METHOD), mixed
+            )
+            for mode in modes
+        ],
+    }
+    write_modes_file(out, result, read_geometry(geometry) if geometry else None, chosen[0])

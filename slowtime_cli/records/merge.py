@@ -1,0 +1,147 @@
+"""The verb `merge`: merges the modes of several sensor set-ups."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from pydantic import ValidationError
+
+from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.merging import MergedMode, SetUp, merge
+from slowtime.identification.modes import Mode
+from slowtime_cli.shared.terminal import note, show
+from slowtime_schemas.files.modes import FoundMode, ModesFile
+
+from .modes_file import write_modes_file
+
+
+def merge_setups(
+    files: Sequence[Path], references: tuple[str, ...] | None, out: Path | None
+) -> None:
+    """Merge modes files.
+
+    Raises
+    ------
+    ValueError
+        Where set-ups share no reference channel.
+    """
+    read = [_read(path) for path in files]
+    setups = [SetUp(modes=_modes(one), channels=one.channels) for one in read]
+    found = merge(setups, references)
+    if not found:
+        raise click.UsageError("The set-ups have no structural mode. Look at each by itself.")
+    channels = max((mode.channels for mode in found), key=len)
+    whole = [mode for mode in found if mode.channels == channels]
+    for mode in found:
+        if mode.channels != channels:
+            note(
+                f"{mode.mode.frequency_hz.value:.4g} Hz was found in "
+                f"{len(mode.setups)} of {len(files)} set-ups, and is left out of the file."
+            )
+    if out is not None:
+        write_modes_file(out, _body(read, whole, channels), None, "")
+    _show(found, files)
+
+
+def _read(path: Path) -> ModesFile:
+    try:
+        found = ModesFile.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        raise click.UsageError(
+            f"{path.name} is no modes file ({fault['msg']}). Give what `slowtime identify "
+            "RECORD --method modes --out modes.json` wrote."
+        ) from None
+    if found.modes is None:
+        raise click.UsageError(
+            f"{path.name} holds modes window by window. Give the modes of whole records."
+        )
+    if all(mode.shape is None for mode in found.modes):
+        raise click.UsageError(
+            f"{path.name} holds no shapes. Identify with --method modes and several channels."
+        )
+    return found
+
+
+def _modes(found: ModesFile) -> list[Mode]:
+    return [_mode(mode) for mode in found.modes or () if mode.shape is not None]
+
+
+def _mode(mode: FoundMode) -> Mode:
+    assert mode.shape is not None
+    return Mode(
+        frequency_hz=Measured(mode.frequency_hz.value, mode.frequency_hz.sd),
+        damping_ratio=Measured(mode.damping_ratio.value, mode.damping_ratio.sd),
+        correlation=mode.correlation,
+        shape=np.array(mode.shape.re) + 1j * np.array(mode.shape.im),
+        shape_sd=np.array(mode.shape.sd),
+        kind=mode.kind,
+        quality=1.0 if mode.quality is None else mode.quality,
+        flags=tuple(mode.flags),
+    )
+
+
+def _body(
+    read: Sequence[ModesFile], whole: Sequence[MergedMode], channels: tuple[str, ...]
+) -> dict[str, Any]:
+    span = (0.0, max(one.duration_s for one in read))
+    return {
+        "slowtime_modes": 1,
+        "record": " + ".join(one.record for one in read)[:200],
+        "rate_hz": min(one.rate_hz for one in read),
+        "channels": list(channels),
+        "duration_s": span[1],
+        "modes": [_merged(one.mode, span) for one in whole],
+    }
+
+
+def _merged(mode: Mode, span: tuple[float, float]) -> dict[str, Any]:
+    return {
+        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
+        "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
+        "correlation": mode.correlation,
+        "shape": {
+            "re": mode.shape.real.tolist(),
+            "im": mode.shape.imag.tolist(),
+            "sd": mode.shape_sd.tolist(),
+        },
+        "kind": mode.kind,
+        "quality": mode.quality,
+        "snr_db": None,
+        "method": "merged",
+        "span_s": list(span),
+        "flags": list(mode.flags),
+    }
+
+
+def _show(found: Sequence[MergedMode], files: Sequence[Path]) -> None:
+    rows, plain = [], []
+    for one in found:
+        f, z = one.mode.frequency_hz, one.mode.damping_ratio
+        damped = math.isfinite(z.value)
+        flags = ", ".join(one.mode.flags)
+        rows.append(
+            (
+                f"{f.value:.4f} ± {f.sd:.4f}",
+                f"{100 * z.value:.3f} ± {100 * z.sd:.3f}" if damped else "",
+                f"{len(one.setups)} of {len(files)}",
+                str(len(one.channels)),
+                flags,
+            )
+        )
+        plain.append(
+            {
+                "frequency_hz": f.value,
+                "frequency_sd": f.sd,
+                "damping_ratio": z.value if damped else None,
+                "damping_sd": z.sd if damped else None,
+                "setups": len(one.setups),
+                "channels": len(one.channels),
+                "flags": flags,
+            }
+        )
+    heads = ("frequency [Hz]", "damping [%]", "set-ups [1]", "channels [1]", "mistrust")
+    show("Modes of the structure", heads, rows, plain=plain)

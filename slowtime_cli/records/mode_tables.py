@@ -1,0 +1,323 @@
+"""Tables, JSON and reports of the modes of many channels."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Complex
+
+from slowtime.dynamics.description import Description, assemble
+from slowtime.dynamics.modes import undamped_modes
+from slowtime.identification.automatic.estimation import MOST_DAMPING
+from slowtime.identification.automatic.modal_result import ModalResult
+from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.criteria import mac, mpc
+from slowtime.identification.modes import Mode
+from slowtime.identification.subspace.stabilisation import Stabilisation
+from slowtime_cli.shared.terminal import show
+from slowtime_services.modal import read_modes
+from slowtime_services.reports import Chart, Section, Table, write_page
+
+ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
+"""Natural frequency [Hz], and the shape at the record's channels where all are in the model."""
+
+COLUMNS = ("frequency [Hz]", "damping [%]", "kind", "collinearity", "quality", "mistrust")
+MAX_SHAPES = 12
+"""Shapes that a report draws at most [1]."""
+BINS_PER_DECADE = 250
+"""Bins of a decade in which one pole of an order is drawn [1]: about a pixel each."""
+
+
+def model_modes(description: Description, channels: Sequence[str]) -> list[ModelMode]:
+    """Modes of a model, undamped, at the channels of a record."""
+    structure = assemble(description)
+    modes = undamped_modes(structure)
+    nodes = {sensor.channel: sensor.node for sensor in description.sensors}
+    places = [nodes.get(channel) for channel in channels]
+    known = all(place in structure.names for place in places)
+    rows = [structure.names.index(place) for place in places if place in structure.names]
+    shapes = modes.shapes[rows].astype(complex) if known else None
+    return [
+        (float(hz), None if shapes is None else shapes[:, number])
+        for number, hz in enumerate(modes.frequency_hz)
+    ]
+
+
+def read_model_modes(path: Path, channels: Sequence[str]) -> list[ModelMode]:
+    """Modes of a universal file, at the channels of a record."""
+    found = read_modes(path)
+    shapes = found.at(tuple(channels))
+    return [
+        (mode.frequency_hz, None if shapes is None else shapes[row])
+        for row, mode in enumerate(found.modes)
+    ]
+
+
+def nearest_mode(mode: Mode, models: Sequence[ModelMode]) -> tuple[int, float | None] | None:
+    """Which mode of a model is meant: the one most alike in shape, else in frequency; its MAC.
+
+    None for the line of a machine, and where nothing is within a factor of two.
+    """
+    if mode.kind != "structural":
+        return None
+    near = [k for k, (hz, _) in enumerate(models) if 0.5 < hz / mode.frequency_hz.value < 2.0]
+    if not near:
+        return None
+    alike = {k: mac(mode.shape, shape) for k in near if (shape := models[k][1]) is not None}
+    if alike and len(mode.shape) > 1:
+        best = max(alike, key=lambda k: alike[k])
+        return best, alike[best]
+    away = [abs(np.log(models[k][0] / mode.frequency_hz.value)) for k in near]
+    return near[int(np.argmin(away))], None
+
+
+def as_json(
+    mode: Mode, models: Sequence[ModelMode], span_s: tuple[float, float], *, method: str
+) -> dict[str, Any]:
+    """One mode of `modes.json`; a damping that was not sought is 0 and flagged `no_damping`."""
+    z = mode.damping_ratio if _damped(mode) else Measured(0.0, 0.0)
+    body = {
+        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
+        "damping_ratio": {"value": z.value, "sd": z.sd},
+        "correlation": mode.correlation if _damped(mode) else 0.0,
+        "shape": {
+            "re": mode.shape.real.tolist(),
+            "im": mode.shape.imag.tolist(),
+            "sd": mode.shape_sd.tolist(),
+        },
+        "kind": mode.kind,
+        "quality": mode.quality,
+        "snr_db": None,
+        "method": method,
+        "span_s": list(span_s),
+        "flags": list(mode.flags),
+    }
+    meant = nearest_mode(mode, models)
+    if meant is not None:
+        number, alike = meant
+        hz = models[number][0]
+        body["model"] = {
+            "mode": number + 1,
+            "frequency_hz": hz,
+            "difference": mode.frequency_hz.value / hz - 1.0,
+            "mac": alike,
+        }
+    return body
+
+
+def _damped(mode: Mode) -> bool:
+    return bool(np.isfinite(mode.damping_ratio.value))
+
+
+def _cells(mode: Mode) -> tuple[str, ...]:
+    f, z = mode.frequency_hz, mode.damping_ratio
+    damped = mode.kind == "structural" and _damped(mode)
+    return (
+        f"{f.value:.4f} ± {f.sd:.4f}",
+        f"{100 * z.value:.3f} ± {100 * z.sd:.3f}" if damped else "",
+        mode.kind,
+        f"{mpc(mode.shape):.2f}" if len(mode.shape) > 1 else "",
+        f"{mode.quality:.2f}",
+        ", ".join(mode.flags),
+    )
+
+
+def _against_model(mode: Mode, models: Sequence[ModelMode]) -> tuple[str, ...]:
+    meant = nearest_mode(mode, models)
+    if meant is None:
+        return "", "", ""
+    number, alike = meant
+    hz = models[number][0]
+    return (
+        f"{hz:.4f}",
+        f"{100 * (mode.frequency_hz.value / hz - 1):+.2f}",
+        "" if alike is None else f"{alike:.2f}",
+    )
+
+
+def _table(result: ModalResult, models: Sequence[ModelMode]) -> Table:
+    headings, rows = list(COLUMNS), [list(_cells(mode)) for mode in result.modes]
+    if models:
+        headings += ["model [Hz]", "difference [%]", "MAC"]
+        rows = [
+            [*row, *_against_model(mode, models)]
+            for row, mode in zip(rows, result.modes, strict=True)
+        ]
+    return Table(headings, rows)
+
+
+def show_modes(
+    result: ModalResult, models: Sequence[ModelMode], title: str, *, method: str
+) -> None:
+    """Print a table for a person, lines of fields for a program."""
+    if not result.modes:
+        return
+    table = _table(result, models)
+    plain = []
+    for mode in result.modes:
+        f, z = mode.frequency_hz, mode.damping_ratio
+        plain.append(
+            {
+                "frequency_hz": f.value,
+                "frequency_sd": f.sd,
+                "damping_ratio": z.value if _damped(mode) else None,
+                "damping_sd": z.sd if _damped(mode) else None,
+                "snr_db": None,
+                "method": method,
+                "kind": mode.kind,
+                "quality": mode.quality,
+                "flags": ",".join(mode.flags),
+            }
+        )
+    show(title, table.headings, table.rows, plain=plain)
+
+
+def write_report(
+    path: Path,
+    name: str,
+    channels: Sequence[str],
+    result: ModalResult,
+    models: Sequence[ModelMode],
+    *,
+    shapes: bool = True,
+) -> None:
+    """Write table, spectra, stabilisation diagram and shapes as one page."""
+    structural = len(result.structural)
+    lines = len(result.modes) - structural
+    lead = (
+        f"{structural} {'mode' if structural == 1 else 'modes'} of vibration and {lines} "
+        f"{'line' if lines == 1 else 'lines'} of machines, identified from "
+        f"{', '.join(channels)}. ± is one standard deviation."
+    )
+    sections = [
+        Section("Modes", (), [_table(result, models)]),
+        Section("Spectra", (), [_spectra(result)]),
+    ]
+    if len(result.stabilisation.order):
+        sections.append(Section("Stabilisation", (), [_stabilisation(result)]))
+    if len(channels) > 1 and structural and shapes:
+        sections.append(Section("Shapes", (), [_shapes(result, channels)]))
+    write_page(path, f"Modes of {name}", lead, sections)
+
+
+def _range(result: ModalResult) -> list[float]:
+    """From zero to well beyond the highest mode; the reader may look further."""
+    highest = float(result.spectrum_hz[-1])
+    if result.modes:
+        highest = min(highest, 1.4 * result.modes[-1].frequency_hz.value)
+    return [0.0, highest]
+
+
+def _spectra(result: ModalResult) -> Chart:
+    inside = result.spectrum_hz > 0
+    traces: list[dict[str, Any]] = [
+        {
+            "x": result.spectrum_hz[inside].round(6).tolist(),
+            "y": (10 * np.log10(np.maximum(values, 1e-300))).round(3).tolist(),
+            "name": f"singular value {number + 1}",
+            "mode": "lines",
+            "line": {"width": 1.5},
+        }
+        for number, values in enumerate(result.singular_values[inside].T[:4])
+    ]
+    return Chart(
+        traces,
+        {
+            "xaxis": {"title": {"text": "frequency [Hz]"}, "range": _range(result)},
+            "yaxis": {"title": {"text": "density [dB]"}},
+            "shapes": [_mark(mode) for mode in result.modes],
+        },
+        "Singular values of the spectral matrix of channels scaled to unit variance. Upright "
+        "lines: modes; dashed: lines of machines.",
+    )
+
+
+def _mark(mode: Mode) -> dict[str, Any]:
+    hz = mode.frequency_hz.value
+    dash = "solid" if mode.kind == "structural" else "dash"
+    line = {"width": 1, "dash": dash, "color": "#b3541e"}
+    return {"type": "line", "x0": hz, "x1": hz, "y0": 0, "y1": 1, "yref": "paper", "line": line}
+
+
+def _stabilisation(result: ModalResult) -> Chart:
+    poles = result.stabilisation
+    finite = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
+    traces = []
+    for belongs, name, colour in ((False, "other pole", "#9aa5ad"), (True, "mode", "#0b6fb8")):
+        chosen = finite & ((poles.mode >= 0) == belongs)
+        if not belongs:
+            chosen &= _apart(poles)
+        sd = np.nan_to_num(poles.frequency_sd_hz[chosen], posinf=0.0)
+        bars = {"type": "data", "array": sd.round(6).tolist(), "thickness": 1, "width": 0}
+        traces.append(
+            {
+                "x": poles.frequency_hz[chosen].round(6).tolist(),
+                "y": poles.order[chosen].tolist(),
+                "error_x": bars if belongs else None,
+                "name": name,
+                "mode": "markers",
+                "marker": {"size": 5, "color": colour, "symbol": "cross" if belongs else "dot"},
+            }
+        )
+    return Chart(
+        traces,
+        {
+            "xaxis": {
+                "title": {"text": "frequency [Hz]"},
+                "type": "log",
+                "range": _decades(result),
+            },
+            "yaxis": {"title": {"text": "model order"}},
+        },
+        "Poles of subspace models of rising order, each band by itself; bars are one standard "
+        "deviation. A mode is where poles stand above each other.",
+    )
+
+
+def _apart(poles: Stabilisation) -> Bool[np.ndarray, " pole"]:
+    """Which other poles are drawn: damped like a mode, and one a place and order.
+
+    Bands are half an octave wide, and each has as many poles as any other: on a linear axis
+    low frequencies are a solid grey.
+    """
+    sound = np.isfinite(poles.frequency_hz) & (poles.frequency_hz > 0)
+    sound &= (poles.damping_ratio > 0) & (poles.damping_ratio < MOST_DAMPING)
+    sound &= poles.mode < 0
+    place = np.full(len(sound), -1)
+    place[sound] = np.floor(BINS_PER_DECADE * np.log10(poles.frequency_hz[sound]))
+    drawn = np.zeros(len(sound), dtype=bool)
+    kept = np.unique(np.stack([place, poles.order])[:, sound], axis=1, return_index=True)[1]
+    drawn[np.flatnonzero(sound)[kept]] = True
+    return drawn
+
+
+def _decades(result: ModalResult) -> list[float]:
+    """Decimal logarithms from below the lowest mode to beyond the highest."""
+    lowest = float(result.spectrum_hz[result.spectrum_hz > 0][0])
+    if result.modes:
+        lowest = max(lowest, 0.5 * result.modes[0].frequency_hz.value)
+    return [float(np.log10(lowest)), float(np.log10(_range(result)[1]))]
+
+
+def _shapes(result: ModalResult, channels: Sequence[str]) -> Chart:
+    traces = [
+        {
+            "x": list(channels),
+            "y": mode.shape.real.round(5).tolist(),
+            "error_y": {"type": "data", "array": mode.shape_sd.round(5).tolist()},
+            "name": f"{mode.frequency_hz.value:.4g} Hz",
+            "mode": "lines+markers",
+            "visible": True if number < 3 else "legendonly",
+        }
+        for number, mode in enumerate(result.structural[:MAX_SHAPES])
+    ]
+    return Chart(
+        traces,
+        {
+            "xaxis": {"title": {"text": "channel"}, "type": "category"},
+            "yaxis": {"title": {"text": "real part, unit norm"}},
+        },
+        "Real parts of the mode shapes, in the units of the channels; bars are one standard "
+        "deviation. The legend switches modes on and off.",
+    )

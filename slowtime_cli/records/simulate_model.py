@@ -1,0 +1,144 @@
+"""The option `simulate --model`: the sensor signals of a model under the inputs of a record."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from slowtime.dynamics.description import Description, Input
+from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.units import UNITS
+from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
+from slowtime_cli.shared.terminal import note, plural, removed_unless_finished
+from slowtime_services.files import ALL, MAX_BYTES, Record
+from slowtime_services.models import ambient_model, read_description, run_model
+from slowtime_services.plugins.effect_kinds import known
+
+Series = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def simulate_model(
+    model: Path,
+    record_path: Path | None,
+    out: Path,
+    *,
+    rate_hz: float | None,
+    duration_s: float | None,
+    seed: int | None,
+    force_psd: float,
+    hold: str,
+    noise: bool,
+    effects: Sequence[Path],
+) -> None:
+    """Run a model file and write ``t`` and one array a sensor."""
+    if out.suffix.lower() != ".npz":
+        raise click.UsageError(f"{out.name!r} does not end in .npz. Give one that does.")
+    kinds = known(effects)
+    description = read_description(model, kinds)
+    if not description.sensors:
+        raise click.UsageError(
+            f"{model.name} lists no sensors. Say under `sensors` what to hear."
+        )
+    if noise and seed is None:
+        raise click.UsageError("--noise is random. Give --seed, so that it can be made again.")
+    if description.inputs:
+        if record_path is None:
+            wanted = ", ".join(entry.channel for entry in description.inputs)
+            raise click.UsageError(f"{model.name} has inputs: {wanted}. Give --input RECORD.")
+        record = read_any(record_path, ReadingFlags(rate_hz=rate_hz, keep=(ALL,)))
+        times, arrays = _under(description, record, hold, kinds, seed)
+    else:
+        if record_path is not None:
+            note("--input was not used: the model lists no inputs.")
+        times, arrays = _ambient(
+            description, model, rate_hz, duration_s, seed, force_psd, kinds
+        )
+    if noise:
+        rng = np.random.default_rng([0 if seed is None else seed, 1])
+        for sensor in description.sensors:
+            white = (sensor.noise_sd or 0.0) * rng.standard_normal(len(times))
+            arrays[sensor.channel] = arrays[sensor.channel] + white
+    with removed_unless_finished(out), out.open("wb") as file:
+        np.savez(file, **({"t": times} | arrays))  # type: ignore[arg-type]
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    click.echo(
+        f"{out}: {plural(len(times), 'sample')} of {', '.join(arrays)} at {1 / step:g} Hz"
+    )
+
+
+def _under(
+    description: Description,
+    record: Record,
+    hold: str,
+    kinds: Mapping[str, Kind],
+    seed: int | None,
+) -> tuple[Series, dict[str, Series]]:
+    note_reading(record)
+    if record.gaps:
+        raise click.UsageError(
+            f"The record lacks {sum(gap.missing for gap in record.gaps)} samples, so that the "
+            "inputs are not known throughout. Cut it at its gaps."
+        )
+    inputs = {}
+    for name, unit, column in zip(record.channels, record.units, record.samples.T, strict=True):
+        inputs[name] = column.astype(float)
+        for entry in description.inputs:
+            if entry.channel == name:
+                inputs[name] = inputs[name] * _between(entry, unit, description)
+    clock = record.aux.get("t")
+    seconds = np.arange(len(record.samples)) / record.rate_hz
+    if clock is not None and np.shape(clock) == seconds.shape:
+        seconds = seconds + float(clock[0])
+    arrays = run_model(
+        description,
+        inputs,
+        record.rate_hz,
+        hold=hold,
+        kinds=kinds,
+        start_s=float(seconds[0]),
+        rng=None if seed is None else np.random.default_rng([seed, 2]),
+    )
+    return seconds, arrays
+
+
+def _between(entry: Input, unit: str, description: Description) -> float:
+    """From the unit a record gives a channel, where it does, to the one the model gives it."""
+    quantity = "force" if entry.kind == "force" else "acceleration"
+    known = UNITS[description.unit_of_coordinate, quantity]
+    if not unit or unit == entry.unit:
+        return 1.0
+    if unit not in known:
+        raise click.UsageError(
+            f"The record has {entry.channel} in {unit}, the model in {entry.unit}: no such "
+            f"change is known. Allowed: {', '.join(known)}."
+        )
+    note(f"{entry.channel} is in {unit} in the record; turned into the model's {entry.unit}.")
+    return known[unit] / known[entry.unit]
+
+
+def _ambient(
+    description: Description,
+    model: Path,
+    rate_hz: float | None,
+    duration_s: float | None,
+    seed: int | None,
+    force_psd: float,
+    kinds: Mapping[str, Kind],
+) -> tuple[Series, dict[str, Series]]:
+    if rate_hz is None or duration_s is None or seed is None:
+        raise click.UsageError(
+            f"{model.name} lists no inputs: it is under ambient forces. Give --rate-hz, "
+            "--duration and --seed."
+        )
+    samples = round(duration_s * rate_hz)
+    if samples < 2 or samples * len(description.dofs) * 8 > MAX_BYTES:
+        raise click.UsageError(
+            f"--duration {duration_s:g} s at --rate-hz {rate_hz:g} makes {samples} samples. "
+            f"Give 2 or more, and less than {MAX_BYTES / 2**20:.0f} MiB of them."
+        )
+    arrays = ambient_model(
+        description, samples, rate_hz, seed, force_psd=force_psd, kinds=kinds
+    )
+    return np.arange(samples) / rate_hz, arrays

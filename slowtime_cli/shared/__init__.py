@@ -1,0 +1,1 @@
+"""Options, terminal output and inputs that several verbs have in common."""

@@ -1,0 +1,61 @@
+"""A verb that is declared in one module and done in another, imported once it is needed.
+
+`slowtime_cli.verbs` declares the arguments of each verb with click alone. The module that does
+the work imports arrays, compilers and servers, which takes seconds; it is imported after the
+arguments were found right. So `--help`, a missing file and a wrong option cost no more than
+they must.
+"""
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from .extras import missing_extra
+
+
+class Deferred(click.Command):
+    """A command whose work stands elsewhere.
+
+    The function that it decorates holds the help, and refuses whatever can be refused without
+    importing anything; then the work is called with the same arguments.
+
+    Parameters
+    ----------
+    work
+        ``module:function`` within `slowtime_cli`.
+    extra
+        Extra of slowtime whose libraries the work imports; None where it takes none.
+    """
+
+    def __init__(
+        self, *args: Any, work: str, extra: str | None = None, **settings: Any
+    ) -> None:
+        super().__init__(*args, **settings)
+        self.work, self.extra = work, extra
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Refuse what is plainly wrong, then import the work and do it.
+
+        Raises
+        ------
+        click.ClickException
+            Where a library is missing that an extra brings: it names the extra.
+        """
+        super().invoke(ctx)
+        try:
+            return ctx.invoke(self.load(), **ctx.params)
+        except ModuleNotFoundError as error:
+            told = missing_extra(ctx.command_path, self.extra, error)
+            if told is None:
+                raise
+            raise click.ClickException(told) from error
+
+    def load(self) -> Callable[..., Any]:
+        """Import the work."""
+        module, name = self.work.split(":")
+        work: Callable[..., Any] = getattr(
+            importlib.import_module(f"slowtime_cli.{module}"), name
+        )
+        return work

@@ -1,0 +1,108 @@
+"""For each verb an example that runs in an empty folder; its help ends with it."""
+
+_HOUSE = "slowtime demo --duration 30 --data house --record house.mcap"
+_RECORD = "slowtime simulate --structure tower --epochs 25 --seed 1 --out tower.mcap"
+_MODES = f"{_RECORD} && slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json"
+
+EXAMPLES: dict[str, str] = {
+    "demo": "slowtime demo --duration 30",
+    "edge": f"{_RECORD} && slowtime edge --recording tower.mcap --speed 0",
+    "twin": "slowtime router & slowtime twin",
+    "router": "slowtime router",
+    "keys": "slowtime keys make lab --asset beam && slowtime keys list",
+    "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
+    "alarms": "slowtime demo --duration 60 & sleep 25; "
+    "slowtime alarms deliveries demo.tower; kill %1",
+    "event": "slowtime demo --duration 60 & sleep 25; "
+    "slowtime event add demo.tower --kind note --text Inspected; "
+    "slowtime event list demo.tower; kill %1",
+    "status": "slowtime router & sleep 5; slowtime status; kill %1",
+    "plugins": "slowtime plugins",
+    "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
+    "ledger": f"{_HOUSE} && slowtime ledger verify house.mcap --key house/ledger.pem.pub",
+    "composite": "echo '{members: [demo.tower]}' > yard.yaml; slowtime demo --duration 60 & "
+    "sleep 25; slowtime composite add yard.yaml --id demo.yard; "
+    "slowtime composite list; kill %1",
+    "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
+    "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "
+    "slowtime restore monday.sqlite --database house/twin.sqlite",
+    "export": f"{_HOUSE} && slowtime export house/twin.sqlite --asset demo.tower --out a.csv",
+    "record": "slowtime router & sleep 5; "
+    "slowtime record --out house.mcap --duration 5; kill %1",
+    "replay": f"{_HOUSE} && slowtime replay house.mcap --into again.sqlite",
+    "recover": f"{_RECORD} && head -c 100000 tower.mcap > torn.mcap; "
+    "slowtime recover torn.mcap --out sound.mcap",
+    "layout": f"{_HOUSE} && slowtime layout house.mcap --out house.json",
+    "import": "seq 2000 | awk '{print sin($1 * 0.3)}' > record.csv && "
+    "slowtime import record.csv --rate-hz 100 --out record.mcap",
+    "identify": f"{_RECORD} && slowtime identify tower.mcap",
+    "simulate": _RECORD,
+    "publish": "slowtime publish --to - --seconds 2",
+    "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
+    """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
+    """10 * sin($1 / 20)}') > bridge.csv && """
+    "slowtime diagnose --history bridge.csv --out found",
+    "evolve": f"{_MODES} && slowtime evolve modes.json --nominal-hz 5",
+    "forecast": f"{_MODES} && slowtime forecast modes.json --nominal-hz 5 --threshold -0.1",
+    "plan": f"{_MODES} && echo "
+    """'{"lab.tower": {"nominal": {"frequency_hz": 5, "damping_ratio": 0.01}, "costs": """
+    """{"failure": 9e5, "repair": 4e4, "inspection": 1500, "time_unit": "slow_time"}, """
+    """"decision": {"failure": {"quantity": "stiffness_change", "below": -0.3}, """
+    """"horizon": 600}}}' > twins.json && slowtime plan modes.json --registration twins.json""",
+    "risk": f"{_MODES} && echo "
+    """'{"lab.tower": {"nominal": {"frequency_hz": 5, "damping_ratio": 0.01}, """
+    """"limit_states": [{"kind": "threshold", "name": "30 % softer", "quantity": """
+    """"stiffness_change", "below": -0.3}]}}' > twins.json && """
+    "slowtime risk modes.json --registration twins.json",
+    "whatif": f"{_MODES} && slowtime whatif modes.json --nominal-hz 5 --nominal-damping 0.01 "
+    "--load step --amplitude 1",
+    "reliability": """echo '{slowtime_reliability: 1, inputs: {"""
+    "r: {marginal: lognormal, mean: 10, sd: 1}, s: {marginal: gumbel, mean: 5, sd: 1}}, "
+    """limit_state: r - s}' > beam.yaml && slowtime reliability beam.yaml""",
+    "merge": "slowtime simulate --structure frame --epochs 1 --seed 1 --out frame.mcap && "
+    "slowtime identify frame.mcap --method modes --out a.json && cp a.json b.json && "
+    "slowtime merge a.json b.json",
+    "track": """echo '{slowtime_model: 1, name: rig, nodes: [{id: m, mass_kg: 2}], """
+    "elements: [{id: k, between: [base, m], stiffness_n_per_m: 900, damping_n_s_per_m: 1}], "
+    "inputs: [{channel: f, kind: force, node: m, unit: N}], sensors: [{channel: a, quantity: "
+    """acceleration, node: m, unit: m/s^2}]}' > rig.yaml && awk 'BEGIN {print "t_s,f,a"; """
+    "for (i = 0; i < 20000; i++) {f = sin(i * i / 4e6); a = (f - 800 * x - v) / 2; "
+    """if (i % 10 == 0) print i / 1000 "," f "," a; v += a / 1000; x += v / 1000}}' > a.csv """
+    "&& slowtime track rig.yaml a.csv",
+    "separate": 'seq 0 99 | awk \'BEGIN {print "slow_time,value,sd"} '
+    '{print $1 "," 4 - 0.002 * $1 + 0.05 * sin($1) ",0.01"}\' > history.csv && '
+    "slowtime separate history.csv",
+    "surrogate": 'seq 60 | awk \'BEGIN {print "mass,stiffness,peak"} {m = 1 + rand(); '
+    'k = 2 + rand(); print m "," k "," sqrt(k / m)}\' > runs.csv && '
+    "slowtime surrogate runs.csv --output peak",
+    "design": """echo '{slowtime_design: 1, variables: {area: {lower: 1, upper: 9}}, """
+    "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
+    """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
+    "&& slowtime design rod.yaml",
+    "fatigue": "seq 20000 | awk '{print 50 * sin($1 * 0.3) + 20 * sin($1 * 0.07)}' > s.csv && "
+    "slowtime fatigue s.csv --rate-hz 100 --detail-category 71",
+    "virtual": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 100}], elements: """
+    """[{id: k, between: [base, m], stiffness_n_per_m: 1e5, damping_n_s_per_m: 60}], """
+    """sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, """
+    """noise_sd: 0.01}], tolerance: {stiffness: 0.05}}' > one.yaml && """
+    """slowtime simulate --model one.yaml --rate-hz 100 --duration 60 --seed 1 """
+    """--noise --force-psd 100 --out a.npz && """
+    "slowtime virtual one.yaml a.npz --quantity force --element k",
+}
+FIRST_EXAMPLE = f"{_RECORD} && slowtime identify tower.mcap"
+ENDLESS_VERBS = ("twin", "router")
+"""Those whose line goes on until Ctrl-C."""
+
+HEADING = "Try it in an empty folder:"
+
+
+def with_example(epilog: str | None, line: str) -> str:
+    r"""End a help with a line to paste, each of its commands in a line of its own.
+
+    Examples
+    --------
+    >>> with_example("Well.", "slowtime a && slowtime b").split()[-6:]
+    ['slowtime', 'a', '&&', '\\', 'slowtime', 'b']
+    """
+    pasted = line.replace(" && ", " && \\\n    ").replace("; slowtime", ";\n  slowtime")
+    return f"{(epilog or '').rstrip()}\n\n\b\n{HEADING}\n  {pasted}\n"

@@ -1,0 +1,263 @@
+"""Types of option values, and options that several verbs have in common."""
+
+import datetime
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import click
+
+from slowtime_schemas.plain_text import plain_text
+
+from .input_errors import invisible_character
+
+ROUTER = "tcp/127.0.0.1:7447"
+ENCRYPTED_ROUTER = "tls/127.0.0.1:7447"
+NAME = r"[a-z0-9][a-z0-9_-]{0,62}"
+STDOUT = Path("-")
+
+
+class Number(click.FloatRange):
+    """A number that is one: neither NaN nor infinite, and within its range."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Refuse what the range itself lets through."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number. Give one such as 1.5.", param, ctx)
+        return number
+
+
+POSITIVE = Number(min=0, min_open=True)
+
+
+class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A site or an asset; with `parts=2` both, SITE.ASSET, each of which may be ``*``."""
+
+    name = "name"
+
+    def __init__(self, parts: int = 1, *, any_: bool = False) -> None:
+        one = rf"({NAME}|\*)" if any_ else NAME
+        self._pattern = re.compile(r"\.".join([one] * parts))
+        self._allowed = ("SITE.ASSET, each of " if parts == 2 else "") + (
+            "at most 63 lower-case letters, digits, '-' and '_'" + (", or *" if any_ else "")
+        )
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what could not be part of a key."""
+        if not self._pattern.fullmatch(str(value)):
+            self.fail(
+                f"{value!a} is no name{invisible_character(str(value))}. "
+                f"Allowed: {self._allowed}.",
+                param,
+                ctx,
+            )
+        return str(value)
+
+
+class PlainText(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A text for people, without control, bidirectional or other invisible characters."""
+
+    name = "text"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what would be shown as something else."""
+        try:
+            return plain_text(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """Where a router listens."""
+
+    name = "endpoint"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what is no endpoint before anything is opened."""
+        if not re.fullmatch(r"[a-z][a-z0-9_+.-]*/\S+", str(value)):
+            self.fail(
+                f"{value!r} is no endpoint. Give PROTOCOL/ADDRESS, such as {ROUTER}.",
+                param,
+                ctx,
+            )
+        return str(value)
+
+
+class Database(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A file of SQLite, or the URL of a PostgreSQL database."""
+
+    name = "database"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Path | str:
+        """Tell a URL from a path; refuse a folder."""
+        text = str(value)
+        if text.startswith(("postgresql://", "postgres://")):
+            return text
+        if "://" in text:
+            self.fail(f"{text!r} is no database. Give a file or postgresql://...", param, ctx)
+        if Path(text).is_dir():
+            self.fail(f"{text} is a folder. Give a file in it.", param, ctx)
+        return Path(text)
+
+
+class Size(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """An amount of bytes: 500MB, 4GB, 2GiB, or a number of bytes."""
+
+    name = "size"
+    _UNITS: ClassVar[dict[str, int]] = {
+        "": 1, "b": 1,
+        "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12,
+        "kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40,
+    }  # fmt: skip
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """Turn text into bytes."""
+        if isinstance(value, int):
+            return value
+        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-zA-Z]*)", str(value))
+        unit = self._UNITS.get(match[2].lower()) if match else None
+        if match is None or unit is None or not float(match[1]):
+            self.fail(f"{value!a} is no size. Give one such as 500MB or 4GB.", param, ctx)
+        return round(float(match[1]) * unit)
+
+
+class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A date and time of ISO 8601; UTC unless it says otherwise. In nanoseconds since 1970."""
+
+    name = "time"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """Turn text into whole nanoseconds."""
+        if isinstance(value, int):
+            return value
+        try:
+            when = datetime.datetime.fromisoformat(value)
+        except ValueError:
+            self.fail(f"{value!r} is no time. Give one as 2022-07-19T22:55:00Z.", param, ctx)
+        when = when if when.tzinfo else when.replace(tzinfo=datetime.UTC)
+        since = when - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+        t_ns = (since // datetime.timedelta(microseconds=1)) * 1000
+        if not 0 <= t_ns < 2**63:
+            self.fail(f"{value} is not between the years 1970 and 2262.", param, ctx)
+        return t_ns
+
+
+class OutFile(click.Path):
+    """A file to write, of a kind that its name tells, in a folder that is there.
+
+    Asked before the work, so that an hour of it is not thrown away at its end.
+    """
+
+    def __init__(self, *suffixes: str, stdout: bool = False) -> None:
+        super().__init__(dir_okay=False, writable=True, path_type=Path, allow_dash=stdout)
+        self._suffixes = suffixes
+
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:
+        """Refuse a name that cannot be written to."""
+        path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
+        if path == STDOUT and self.allow_dash:
+            return path
+        if self._suffixes and path.suffix.lower() not in self._suffixes:
+            allowed = " or ".join(self._suffixes)
+            self.fail(f"{path.name!r} does not end in {allowed}. Give one that does.")
+        if not path.parent.is_dir():
+            self.fail(f"There is no folder {path.parent} for {path.name}. Make it first.")
+        return path
+
+
+def names(text: str | None, flag: str) -> tuple[str, ...] | None:
+    """Split ``a,b``; None where the flag was not given.
+
+    Examples
+    --------
+    >>> names("acc_x, acc_y", "--channels")
+    ('acc_x', 'acc_y')
+    """
+    if text is None:
+        return None
+    parts = tuple(part.strip() for part in text.split(","))
+    if not all(parts):
+        raise click.UsageError(
+            f"{flag} {text!r} has an empty name. Give names with commas between them: a,b."
+        )
+    return parts
+
+
+def together(given: Sequence[tuple[str, object]]) -> None:
+    """Refuse two of several ways to say one thing.
+
+    Raises
+    ------
+    click.UsageError
+        Naming those that were given.
+    """
+    used = [flag for flag, value in given if value]
+    if len(used) > 1:
+        raise click.UsageError(f"{' and '.join(used)} exclude each other. Give one of them.")
+
+
+connect_option = click.option(
+    "--connect",
+    multiple=True,
+    type=Endpoint(),
+    default=(ROUTER,),
+    show_default=True,
+    help="Endpoint of the router; may be given several times.",
+)
+
+credentials_option = click.option(
+    "--credentials",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
+)
+
+
+def endpoints(given: Sequence[str], credentials: Path | None) -> tuple[str, ...]:
+    """Endpoints given, or the usual one, which is encrypted where there are credentials.
+
+    Examples
+    --------
+    >>> endpoints((ROUTER,), None), endpoints((ROUTER,), Path("keys/server"))
+    (('tcp/127.0.0.1:7447',), ('tls/127.0.0.1:7447',))
+    """
+    unsaid = tuple(given) == (ROUTER,)
+    return (ENCRYPTED_ROUTER,) if credentials is not None and unsaid else tuple(given)
+
+
+class Names(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
+    """Names of columns between commas."""
+
+    name = "NAME,NAME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Split at the commas."""
+        if isinstance(value, tuple):
+            return value
+        found = tuple(part.strip() for part in str(value).split(","))
+        if not all(found):
+            self.fail(f"{value!r} names nothing between two commas.", param, ctx)
+        return found

@@ -1,0 +1,118 @@
+"""Records of any kind as verbs read them."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from slowtime_services.files import DateOrder, Record, find_column, in_si, read_record
+from slowtime_services.replay import record_or_foreign
+
+from .options import names
+from .terminal import note
+
+BINARY_SUFFIXES = (".mcap", ".npy", ".npz", ".mat")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ReadingFlags:
+    """What flags say of a record."""
+
+    rate_hz: float | None = None
+    channels: tuple[str, ...] | None = None
+    skip_lines: int | None = None
+    columns: tuple[str, ...] | None = None
+    time_column: str | None = None
+    time_unit: str | None = None
+    date_order: DateOrder | None = None
+    wrapped: bool | None = None
+    keep: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    sensitivities: tuple[str, ...] = ()
+
+
+TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep")
+"""Flags that say nothing of a recording, which names its channels and carries its clock."""
+
+
+def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them, and a second."""
+
+    @functools.wraps(verb)
+    def reading(record_path: Path, **flags: Any) -> Any:
+        said = {field.name: flags.pop(field.name) for field in dataclasses.fields(ReadingFlags)}
+        for name in ("channels", "columns", "keep"):
+            said[name] = names(said[name], f"--{name}")
+        given = ReadingFlags(**{**said, "keep": said["keep"] or ()})
+        record = read_any(record_path, given)
+        note_reading(record)
+        if flags.get("second") is not None:
+            flags["second"] = read_any(flags["second"], given)
+            note_reading(flags["second"])
+        return verb(record=record, path=record_path, **flags)
+
+    return reading
+
+
+def note_reading(record: Record) -> None:
+    """Say what a person should know of how a file was read, and what was assumed, in a line."""
+    for text in record.notes:
+        note(text)
+    if record.assumptions:
+        note(f"assumed: {'; '.join(record.assumptions)}.")
+
+
+def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
+    """Read a record of any kind, a recording among them."""
+    given = given or ReadingFlags()
+    kind = path.suffix.lower()
+    if kind in BINARY_SUFFIXES and given.skip_lines:
+        note(f"--skip-lines was not used: a {kind} file has no lines.")
+    if kind == ".mcap":
+        for name in TEXT_FLAGS:
+            if getattr(given, name) not in (None, ()):
+                flag = name.replace("_", "-")
+                note(
+                    f"--{flag} was not used: an MCAP recording carries its own clock and names."
+                )
+        return overridden_by_flags(record_or_foreign(path), path, given)
+    return read_record(
+        path,
+        **{
+            field.name: getattr(given, field.name) for field in dataclasses.fields(ReadingFlags)
+        },
+        skip_missing=True,
+    )
+
+
+def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Record:
+    """Let flags overrule what a recording says of itself, as they do for other files."""
+    rate_hz, channels, columns = given.rate_hz, given.channels, given.columns
+    if columns is not None:
+        if len(columns) != len(record.channels):
+            raise click.UsageError(
+                f"--columns gives {len(columns)} names, {', '.join(columns)}; {path} has "
+                f"{len(record.channels)} channels, {', '.join(record.channels)}. Give one each."
+            )
+        record = dataclasses.replace(record, channels=columns)
+    if rate_hz is not None and abs(rate_hz / record.rate_hz - 1) > 1e-3:
+        note(f"{path.name} says {record.rate_hz:g} Hz; {rate_hz:g} Hz was given, and used.")
+        record = dataclasses.replace(record, rate_hz=rate_hz)
+    if channels is not None:
+        record = _chosen(record, channels)
+    return in_si(record, given.units, given.sensitivities)
+
+
+def _chosen(record: Record, channels: tuple[str, ...]) -> Record:
+    kept = [find_column(name, record.channels) for name in channels]
+    if len(set(kept)) != len(kept):
+        raise click.UsageError(f"--channels {','.join(channels)} names one twice.")
+    return dataclasses.replace(
+        record,
+        samples=record.samples[:, kept],
+        channels=tuple(record.channels[column] for column in kept),
+        units=tuple(record.units[column] for column in kept),
+    )

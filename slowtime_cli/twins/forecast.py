@@ -1,0 +1,68 @@
+"""The verb `forecast`: predicts the changes of a twin and when thresholds are crossed."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from slowtime_cli.shared.options import STDOUT
+from slowtime_cli.shared.terminal import note, show, write_json
+from slowtime_cli.twins.twin_query import (
+    TwinQuery,
+    ask_server,
+    problems_told,
+    twin_of_file,
+    without_none,
+)
+from twin_server.serve import foretell
+
+Side = Literal["below", "above"]
+
+
+def forecast(
+    horizon: float | None,
+    points: int,
+    threshold: float | None,
+    quantity: str | None,
+    toward: Side | None,
+    out: Path | None,
+    **twin: Any,
+) -> None:
+    """Tell where a twin is heading, and when a threshold is reached."""
+    asked = TwinQuery(**twin)
+    more = {"threshold": threshold, "quantity": quantity, "toward": toward}
+    if asked.server is not None:
+        query = {"horizon": horizon, "points": points, **more}
+        body = ask_server(asked, "GET", "forecast", query=query)
+    else:
+        with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
+            body = foretell(
+                knowledge, twin_id, registration, horizon, points,
+                threshold=threshold, quantity=quantity, toward=toward,
+            )  # fmt: skip
+    if out is not None:
+        write_json(out, body)
+    if out != STDOUT:
+        _show_forecast(body)
+    for reason in body["reasons"]:
+        note(reason)
+    for warning in body.get("warnings", ()):
+        note(warning)
+    for crossing in body["crossings"] if out != STDOUT else ():
+        note(crossing["sentence"])
+        if laws := _laws(crossing.get("laws", {})):
+            note(f"degradation laws by evidence: {laws}.")
+
+
+def _laws(weights: dict[str, float]) -> str:
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in weights.items())
+
+
+def _show_forecast(body: dict[str, Any]) -> None:
+    rows, plain = [], []
+    for point in body["points"]:
+        whole = {name: point[name] for name in ("stiffness_change", "mass_change")}
+        for name, estimate in {**without_none(whole), **point["elements"]}.items():
+            cells = [f"{100 * estimate[part]:.2f}" for part in ("value", "sd", "lo", "hi")]
+            rows.append((f"{point['slow_time']:.6g}", name, *cells))
+            plain.append({"slow_time": point["slow_time"], "quantity": name, **estimate})
+    heads = ("slow time", "quantity", "change [%]", "sd [%]", "lo [%]", "hi [%]")
+    show("", heads, rows, plain=plain)

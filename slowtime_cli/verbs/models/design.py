@@ -1,0 +1,63 @@
+"""Arguments and help of the verb `design`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import Number
+
+
+@click.command(
+    cls=Deferred,
+    work="models.design:design",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime design cantilever.yaml
+  slowtime design damper.yaml --out-model tower_with_damper.yaml
+  slowtime design damper.yaml --alpha 1 --alpha 0.5 --alpha 0
+  slowtime design damper.yaml --json
+
+The file names design variables with their bounds, random inputs, an objective, and limit
+states with the probability of failure that is accepted; with a model file, variables add
+stiffness, damping or mass to it, and formulas speak of its responses under a load.
+docs/design.md lists what it may hold.
+""",
+)
+@click.argument("design", type=EXISTING)
+@click.option(
+    "--alpha",
+    "alphas",
+    multiple=True,
+    type=Number(min=0, max=1),
+    help="Weight of the mean in the objective, instead of the file's: 1 is the mean alone, 0 "
+    "the standard deviation alone. May be repeated: a table compares the designs.",
+)
+@click.option(
+    "--cov",
+    "variation",
+    type=Number(min=0, max=1, min_open=True, max_open=True),
+    default=0.02,
+    show_default=True,
+    help="Coefficient of variation of the verified probabilities of failure.",
+)
+@click.option(
+    "--out-model",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="Write the model with the design built in.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+def design(alphas: tuple[float, ...], out_model: Path | None, **_given: object) -> None:
+    """Choose a damper, mass or stiffness: cheap, robust and safe.
+
+    Minimises alpha * mean / mean* + (1 - alpha) * sd / sd* of the objective (eq. 4.18 of the
+    book), where every limit state fails with at most the accepted probability. Prints the
+    variables, the objective and the verified probabilities beside those of the starting
+    design. The same seed gives the same figures.
+    """
+    if out_model is not None and len(alphas) > 1:
+        raise click.UsageError("One model can be written, of one design. Give one --alpha.")

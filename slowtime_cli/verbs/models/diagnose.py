@@ -1,0 +1,149 @@
+"""Arguments and help of the verb `diagnose`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, Effects, clock_flags, unit_flags
+from slowtime_cli.shared.options import POSITIVE
+
+PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
+"""Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
+them to it."""
+
+
+class RecordName(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A file that is there, or the seconds FROM:TO of it."""
+
+    name = "record"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse a file that is not there before any other is read."""
+        if Path(value).exists() or "@" not in value:
+            EXISTING.convert(value, param, ctx)
+            return value
+        from slowtime_services.diagnose.sources import split
+
+        try:
+            EXISTING.convert(str(split(value)[0]), param, ctx)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return value
+
+
+RECORD = RecordName()
+
+
+@click.command(
+    cls=Deferred,
+    work="models.diagnose:diagnose",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found
+  slowtime diagnose drive.yaml DATA_EMPS.mat --channel "force=gtau*vir" --channel x=qm
+  slowtime diagnose --history twin.sqlite --twin lab.beam --out found
+  slowtime diagnose --history bridge.csv
+""",
+)
+@click.argument("model", type=EXISTING, required=False)
+@click.argument("records", nargs=-1, type=RECORD, metavar="RECORD...")
+@click.option(
+    "--history",
+    type=str,
+    metavar="STORE|FILE",
+    help="Instead of a model and records: what a twin's database, .csv or .npz tells of slow "
+    "time; columns slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with "
+    "_sd where known; all others are what it may follow.",
+)
+@click.option("--twin", metavar="SITE.ASSET", help="Which twin of the database.")
+@click.option(
+    "--holdout",
+    multiple=True,
+    type=RECORD,
+    metavar="RECORD",
+    help="Judge by this record, and learn nothing from it; may be repeated.  "
+    "[default: the last third of the others]",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, writable=True, path_type=Path),
+    default=Path("diagnosis"),
+    show_default=True,
+    help="Folder for report.html, report.json and augmented.yaml.",
+)
+@click.option("--quick", is_flag=True, help="Look for one effect, among fewer rivals.")
+@click.option(
+    "--effects",
+    multiple=True,
+    type=Effects(),
+    metavar="FILE|NAME",
+    help="Python file that holds effects of your own, or name of an installed part; may be "
+    "repeated.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="NAME=WHAT",
+    help="What the records call a channel of the model, or how to make it of their columns and "
+    "single numbers with + - * /: force=gtau*vir; may be repeated.",
+)
+@click.option(
+    "--rate-hz", type=POSITIVE, help="Samples per second; overrules what the files say."
+)
+@click.option(
+    "--skip-lines",
+    type=click.IntRange(min=0),
+    help="Lines of text before header or data.  [default: found out]",
+)
+@click.option(
+    "--time-column",
+    help="Column of time, by name or number; none if there is none.  [default: found out]",
+)
+@clock_flags
+@unit_flags
+@click.option(
+    "--patience",
+    "patience_s",
+    type=POSITIVE,
+    metavar="SECONDS",
+    help="Budget of work, in seconds of a reference machine: then no more laws are tried.  "
+    f"[default: {PATIENCE_S:g}; of more than {MASSES} degrees of freedom in proportion, up to "
+    f"{PATIENCE_S * MORE:g}]",
+)
+@click.option(
+    "--unchecked",
+    is_flag=True,
+    help="Take records as they are, even where sizes point to a wrong unit or wire.",
+)
+def diagnose(
+    model: Path | None,
+    records: tuple[str, ...],
+    history: str | None,
+    **_given: object,
+) -> None:
+    """Find what a model lacks, where and how much, from its records.
+
+    The model's constants are refitted first, so that plain retuning is never called a
+    discovery. Records carry the channels of the model by name, in one clock; each may be
+    MCAP, text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of
+    one, in seconds from its beginning.
+
+    With --history, find what the slow changes of a twin follow: temperature, load, time, a
+    step. What is found is adopted through the twin's page or its REST interface (`clock:
+    slow`), by which the same diagnosis may be ordered.
+    """
+    if history is not None and (model is not None or records):
+        raise click.UsageError("--history takes no MODEL and no RECORD. Leave them out.")
+    if history is None and (model is None or not records):
+        raise click.UsageError(
+            "Give a MODEL and at least one RECORD of it, or --history with a twin's database."
+        )
+    if history is not None and "://" not in history and not Path(history).is_file():
+        raise click.UsageError(
+            f"There is no file {history}. Give a twin's database, or .csv or .npz."
+        )

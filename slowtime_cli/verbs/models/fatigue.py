@@ -1,0 +1,75 @@
+"""Arguments and help of the verb `fatigue`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, record_flags
+from slowtime_cli.shared.options import POSITIVE, Number
+from slowtime_cli.verbs.models.virtual import model_flags
+
+
+@click.command(
+    cls=Deferred,
+    work="models.fatigue:fatigue",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime fatigue stress.csv --rate-hz 100 --channel s --detail-category 71
+  slowtime fatigue stress.csv --channel s --sn 3 --sn-constant 1e12 --mean-stress goodman \\
+    --strength 400
+  slowtime fatigue record.csv --model frame.yaml --quantity force --element k1 \\
+    --factor 2e-5 --factor-unit MPa --detail-category 71
+
+S-N curves speak of ranges, which are twice the amplitudes: N = constant / range^slope, at the
+median. A constant for amplitudes is multiplied by 2^slope.
+""",
+)
+@record_flags
+@click.option("--channel", help="That measures stress.  [default: the only one]")
+@click.option(
+    "--model", type=EXISTING, help="Model file: stress is estimated from accelerations instead."
+)
+@model_flags
+@click.option(
+    "--detail-category",
+    type=POSITIVE,
+    help="Of EN 1993-1-9, such as 71: stress is in MPa, and the median is taken of its curve.",
+)
+@click.option("--sn", "slope", type=POSITIVE, help="Slope of the S-N curve.")
+@click.option("--sn-constant", "constant", type=POSITIVE, help="Its constant, for ranges.")
+@click.option("--knee", type=Number(min=0), default=0.0, help="Range of the second slope.")
+@click.option("--sn2", "lower_slope", type=POSITIVE, help="Slope below the knee.")
+@click.option("--cut-off", type=Number(min=0), default=0.0, help="Range without damage below.")
+@click.option(
+    "--sn-sd",
+    "log10_sd",
+    type=Number(min=0),
+    default=0.2,
+    show_default=True,
+    help="Standard deviation of log10 of the life (DNV-RP-C203: 0.2 for welded steel).",
+)
+@click.option(
+    "--mean-stress",
+    type=click.Choice(["none", "goodman", "gerber"]),
+    default="none",
+    show_default=True,
+    help="How means of cycles are taken into account; with --strength.",
+)
+@click.option("--strength", type=POSITIVE, help="Tensile strength, in the unit of the stress.")
+@click.option("--constant-mean", type=Number(), default=0.0, help="Stress at rest.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with the histogram.")
+def fatigue(model: Path | None, **given: object) -> None:
+    """Count stress cycles and sum fatigue damage, with its scatter.
+
+    Cycles are counted by rainflow (ASTM E1049).
+    Miner's sum is given with its 95 % interval, from the scatter of lives; the time until it
+    reaches the capacity (median 1, coefficient of variation 0.3) with 5, 50 and 95 % bounds;
+    and beside it the damage that spectral methods estimate from the same record.
+    """
+    if (model is None) != (given["quantity"] is None):
+        raise click.UsageError(
+            "--model and --quantity belong together: give both for a stress that nobody "
+            "measures, neither for a channel of stress."
+        )

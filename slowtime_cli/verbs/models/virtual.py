@@ -1,0 +1,95 @@
+"""Arguments and help of the verb `virtual`."""
+
+from collections.abc import Callable
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, F, record_flags
+from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+
+QUANTITIES = ("displacement", "drift", "force", "moment")
+MODEL: tuple[Callable[[F], F], ...] = (
+    click.option(
+        "--quantity",
+        type=click.Choice(QUANTITIES),
+        help="What to estimate of the model: displacement of a --node, drift --between two "
+        "nodes, elastic force or moment of an --element.",
+    ),
+    click.option("--node", help="Of a displacement."),
+    click.option(
+        "--between",
+        nargs=2,
+        metavar="LOWER UPPER",
+        help="Nodes of a drift; base is the ground.",
+    ),
+    click.option("--element", help="Of a force or a moment."),
+    click.option(
+        "--end",
+        type=click.Choice(["first", "second"]),
+        default="first",
+        show_default=True,
+        help="Of the beam whose moment is asked.",
+    ),
+    click.option(
+        "--factor",
+        type=Number(),
+        help="Units for one of SI: stress in MPa for one newton is 1e-6 / area in m^2. With "
+        "--factor-unit.",
+    ),
+    click.option("--factor-unit", help="Of the values after --factor.  [default: SI]"),
+    click.option(
+        "--factor-sd",
+        type=Number(min=0),
+        default=0.0,
+        show_default=True,
+        help="Relative standard deviation of --factor.",
+    ),
+    click.option(
+        "--lowest-hz",
+        type=POSITIVE,
+        help="Lower edge of the band: accelerations do not show slower motion.  [default: a "
+        "quarter of the model's lowest frequency]",
+    ),
+    click.option("--moving-base", is_flag=True, help="The base moves, and nobody measures it."),
+)
+
+
+def model_flags(function: F) -> F:
+    """Add the options of a virtual quantity."""
+    for decorate in reversed(MODEL):
+        function = decorate(function)
+    return function
+
+
+@click.command(
+    cls=Deferred,
+    work="models.virtual:virtual",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime virtual frame.yaml record.csv --rate-hz 200 --quantity drift --between base f1
+  slowtime virtual frame.yaml record.csv --quantity displacement --node f5 --out top.csv
+  slowtime virtual frame.yaml record.csv --quantity force --element k1 \\
+    --factor 2e-5 --factor-unit MPa
+
+The model's sensors are named as the record's channels, and say their noise; its tolerance says
+how wrong the model may be. Give both: the standard deviation rests on them. Accelerations do
+not show motion slower than the band, such as the mean drift under steady wind.
+""",
+)
+@click.argument("model", type=EXISTING)
+@record_flags
+@model_flags
+@click.option(
+    "--out", type=OutFile(), help="CSV of time, value and standard deviation; - for the pipe."
+)
+def virtual(**given: object) -> None:
+    """Estimate drift, force or stress, which nobody measures.
+
+    A Kalman filter runs on the accelerations of RECORD with the modes of MODEL; forces are
+    unknown, and how large they are is estimated from the spectra. Models within the tolerance
+    run side by side, and their spread is part of the standard deviation.
+    """
+    if given["quantity"] is None:
+        raise click.UsageError(f"Give --quantity: {', '.join(QUANTITIES)}.")

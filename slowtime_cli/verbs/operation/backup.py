@@ -1,0 +1,57 @@
+"""Arguments and help of the verbs `backup` and `restore`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.backup:backup",
+    extra="twin",
+    epilog="""\b
+Examples:
+  slowtime backup twin.sqlite --out monday.sqlite
+""",
+)
+@click.argument("database", type=EXISTING)
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write; it must not exist yet.",
+)
+def backup(**_given: object) -> None:
+    """Copy a twin's database while the server writes it.
+
+    The copy is of one moment: everything acknowledged by then is in it. It is looked through
+    before it gets its name, so that a file of that name is whole and sound.
+    """
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.backup:restore",
+    extra="twin",
+    epilog="""\b
+Examples:
+  slowtime restore monday.sqlite --database twin.sqlite
+""",
+)
+@click.argument("copy", type=EXISTING)
+@click.option(
+    "--database",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Where the twin server shall find it.",
+)
+def restore(**_given: object) -> None:
+    """Put a backup in the place of a twin's database.
+
+    End the server first. What was there is kept aside. Features that came after the backup are
+    asked from the edges again when the server starts; those that an edge no longer holds are
+    reported as lost, with their range.
+    """

@@ -1,0 +1,150 @@
+"""Arguments and help of the verb `edge`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.demo_structures import STRUCTURES
+from slowtime_cli.shared.flags import EXISTING, SettingsFile, unit_flags
+from slowtime_cli.shared.options import (
+    POSITIVE,
+    Name,
+    Number,
+    connect_option,
+    credentials_option,
+    together,
+)
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.edge:edge",
+    epilog="""\b
+Examples:
+  slowtime edge --simulate tower
+  slowtime edge --simulate frame
+  slowtime edge --site lab --asset beam --file record.csv --rate-hz 200 --window-s 60
+  slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
+  slowtime edge --asset beam --source 'mqtt://pi@10.0.0.2/beam?channels=x,y,z&rate_hz=200'
+  my-program | slowtime edge --source 'stdin:?layout=csv&channels=x,y,z&rate_hz=200'
+  slowtime edge --asset beam --file record.csv --unit mg --unit deck=mm/s --method modes
+
+Schemes of --source: mqtt, mqtts, tcp, tcp-listen, udp, serial, stdin, zenoh, iio, opcua;
+docs/live.md tells what each takes.
+  SLOWTIME_EDGE_SITE=lab slowtime edge --config edge.toml
+
+Every setting can be given in a TOML or JSON file or as SLOWTIME_EDGE_NAME (nested with two
+underscores); flags overrule the environment, which overrules the file.
+""",
+)
+@click.option("--config", type=SettingsFile(), help="TOML or JSON file of settings.")
+@click.option("--site", type=Name(), help="Where the asset stands.  [default: demo]")
+@click.option(
+    "--asset",
+    type=Name(),
+    help="Name of the asset.  [default: tower, or the simulated structure]",
+)
+@click.option(
+    "--simulate",
+    type=click.Choice(sorted(STRUCTURES)),
+    help="Listen to a simulated structure instead of a sensor.",
+)
+@click.option("--file", "file", type=EXISTING, help="Listen to a text, NumPy or MATLAB record.")
+@click.option(
+    "--recording", type=EXISTING, help="Listen to the raw blocks of an MCAP recording."
+)
+@click.option(
+    "--source",
+    metavar="URL",
+    help="Listen to a live sensor: where it is and, behind `?`, what its messages hold.",
+)
+@click.option(
+    "--password-file",
+    type=EXISTING,
+    help="File that holds the password of the user in the URL of --source.",
+)
+@click.option(
+    "--rate-hz",
+    type=POSITIVE,
+    help="Samples per second of --file or --source, where it does not say.",
+)
+@unit_flags
+@click.option(
+    "--speed",
+    type=Number(min=0),
+    default=1.0,
+    show_default=True,
+    help="Pace of --file or --recording; 0 as fast as possible.",
+)
+@click.option(
+    "--epochs-per-s",
+    type=POSITIVE,
+    help="Pace of --simulate.  [default: 5, or 1 for a frame]",
+)
+@click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes", "recursive"]),
+    help="How to identify the first mode, or all modes with shapes, window by window or, "
+    "recursive, of a stream that never ends.  [default: auto, or what the simulated structure "
+    "needs]",
+)
+@click.option(
+    "--band-hz",
+    nargs=2,
+    type=Number(min=0),
+    metavar="LO HI",
+    help="Where to look for modes.",
+)
+@click.option("--window-s", type=POSITIVE, help="Window of a continuous stream.  [default: 60]")
+@click.option(
+    "--hop-s", type=POSITIVE, help="From one window to the next.  [default: the window]"
+)
+@click.option("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording.")
+@click.option(
+    "--spool",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder where features wait for the twin.  [default: var/spool]",
+)
+@connect_option
+@credentials_option
+def edge(
+    config: Path | None,
+    simulate: str | None,
+    file: Path | None,
+    recording: Path | None,
+    source: str | None,
+    password_file: Path | None,
+    rate_hz: float | None,
+    units: tuple[str, ...],
+    sensitivities: tuple[str, ...],
+    **_given: object,
+) -> None:
+    """Run an edge agent: samples in, features with uncertainty out.
+
+    Without a router it goes on, and keeps its features on disk until there is one.
+    """
+    together(
+        [
+            ("--simulate", simulate),
+            ("--file", file),
+            ("--recording", recording),
+            ("--source", source),
+        ]
+    )
+    if rate_hz is not None and file is None and source is None:
+        raise click.UsageError(
+            "--rate-hz goes with --file or --source; other inputs say their rate."
+        )
+    if (units or sensitivities) and not (file or recording or source):
+        raise click.UsageError(
+            "--unit and --sensitivity go with --file, --recording or --source."
+        )
+    if password_file is not None and source is None:
+        raise click.UsageError("--password-file goes with --source.")
+    if not (simulate or file or recording or source or config):
+        raise click.UsageError(
+            "An edge agent needs an input. Give --source, --simulate, --file, --recording, or "
+            "a --config that names one."
+        )

@@ -1,0 +1,94 @@
+"""Arguments and help of the verb `keys`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import Name, PlainText, together
+
+WITHDRAWN = ("server", "observer", "player")
+"""Roles that are withdrawn by name: all but routers, and edges, which `--asset` names."""
+out_option = click.option(
+    "--out",
+    "home",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("keys"),
+    show_default=True,
+    help="Folder of the authority and of all it makes.",
+)
+days_option = click.option(
+    "--days",
+    type=click.IntRange(1, 3650),
+    default=365,
+    show_default=True,
+    help="How long a certificate is valid.",
+)
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime keys make lab --asset beam --asset frame --host 10.0.0.2
+  slowtime router --credentials keys/router --listen tls/0.0.0.0:7447
+  slowtime twin --credentials keys/server --connect tls/10.0.0.2:7447
+  slowtime edge --credentials keys/edge-beam --connect tls/10.0.0.2:7447 --config edge.toml
+
+Each process gets its own folder and no other; keys/authority stays where nobody else is. A
+router reads who may do what when it starts: copy keys/router again and restart it after each
+change. Edges keep their features meanwhile.
+"""
+)
+def keys() -> None:
+    """Make, renew and withdraw certificates of a site's bus."""
+
+
+@keys.command(cls=Deferred, work="operation.keys:make", extra="twin")
+@click.argument("site", type=Name())
+@click.option("--asset", "assets", multiple=True, type=Name(), help="An edge agent to be.")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    type=PlainText(),
+    help="Name or address at which others reach the router; localhost always.",
+)
+@days_option
+@out_option
+def make(**_given: object) -> None:
+    """Make what is missing: authority, router, server, observer, player, and each edge."""
+
+
+@keys.command(cls=Deferred, work="operation.keys:renew", extra="twin")
+@click.option(
+    "--within-days",
+    type=click.IntRange(0, 3650),
+    default=30,
+    show_default=True,
+    help="Renew what expires within so many days.",
+)
+@days_option
+@out_option
+def renew(**_given: object) -> None:
+    """Issue anew what is about to expire; the old one is good until it does."""
+
+
+@keys.command(cls=Deferred, work="operation.keys:withdraw", extra="twin")
+@click.option("--asset", type=Name(), help="The edge agent of this asset.")
+@click.option(
+    "--role",
+    type=click.Choice(WITHDRAWN),
+    help="Whoever has this role.",
+)
+@out_option
+def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
+    """Refuse, from the router's next start, all that was issued to an edge or a role."""
+    together([("--asset", asset), ("--role", role)])
+    if asset is None and role is None:
+        raise click.UsageError("Whose? Give --asset or --role.")
+
+
+@keys.command(cls=Deferred, work="operation.keys:list_", extra="twin", name="list")
+@out_option
+def list_(**_given: object) -> None:
+    """Show what was issued, and until when it is valid."""

@@ -1,0 +1,58 @@
+"""Arguments and help of the verb `ledger`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, key_option
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime ledger key ledger.pem
+  slowtime twin --ledger-key ledger.pem
+  slowtime ledger head --server http://127.0.0.1:8000 --out head.json
+  slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
+  slowtime ledger verify house.mcap --key ledger.pem.pub
+
+A server with a key signs, once a minute, one hash over all that it has accepted. Keep the
+public key and now and then a head where the machine of the server cannot write: whoever forges
+the database has to forge those, too.
+"""
+)
+def ledger() -> None:
+    """Show that nobody has rewritten a history."""
+
+
+@ledger.command(cls=Deferred, work="operation.ledger:key", extra="twin")
+@click.argument("out", type=click.Path(dir_okay=False, path_type=Path))
+def key(**_given: object) -> None:
+    """Make a key to sign with: the private one in OUT, the public one in OUT.pub.
+
+    Give OUT to the twin server (`slowtime twin --ledger-key OUT`), and let nobody else read
+    it; OUT.pub is for whoever verifies.
+    """
+
+
+@ledger.command(cls=Deferred, work="operation.ledger:head", extra="analysis")
+@click.option("--server", required=True, help="Address of the twin server.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write; it must not exist yet.",
+)
+def head(**_given: object) -> None:
+    """Fetch the newest signed head, to be kept elsewhere."""
+
+
+@ledger.command(cls=Deferred, work="operation.ledger:verify", extra="analysis")
+@click.argument("recording", type=EXISTING)
+@key_option
+def verify(**_given: object) -> None:
+    """Hold the features of a recording against what the server signed.
+
+    Leaves with 0 where nothing has been changed, with 2 and a sentence where anything has.
+    """

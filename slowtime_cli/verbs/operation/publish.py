@@ -1,0 +1,58 @@
+"""Arguments and help of the verb `publish`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import POSITIVE, ROUTER, Endpoint, Number
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.publish:publish",
+    epilog="""\b
+Examples:
+  slowtime publish --to mqtt://127.0.0.1/bridge/accel
+  slowtime publish --to zenoh:lab/bridge --frequency-hz 4.1
+  slowtime publish --to - --seconds 60 | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
+""",
+)
+@click.option("--to", "url", required=True, metavar="URL", help="Where to send; `-` to print.")
+@click.option(
+    "--rate-hz", type=POSITIVE, default=125.0, show_default=True, help="Samples per second."
+)
+@click.option(
+    "--frequency-hz",
+    type=POSITIVE,
+    default=3.2,
+    show_default=True,
+    help="Natural frequency of the structure that it stands on.",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(1, 10_000),
+    default=25,
+    show_default=True,
+    help="Samples of one message.",
+)
+@click.option(
+    "--clock-error",
+    type=Number(min=-0.05, max=0.05),
+    default=0.0,
+    show_default=True,
+    help="By how much its clock is fast, relative.",
+)
+@click.option(
+    "--loss",
+    type=Number(min=0, max=1),
+    default=0.0,
+    show_default=True,
+    help="Share of messages that it loses.",
+)
+@click.option("--seconds", type=POSITIVE, help="How long.  [default: until Ctrl-C]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Decides what is random.")
+@click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
+def publish(**_given: object) -> None:
+    """Play an acceleration board on a structure in software.
+
+    It sends counts of an ADXL355 at +-2 g, 3.824e-5 m/s^2 each, of three axes, with a counter.
+    """

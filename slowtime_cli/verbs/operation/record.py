@@ -1,0 +1,79 @@
+"""Arguments and help of the verb `record`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import (
+    Name,
+    Number,
+    OutFile,
+    Size,
+    connect_option,
+    credentials_option,
+)
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.record:record",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime record --out house.mcap
+  slowtime record --out tower.mcap --asset demo.tower --duration 60
+  slowtime record --out features.mcap --streams features,health
+  slowtime record --out house.mcap --number --keep 4GB
+""",
+)
+@click.option(
+    "--out",
+    required=True,
+    type=OutFile(".mcap"),
+    help="MCAP file to write; it must not exist yet.",
+)
+@connect_option
+@credentials_option
+@click.option(
+    "--asset",
+    default="*.*",
+    show_default=True,
+    type=Name(parts=2, any_=True),
+    help="SITE.ASSET to record; * for any.",
+)
+@click.option("--streams", help="Streams to record: a,b.  [default: all that are meant for it]")
+@click.option(
+    "--duration",
+    "duration_s",
+    default=0.0,
+    show_default=True,
+    type=Number(min=0),
+    help="Seconds to record; 0 until Ctrl-C.",
+)
+@click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
+@click.option(
+    "--keep",
+    "keep_bytes",
+    type=Size(),
+    help="Most that the files of OUT, numbered ones of before among them, take on the disk, "
+    "such as 4GB; at an eighth of it another file begins.  [default: no bound]",
+)
+@click.option(
+    "--when-full",
+    type=click.Choice(["drop-oldest", "stop"]),
+    default="drop-oldest",
+    show_default=True,
+    help="With --keep: delete the oldest of these files, or end the recording with status 1.",
+)
+def record(out: Path, number: bool, **_given: object) -> None:
+    """Record what travels on the bus into an MCAP file.
+
+    What has arrived is on the disk within a second; a file left by a killed recorder is made
+    sound again by `slowtime recover`. Foxglove and Lichtblick open the result.
+    """
+    if out.exists() and not number:
+        raise click.UsageError(
+            f"{out} exists and may be the only copy of a recording. Give another name, or "
+            "--number to have one put after it."
+        )

@@ -1,0 +1,63 @@
+"""Arguments and help of the verb `replay`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import (
+    POSITIVE,
+    OutFile,
+    connect_option,
+    credentials_option,
+    together,
+)
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.replay:replay",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime replay house.mcap                             onto the bus, as it was
+  slowtime replay house.mcap --fast --server http://127.0.0.1:8000
+  slowtime replay house.mcap --into fresh.sqlite         straight into a twin, no network
+  slowtime replay house.mcap --edge                      raw blocks through the edge again
+""",
+)
+@click.argument("recording", type=EXISTING)
+@connect_option
+@credentials_option
+@click.option(
+    "--speed",
+    default=1.0,
+    show_default=True,
+    type=POSITIVE,
+    help="Pace; 1 as it was.",
+)
+@click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
+@click.option(
+    "--server",
+    metavar="URL",
+    help="Twin server to ask for the hash of its history; with the token in SLOWTIME_TOKEN, "
+    "where it wants one.",
+)
+@click.option(
+    "--into",
+    "database",
+    type=OutFile(),
+    help="New SQLite file: run through a twin here, without any bus.",
+)
+@click.option(
+    "--edge",
+    is_flag=True,
+    help="Run raw blocks through the edge agent and compare its features to those recorded.",
+)
+def replay(edge: bool, database: Path | None, server: str | None, **_given: object) -> None:
+    """Play a recording again and print the hash of its history.
+
+    The same recording gives the same history, bit for bit, at any speed.
+    """
+    together([("--edge", edge), ("--into", database), ("--server", server)])

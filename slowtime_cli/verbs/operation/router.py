@@ -1,0 +1,72 @@
+"""Arguments and help of the verbs `router` and `status`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import (
+    ROUTER,
+    Endpoint,
+    Name,
+    Number,
+    connect_option,
+    credentials_option,
+)
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.router:router",
+    epilog="""\b
+Examples:
+  slowtime router
+  slowtime router --credentials keys/router --listen tls/0.0.0.0:7447
+  slowtime router --listen tcp/127.0.0.1:7448 --connect tcp/10.0.0.2:7447
+""",
+)
+@click.option(
+    "--listen",
+    multiple=True,
+    type=Endpoint(),
+    default=(ROUTER,),
+    show_default=True,
+    help="Endpoint to listen on; may be given several times.",
+)
+@click.option("--connect", multiple=True, type=Endpoint(), help="Another router to join.")
+@credentials_option
+@click.option(
+    "--insecure",
+    is_flag=True,
+    help="Let anybody who reaches the endpoint read and write everything.",
+)
+def router(**_given: object) -> None:
+    """Run a Zenoh router: what edges, twin and recorder connect to.
+
+    With credentials it lets in who holds a certificate of its site, and lets each do what its
+    certificate is for. Without, it listens to this machine only.
+    """
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.router:status",
+    epilog="""\b
+Examples:
+  slowtime status
+  slowtime status --asset demo.tower && echo "the tower is listened to"
+""",
+)
+@connect_option
+@credentials_option
+@click.option("--asset", type=Name(parts=2), help="SITE.ASSET that must be alive.")
+@click.option(
+    "--timeout-s",
+    default=4.0,
+    show_default=True,
+    type=Number(min=0.1),
+    help="How long to wait.",
+)
+def status(**_given: object) -> None:
+    """Tell whether the router answers and which edge agents live.
+
+    Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
+    """

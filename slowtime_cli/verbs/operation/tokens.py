@@ -1,0 +1,80 @@
+"""Arguments and help of the verb `tokens`."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, F
+from slowtime_cli.shared.options import Name, PlainText
+
+SCOPES = ("viewer", "operator", "admin")
+
+
+def _file(kind: click.Path) -> Callable[[F], F]:
+    return click.option(
+        "--file",
+        "path",
+        type=kind,
+        default=Path("tokens.json"),
+        show_default=True,
+        help="File of tokens; its key lies beside it.",
+    )
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime tokens add ann --scope operator --site lab --days 30
+  slowtime twin --tokens tokens.json --host 0.0.0.0 --behind-proxy
+  slowtime tokens list
+  slowtime tokens revoke 1a2b3c4d
+
+A running server heeds changes from the next request on. The file holds no token, only what a
+token can be recognised by.
+"""
+)
+def tokens() -> None:
+    """Make, list and revoke tokens for REST and the page."""
+
+
+@tokens.command(cls=Deferred, work="operation.tokens:add", extra="twin")
+@click.argument("name", type=PlainText())
+@click.option(
+    "--scope",
+    type=click.Choice(SCOPES),
+    required=True,
+    help="viewer sees; operator registers and diagnoses too; admin deletes too.",
+)
+@click.option(
+    "--site",
+    "sites",
+    multiple=True,
+    required=True,
+    type=Name(any_=True),
+    help="Site it reaches; may be given several times; * for all.",
+)
+@click.option(
+    "--days",
+    type=click.FloatRange(0, 3650, min_open=True),
+    default=365,
+    show_default=True,
+    help="How long it is good.",
+)
+@_file(click.Path(dir_okay=False, path_type=Path))
+def add(**_given: object) -> None:
+    """Make a token for NAME and print it, this once."""
+
+
+@tokens.command(cls=Deferred, work="operation.tokens:list_", extra="twin", name="list")
+@_file(EXISTING)
+def list_(**_given: object) -> None:
+    """Show whose tokens there are, and which are good."""
+
+
+@tokens.command(cls=Deferred, work="operation.tokens:revoke", extra="twin")
+@click.argument("number")
+@_file(EXISTING)
+def revoke(**_given: object) -> None:
+    """Take back the token of that NUMBER, now."""

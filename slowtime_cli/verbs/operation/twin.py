@@ -1,0 +1,81 @@
+"""Arguments and help of the verb `twin`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, SettingsFile
+from slowtime_cli.shared.options import Database, connect_option, credentials_option
+
+
+@click.command(
+    cls=Deferred,
+    work="operation.twin:twin",
+    extra="twin",
+    epilog="""\b
+Examples:
+  slowtime twin
+  slowtime twin --port 8080 --database /var/lib/slowtime/twin.sqlite
+  slowtime twin --host 0.0.0.0 --tokens tokens.json --tls-certificate c.pem --tls-key k.pem
+  curl -X PUT http://127.0.0.1:8000/api/v1/twins/lab.beam -H 'Content-Type: application/json' \\
+    -d '{"changes": "stiffness", "nominal": {"frequency_hz": 26.3, "damping_ratio": 0.01}}'
+
+Every setting can be given in a TOML or JSON file or as SLOWTIME_TWIN_NAME (nested with two
+underscores); flags overrule the environment, which overrules the file.
+""",
+)
+@click.option("--config", type=SettingsFile(), help="TOML or JSON file of settings.")
+@click.option("--host", help="Address to listen on.  [default: 127.0.0.1]")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), help="Port of REST and page.  [default: 8000]"
+)
+@click.option(
+    "--database",
+    type=Database(),
+    help="SQLite file of the history, or postgresql://user@host/name.  [default: twin.sqlite]",
+)
+@click.option(
+    "--recordings",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of recordings (MCAP) that the page takes, gives and plays.",
+)
+@click.option(
+    "--register",
+    "registrations",
+    type=EXISTING,
+    help="TOML or JSON file: twin id → registration, for twins not yet registered.",
+)
+@click.option(
+    "--tokens",
+    type=EXISTING,
+    help="File made by `slowtime tokens`: who may ask REST and page.",
+)
+@click.option(
+    "--ledger-key",
+    type=EXISTING,
+    help="Key of `slowtime ledger key`: what is accepted is signed with it.",
+)
+@click.option("--tls-certificate", type=EXISTING, help="Certificate of REST and page (PEM).")
+@click.option("--tls-key", type=EXISTING, help="Its private key (PEM).")
+@click.option(
+    "--behind-proxy",
+    is_flag=True,
+    help="A proxy before this server does the encryption.",
+)
+@click.option(
+    "--published-on-loopback",
+    is_flag=True,
+    help="Who reaches the port is on this machine, as where a container's port is published "
+    "on 127.0.0.1 alone.",
+)
+@connect_option
+@credentials_option
+def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:
+    """Run the twin server: features in; knowledge, REST and page out.
+
+    Knowledge is the history of stiffness and mass, its forecast, and alarms. Beyond 127.0.0.1
+    it listens only with encryption, or a proxy that does it, and with tokens.
+    """
+    if (tls_certificate is None) != (tls_key is None):
+        raise click.UsageError("--tls-certificate and --tls-key go together. Give both.")

@@ -1,0 +1,1 @@
+"""Arguments and help of the verbs in `slowtime_cli.records`."""

@@ -1,0 +1,153 @@
+"""Arguments and help of the verb `identify`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, record_flags
+from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+
+ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
+"""Methods that find the modes of all channels together, with shapes."""
+
+UNIVERSAL = (".uff", ".unv")
+"""As `slowtime_services.modal.UNIVERSAL`, without reading modes yet."""
+
+
+@click.command(
+    cls=Deferred,
+    work="records.identify_stream:identify",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime identify record.csv --rate-hz 200
+  slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
+  slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
+  slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
+  slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
+  slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
+  slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
+
+A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
+""",
+)
+@record_flags
+@click.option(
+    "--band-hz",
+    nargs=2,
+    type=Number(),
+    metavar="LO HI",
+    help="Where to look for modes.  [default: from a few cycles to 0.45 of the rate]",
+)
+@click.option(
+    "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
+)
+@click.option(
+    "--hop-s",
+    type=POSITIVE,
+    help="From one window to the next; shorter than a window, they overlap and are marked.  "
+    "[default: a whole window]",
+)
+@click.option(
+    "--method",
+    default="auto",
+    show_default=True,
+    type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
+    help="How to fit; auto finds out what the record is. modes: every mode of all channels "
+    "together, with shapes; lines of machines are told apart. bayes: these modes by the "
+    "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
+)
+@click.option(
+    "--stream/--whole",
+    default=None,
+    help="Whether the record is read piece by piece, in bounded memory and without end, by "
+    "recursive identification, or at once.  [default: a stream from 256 MiB on]",
+)
+@click.option(
+    "--with",
+    "second",
+    type=EXISTING,
+    metavar="RECORD",
+    help="A second board's record of the same structure: both are put on one clock by modes "
+    "that both see, or refused with the reason. It is read as RECORD is.",
+)
+@click.option(
+    "--start-sd-ms",
+    type=POSITIVE,
+    default=20.0,
+    show_default=True,
+    help="With --with: how well the start of each record is known (one standard deviation).",
+)
+@click.option(
+    "--rate-sd-ppm",
+    type=POSITIVE,
+    default=100.0,
+    show_default=True,
+    help="With --with: how well the rate of each record is known (one standard deviation).",
+)
+@click.option(
+    "--model",
+    type=EXISTING,
+    help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
+    "program, as a universal file (.uff, .unv).",
+)
+@click.option(
+    "--report",
+    type=OutFile(".html"),
+    help="HTML page to write: table, spectra, stabilisation diagram, shapes.",
+)
+@click.option(
+    "--out",
+    type=OutFile(stdout=True),
+    help="File to write: .uff or .unv for programs of modal analysis (UFF 55), .csv for a "
+    "spreadsheet, else JSON; - for JSON on stdout, and no table.",
+)
+@click.option(
+    "--geometry",
+    type=EXISTING,
+    help="Where the channels are, for --out .uff: CSV with channel, x, y, z, direction, or a "
+    "universal file with nodes.",
+)
+def identify(
+    window_s: float | None,
+    hop_s: float | None,
+    method: str,
+    model: Path | None,
+    report: Path | None,
+    out: Path | None,
+    geometry: Path | None,
+    stream: bool | None,
+    second: Path | None,
+    **_given: object,
+) -> None:
+    """Find natural frequencies and damping in a record, with errors.
+
+    RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
+    frequencies; errors are standard deviations. Where nothing stands out of the noise, nothing
+    is claimed.
+    """
+    if hop_s is not None and window_s is None:
+        raise click.UsageError("--hop-s goes with --window-s.")
+    universal = out is not None and out.suffix.lower() in UNIVERSAL
+    if geometry is not None and not universal:
+        raise click.UsageError(f"--geometry goes with --out {' or '.join(UNIVERSAL)}.")
+    if universal and (window_s is not None or method not in ("auto", *ALL_CHANNELS)):
+        raise click.UsageError(
+            f"A universal file holds modes with shapes, of a whole record. Give --method "
+            f"{', '.join(ALL_CHANNELS)} without --window-s, or write .json or .csv."
+        )
+    if window_s is not None and (method in ALL_CHANNELS or model or report):
+        raise click.UsageError(
+            f"--window-s follows the first mode. Leave it out for --method "
+            f"{', '.join(ALL_CHANNELS)}, --model and --report."
+        )
+    if stream and (window_s or report or second or method not in ("auto", "modes")):
+        raise click.UsageError(
+            "--stream finds all modes of a record of any length. Leave out --window-s, "
+            "--report, --with and any --method but modes, or give --whole."
+        )
+    if (model or report) and method not in ("auto", *ALL_CHANNELS):
+        raise click.UsageError(
+            f"--model and --report go with --method {', '.join(ALL_CHANNELS)}."
+        )

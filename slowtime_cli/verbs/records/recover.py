@@ -1,0 +1,30 @@
+"""Arguments and help of the verb `recover`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import OutFile
+
+
+@click.command(
+    cls=Deferred,
+    work="records.recover:recover",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime recover killed.mcap --out sound.mcap
+""",
+)
+@click.argument("damaged", type=EXISTING)
+@click.option(
+    "--out",
+    required=True,
+    type=OutFile(".mcap"),
+    help="Sound file to write; it must not exist yet.",
+)
+def recover(**_given: object) -> None:
+    """Make a recording sound again that was cut short or damaged.
+
+    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
+    """

@@ -1,0 +1,101 @@
+"""Arguments and help of the verb `simulate`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.demo_structures import STRUCTURES
+from slowtime_cli.shared.flags import EXISTING, Effects
+from slowtime_cli.shared.options import POSITIVE, OutFile, together
+
+
+@click.command(
+    cls=Deferred,
+    work="records.simulate:simulate",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime simulate --structure tower --epochs 8 --out tower.mcap
+  slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
+  slowtime simulate --structure frame --epochs 4 --out frame.npz
+  slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
+  slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
+""",
+)
+@click.option(
+    "--structure",
+    "name",
+    type=click.Choice(sorted(STRUCTURES)),
+    help="Which of the structures that are known by name.",
+)
+@click.option("--model", type=EXISTING, help="Model file (YAML) to run instead.")
+@click.option(
+    "--input",
+    "record",
+    type=EXISTING,
+    metavar="RECORD",
+    help="With --model: record that holds its inputs, by channel name.",
+)
+@click.option(
+    "--epochs",
+    default=100,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="How many records.",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Decides every random number.")
+@click.option(
+    "--rate-hz",
+    type=POSITIVE,
+    help="With --model: samples per second, where no record says.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=POSITIVE,
+    help="With --model without inputs: seconds of ambient vibration.",
+)
+@click.option(
+    "--force-psd",
+    default=1.0,
+    show_default=True,
+    type=POSITIVE,
+    help="Of the ambient force on each node, one-sided [N^2/Hz].",
+)
+@click.option(
+    "--hold",
+    default="first",
+    show_default=True,
+    type=click.Choice(["first", "zero", "band_limited"]),
+    help="What inputs do between samples: go straight to the next, stay, or be the signal "
+    "without anything above half the sampling rate.",
+)
+@click.option(
+    "--effects",
+    multiple=True,
+    type=Effects(),
+    metavar="FILE|NAME",
+    help="With --model: Python file that holds effects of your own, or name of an installed "
+    "part; may be repeated.",
+)
+@click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
+@click.option(
+    "--out",
+    required=True,
+    type=OutFile(".mcap", ".npz"),
+    help="MCAP or NumPy (.npz) file to write.",
+)
+def simulate(name: str | None, model: Path | None, **_given: object) -> None:
+    """Write the vibration of an ageing structure or of a model file.
+
+    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
+    them; .npz the samples (epoch, time), their slow times and the truth.
+
+    With --model, its effects included: from rest under the inputs found in RECORD, or
+    stationary under ambient forces where the model lists none. OUT (.npz) holds t [s] and one
+    array a sensor.
+    """
+    together((("--structure", name), ("--model", model)))
+    if name is None and model is None:
+        raise click.UsageError("Missing option '--structure' or '--model'. Give one of them.")

@@ -1,0 +1,87 @@
+"""Arguments and help of the verb `track`."""
+
+import itertools
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import Names, OutFile
+
+
+class Times(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
+    """Slow times between commas, ascending."""
+
+    name = "TIME,TIME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Read the numbers."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            found = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} are no numbers between commas.", param, ctx)
+        if any(later <= earlier for earlier, later in itertools.pairwise(found)):
+            self.fail(f"{value!r} do not ascend.", param, ctx)
+        return found
+
+
+@click.command(
+    cls=Deferred,
+    work="records.track:track_records",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime track rig.yaml monday.csv tuesday.csv --white-force 0.5
+  slowtime track rig.yaml day*.csv --at 0,30,60,90 --free mount.stiffness --forecast-to 180
+  slowtime track rig.yaml run.csv --json
+
+The model lists inputs and acceleration sensors; its effects are laws without memory, such as
+cubic_hardening or van_der_pol.
+""",
+)
+@click.argument("model", type=EXISTING)
+@click.argument("records", nargs=-1, required=True)
+@click.option(
+    "--free",
+    type=Names(),
+    help="Constants to estimate, such as mount.stiffness; by default every stiffness, damping "
+    "and number of an effect.",
+)
+@click.option(
+    "--white-force",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    help="White force that nobody measured on every node: square root of its density [N "
+    "s^(1/2)].",
+)
+@click.option(
+    "--force-sd",
+    type=click.FloatRange(min=0),
+    help="Error of the measured force [N]; by default 1 % of its rms.",
+)
+@click.option("--at", type=Times(), help="Slow time of each record; by default 0, 1, 2, ...")
+@click.option(
+    "--forecast-to",
+    type=float,
+    help="Slow time to which each constant is forecast, from five records on.",
+)
+@click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Of the records.")
+@click.option("--out", type=OutFile(), help="CSV file of the constants, a row each record.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+def track(records: tuple[str, ...], at: tuple[float, ...] | None, **_given: object) -> None:
+    """Track the constants of a nonlinear structure over slow time.
+
+    A joint unscented filter of motion and constants goes through each record, under measured
+    and white forces (Chapter 9 of the book). Prints each constant with its standard deviation
+    and how surprising the record was: about 1 where the model is right. From five records on,
+    Gaussian processes over slow time forecast each constant.
+    """
+    if at is not None and len(at) != len(records):
+        raise click.UsageError(
+            f"--at gives {len(at)} slow times for {len(records)} records. Give one for each."
+        )

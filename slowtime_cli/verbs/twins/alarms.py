@@ -1,0 +1,57 @@
+"""Arguments and help of the verb `alarms`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import F
+from slowtime_cli.shared.options import POSITIVE, Name
+
+
+def _server(function: F) -> F:
+    return click.option(
+        "--server",
+        metavar="URL",
+        default="http://127.0.0.1:8000",
+        show_default=True,
+        help="Of the twin server; with the token in SLOWTIME_TOKEN, where it wants one.",
+    )(function)
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime alarms test lab.beam
+  slowtime alarms test lab.beam --receiver ops --server https://twin.example
+  slowtime alarms deliveries lab.beam
+
+Receivers stand in the settings of the twin server, routes to them in the registration of a
+twin: docs/alarms_out.md.
+"""
+)
+def alarms() -> None:
+    """Try whether alarms of a twin reach people and other programs."""
+
+
+@alarms.command(cls=Deferred, work="twins.alarms:send_test", extra="analysis", name="test")
+@click.argument("twin", type=Name(parts=2))
+@click.option("--receiver", help="One receiver, instead of all of the twin's routes.")
+@click.option(
+    "--wait-s",
+    type=POSITIVE,
+    default=30.0,
+    show_default=True,
+    help="How long to wait until it has been delivered.",
+)
+@_server
+def send_test(**_given: object) -> None:
+    """Send a test alarm of TWIN (SITE.ASSET), and say whom it has reached.
+
+    The exit status is 1 where a receiver has not accepted it in time.
+    """
+
+
+@alarms.command(cls=Deferred, work="twins.alarms:deliveries", extra="analysis")
+@click.argument("twin", type=Name(parts=2))
+@_server
+def deliveries(**_given: object) -> None:
+    """Show how the routes of TWIN (SITE.ASSET) fare, and what keeps alarms from them."""

@@ -1,0 +1,99 @@
+"""Arguments and help of the verb `composite`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import POSITIVE, Name, OutFile
+
+_SERVER = click.option(
+    "--server",
+    default="http://127.0.0.1:8000",
+    show_default=True,
+    metavar="URL",
+    help="Of the twin server, with the token in SLOWTIME_TOKEN, where it wants one.",
+)
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime composite add yard.yaml --id demo.yard
+  slowtime composite list
+  slowtime composite show demo.yard --horizon 365
+  slowtime composite export --site demo --out demo.json
+  slowtime composite import building.json --site demo --dry-run
+
+A composite names twins or other composites as its members, and says in a tree of series,
+parallel and k-out-of-n gates how their failure makes it fail (docs/composites.md).
+"""
+)
+def composite() -> None:
+    """Join twins to sites, lines and structures of parts."""
+
+
+@composite.command(cls=Deferred, work="twins.composite:add", extra="analysis")
+@click.argument("file", type=EXISTING)
+@click.option("--id", "composite_id", required=True, type=Name(parts=2), help="SITE.NAME.")
+@_SERVER
+def add(**_given: object) -> None:
+    """Register a composite as FILE says, or register it anew.
+
+    FILE is YAML or JSON with `members`, and if wanted `tree`, `dependence`, `failing`,
+    `horizon`, `alike`, `kind` and `name`.
+    """
+
+
+@composite.command("list", cls=Deferred, work="twins.composite:list_", extra="analysis")
+@_SERVER
+def list_(**_given: object) -> None:
+    """List all composites with their members and health."""
+
+
+@composite.command(cls=Deferred, work="twins.composite:show", extra="analysis")
+@click.argument("composite_id", type=Name(parts=2))
+@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
+@_SERVER
+def show(**_given: object) -> None:
+    """Tell the health, failure probability, importance and pooled rates of a composite."""
+
+
+@composite.command("import", cls=Deferred, work="twins.composite:import_", extra="twin")
+@click.argument("file", type=EXISTING)
+@click.option("--site", type=Name(), help="Of instances whose ids are not SITE.NAME.")
+@click.option(
+    "--relationship",
+    "relationships",
+    multiple=True,
+    metavar="NAME",
+    help="From a whole to its parts, beside has_member, contains, hasPart and their like.",
+)
+@click.option("--dry-run", is_flag=True, help="Tell what would be registered, and end.")
+@_SERVER
+def import_(**_given: object) -> None:
+    """Register the composites that a graph of digital twins describes.
+
+    FILE is what `slowtime export` has written, or a graph of another program: twins and
+    relationships of a twin platform (digitalTwinsGraph), or JSON-LD (@graph). Each instance
+    that contains registered twins becomes a composite that fails as soon as one member does;
+    composites of an own export become what they were.
+    """
+
+
+@composite.command(cls=Deferred, work="twins.composite:export", extra="analysis")
+@click.option("--site", type=Name(), help="This site alone.  [default: all]")
+@click.option(
+    "--as",
+    "form",
+    type=click.Choice(["dtdl-3", "dtdl-2", "json-ld"]),
+    default="dtdl-3",
+    show_default=True,
+    help="Version of the models, or JSON-LD without models.",
+)
+@click.option("--out", required=True, type=OutFile(".json", ".jsonld"), help="File to write.")
+@_SERVER
+def export(site: str | None, form: str, out: Path, server: str) -> None:
+    """Write twins, composites and their relationships as a graph."""

@@ -1,0 +1,114 @@
+"""Arguments and help of the verb `event`."""
+
+from typing import Any
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, F
+from slowtime_cli.shared.options import POSITIVE, Name, Number, PlainText
+
+KINDS = ("repair", "replacement", "inspection", "load_test", "note")
+SHARE = Number(min=0, max=1)
+
+
+def _server(function: F) -> F:
+    return click.option(
+        "--server",
+        metavar="URL",
+        default="http://127.0.0.1:8000",
+        show_default=True,
+        help="Of the twin server; with the token in SLOWTIME_TOKEN, where it wants one.",
+    )(function)
+
+
+def _said(function: F) -> F:
+    """Add the options that say who tells of it, and under which id."""
+    for decorate in reversed(
+        [
+            click.option(
+                "--id",
+                "event",
+                help="Id of the event; the same twice is one event. By default made of the "
+                "content where a time is given, and by chance otherwise.",
+            ),
+            click.option(
+                "--person", type=PlainText(), help="Who says so; by default the token's name."
+            ),
+            click.option("--text", type=PlainText(), default="", help="What was done or seen."),
+        ]
+    ):
+        function = decorate(function)
+    return function
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  slowtime event add lab.beam --kind repair --perfect --text "Bolts replaced"
+  slowtime event add lab.beam --kind repair --restored-share 0.7 --sd 0.1 --slow-time 812
+  slowtime event add lab.beam --kind inspection --value -0.12 --sd 0.03
+  slowtime event add lab.beam --kind inspection --not-detected --a50 0.1 --slope 2
+  slowtime event add lab.beam --file events.json
+  slowtime event list lab.beam
+  slowtime event undo lab.beam work-order-118
+
+The forecast of a twin restarts from a repair: docs/events.md.
+"""
+)
+def event() -> None:
+    """Record repairs and inspections of an asset, and undo them."""
+
+
+@event.command(cls=Deferred, work="twins.event:add", extra="analysis")
+@click.argument("twin", type=Name(parts=2))
+@click.option("--kind", type=click.Choice(KINDS), help="What has happened.")
+@click.option("--quantity", help="stiffness_change, mass_change or an element; else all.")
+@click.option(
+    "--at", help="When: RFC 3339, by the sensor's clock; else after the latest reading."
+)
+@click.option("--slow-time", type=Number(), help="When, in slow time; instead of --at.")
+@click.option("--perfect", is_flag=True, help="Of a repair: all damage is restored.")
+@click.option("--restored-share", type=SHARE, help="Of a repair: restored share of the damage.")
+@click.option(
+    "--sd", type=Number(min=0), help="Standard deviation of the share or the measured value."
+)
+@click.option("--value", type=Number(min=-1), help="Measured change, or that of a new part.")
+@click.option(
+    "--detected/--not-detected",
+    default=None,
+    help="Of an inspection: whether damage was found.",
+)
+@click.option("--a50", type=POSITIVE, help="Damage that is found with probability one half.")
+@click.option("--slope", type=POSITIVE, help="Rise of the probit of detection over ln(damage).")
+@click.option("--answers", help="event_id of the question that it answers.")
+@click.option("--file", "file", type=EXISTING, help="JSON file of events, instead of all that.")
+@_said
+@_server
+def add(kind: str | None, file: object, **given: Any) -> None:
+    """Record an event of TWIN (SITE.ASSET); the same id twice is one event."""
+    if (kind is None) == (file is None):
+        raise click.UsageError("Give --kind, or --file FILE with events; one of them.")
+    if given["at"] is not None and given["slow_time"] is not None:
+        raise click.UsageError("--at and --slow-time exclude each other. Give one of them.")
+    if given["perfect"] and given["restored_share"] is not None:
+        raise click.UsageError("--perfect and --restored-share exclude each other.")
+
+
+@event.command(cls=Deferred, work="twins.event:list_events", extra="analysis", name="list")
+@click.argument("twin", type=Name(parts=2))
+@_server
+def list_events(**_given: object) -> None:
+    """List the events of TWIN (SITE.ASSET), and questions that nobody has answered."""
+
+
+@event.command(cls=Deferred, work="twins.event:undo", extra="analysis")
+@click.argument("twin", type=Name(parts=2))
+@click.argument("reverses", metavar="EVENT")
+@_said
+@_server
+def undo(**_given: object) -> None:
+    """Take EVENT of TWIN (SITE.ASSET) back: the forecast is as if nobody had told of it.
+
+    The event stays in the list, with the note that took it back.
+    """

@@ -1,0 +1,41 @@
+"""Arguments and help of the verb `evolve`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, as_built, refuse_damping_alone
+from slowtime_cli.shared.options import Name, OutFile
+
+
+@click.command(
+    cls=Deferred,
+    work="twins.evolve:evolve",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime evolve modes.json --nominal-hz 5 --out states.json
+  slowtime evolve house.mcap --asset demo.tower --nominal-hz 5 --nominal-damping 0.01
+  slowtime evolve frequencies.csv --changes mass --out evolution.json
+
+A text file has a header and, between commas, semicolons or tabs, the columns slow_time,
+frequency_hz, frequency_sd and, where the damping is known, damping_ratio and damping_sd.
+""",
+)
+@click.argument("source", type=EXISTING)
+@as_built
+@click.option(
+    "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
+)
+@click.option(
+    "--out",
+    type=OutFile(stdout=True),
+    help="JSON file to write, {points: [state, ...]}; - for stdout, and no table.",
+)
+def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: object) -> None:
+    """Tell how stiffness and mass have changed, from frequencies.
+
+    SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
+    text file. Each epoch is judged by its own standard deviation; windows that overlap, as
+    `--hop-s` below `--window-s` makes them, count for what their shared samples are worth.
+    """
+    refuse_damping_alone(nominal_hz, nominal_damping)

@@ -1,0 +1,78 @@
+"""Arguments and help of the verb `export`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING, reading_flags
+from slowtime_cli.shared.options import Name, OutFile
+
+ENDINGS = (".csv", ".parquet", ".json", ".jsonld", ".uff", ".unv")
+
+
+@click.command(
+    cls=Deferred,
+    work="twins.export:export",
+    extra="twin",
+    epilog="""\b
+Examples:
+  slowtime export twin.sqlite --asset demo.tower --out tower.csv
+  slowtime export twin.sqlite --asset demo.tower --start slow:100 --out tower.parquet
+  slowtime export --server http://127.0.0.1:8000 --site demo --out demo.json
+  slowtime export tower.mcap --out tower.uff
+  slowtime export record.tdms --sensitivity 100mV/g --out record.parquet
+
+Of a record, .csv, .parquet and .uff (UFF 58b) hold its samples. Of a twin, .csv and .parquet
+hold the history, a row a state; .json holds a site, its twins and their relations as a graph
+with models in DTDL, which twin platforms load, and .jsonld the same graph as JSON-LD.
+""",
+)
+@click.argument("source", required=False, type=EXISTING)
+@click.option(
+    "--server",
+    metavar="URL",
+    help="Ask a running server instead, with the token in SLOWTIME_TOKEN, where it wants one.",
+)
+@click.option("--asset", type=Name(parts=2), help="SITE.ASSET; needed where there are several.")
+@click.option("--site", type=Name(), help="Of .json: this site alone.  [default: all]")
+@click.option("--start", metavar="MOMENT", help="First state: RFC 3339 or slow:NUMBER.")
+@click.option("--end", metavar="MOMENT", help="Last state: RFC 3339 or slow:NUMBER.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["csv", "parquet", "uff", "json", "jsonld"]),
+    help="What to write.  [default: by the ending of --out]",
+)
+@click.option(
+    "--dtdl",
+    type=click.Choice(["2", "3"]),
+    help="Of .json: version of the models.  [default: 3]",
+)
+@click.option("--out", required=True, type=OutFile(), help="File to write.")
+@reading_flags
+def export(
+    source: Path | None,
+    server: str | None,
+    start: str | None,
+    end: str | None,
+    form: str | None,
+    out: Path,
+    **_given: object,
+) -> None:
+    """Write what a twin knows, or the samples of a record.
+
+    SOURCE is a twin's database, which a server may go on writing meanwhile, or a record or
+    recording as `identify` reads it; the flags from --rate-hz on go with a record.
+    """
+    if (source is None) == (server is None):
+        raise click.UsageError("Give a twin's database or a record, or --server; not both.")
+    if form is None and out.suffix.lower() not in ENDINGS:
+        raise click.UsageError(
+            f"{out.name!r} does not end in {', '.join(ENDINGS)}. Give one that does, or "
+            "--format."
+        )
+    if "json" in (form or out.suffix.lower()) and (start or end):
+        raise click.UsageError(
+            "--start and --end go with .csv and .parquet; a graph is of now."
+        )

@@ -1,0 +1,58 @@
+"""Arguments and help of the verb `forecast`."""
+
+from typing import Any
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
+
+
+@click.command(
+    cls=Deferred,
+    work="twins.forecast:forecast",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime forecast modes.json --nominal-hz 4 --threshold -0.2
+  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --horizon 200
+  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --events events.json
+  slowtime forecast --server http://127.0.0.1:8000 --asset demo.tower --threshold -0.3
+
+SOURCE is what `slowtime evolve` takes: the file of `slowtime identify --window-s`, a recording
+of features, or text with the columns slow_time, frequency_hz, frequency_sd.
+""",
+)
+@twin_flags
+@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option(
+    "--points",
+    type=click.IntRange(1, 200),
+    default=20,
+    show_default=True,
+    help="At how many future times.",
+)
+@click.option(
+    "--threshold",
+    type=Number(min=-1),
+    help="When is this change reached? Beside those of the registration.",
+)
+@click.option("--quantity", help="Of which quantity, where several are estimated.")
+@click.option(
+    "--toward",
+    type=click.Choice(["below", "above"]),
+    help="By default the side where it is not now.",
+)
+@click.option(
+    "--out",
+    type=OutFile(stdout=True),
+    help="JSON file to write, as REST answers; - for stdout, and no table.",
+)
+def forecast(**given: Any) -> None:
+    """Tell where a twin is heading, and when a threshold is reached.
+
+    Mean and 95 % interval of each change at future slow times; of a threshold the times by
+    which it is reached with 10, 50 and 90 %, or that they are not within the horizon.
+    """
+    refuse_incomplete_query(**given)

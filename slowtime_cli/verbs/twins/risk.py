@@ -1,0 +1,43 @@
+"""Arguments and help of the verb `risk`."""
+
+from typing import Any
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import POSITIVE, OutFile
+from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
+
+
+@click.command(
+    cls=Deferred,
+    work="twins.risk:risk",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime risk modes.json --registration twins.toml --horizon 100
+  slowtime risk --server http://127.0.0.1:8000 --asset demo.tower
+
+Limit states stand in the registration (`limit_states`): docs/risk.md.
+""",
+)
+@twin_flags
+@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option(
+    "--out",
+    type=OutFile(stdout=True),
+    help="JSON file to write, as REST answers; - for stdout, and no table.",
+)
+def risk(server: str | None, source: object, **given: Any) -> None:
+    """Tell how probable failure is, by each limit state.
+
+    A change that passes a threshold, a frequency that meets an excitation, a response to a
+    load event that exceeds a capacity, or a limit state of your own. Gives the probability now
+    with its 5 to 95 % band, the reliability index, the probability up to the horizon, and when
+    the accepted probability is reached.
+    """
+    refuse_incomplete_query(source=source, server=server, **given)
+    if source is not None and given["registration"] is None:
+        raise click.UsageError(
+            "A risk needs limit states. Give --registration FILE with `limit_states`."
+        )

@@ -1,0 +1,66 @@
+"""Arguments that name the twin to be asked."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.flags import EXISTING, F, as_built, refuse_damping_alone
+from slowtime_cli.shared.options import Name
+
+
+def twin_flags(function: F) -> F:
+    """Add the options that say which twin is asked."""
+    for decorate in reversed(
+        [
+            click.argument("source", required=False, type=EXISTING),
+            click.option(
+                "--server",
+                metavar="URL",
+                help="Ask the twin of a running server instead, with the token in "
+                "SLOWTIME_TOKEN, where it wants one.",
+            ),
+            click.option(
+                "--asset",
+                type=Name(parts=2),
+                help="SITE.ASSET of the server, or of a recording that holds several.",
+            ),
+            click.option(
+                "--registration",
+                type=EXISTING,
+                help="TOML or JSON file, twin id → registration, with model, thresholds and "
+                "all else; instead of what follows.",
+            ),
+            click.option(
+                "--events",
+                type=EXISTING,
+                help="JSON file of repairs and inspections, as `slowtime event` records them.",
+            ),
+            as_built,
+        ]
+    ):
+        function = decorate(function)
+    return function
+
+
+def refuse_incomplete_query(
+    source: object,
+    server: str | None,
+    asset: str | None,
+    nominal_hz: float | None,
+    nominal_damping: float | None,
+    events: Path | None,
+    **_given: object,
+) -> None:
+    """Refuse a question that names neither a file nor a server's twin, or both."""
+    refuse_damping_alone(nominal_hz, nominal_damping)
+    if source is None and server is None:
+        raise click.UsageError("Give SOURCE, or --server URL with --asset SITE.ASSET.")
+    if source is not None and server is not None:
+        raise click.UsageError("SOURCE and --server exclude each other. Give one of them.")
+    if server is not None and events is not None:
+        raise click.UsageError(
+            "--events goes with SOURCE. Record events of a server's twin with `slowtime event "
+            "add --file`."
+        )
+    if server is not None and asset is None:
+        raise click.UsageError("--server needs --asset SITE.ASSET.")

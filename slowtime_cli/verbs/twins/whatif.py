@@ -1,0 +1,84 @@
+"""Arguments and help of the verb `whatif`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
+
+
+@click.command(
+    cls=Deferred,
+    work="twins.whatif:whatif",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime whatif modes.json --nominal-hz 4 --load harmonic --amplitude 0.5 --frequency-hz 3.9
+  slowtime whatif --server http://127.0.0.1:8000 --asset demo.frame --load step \\
+    --amplitude 500 --on floor3 --quantity displacement --out answer.json
+  slowtime whatif modes.json --load recorded --record quake.csv --rate-hz 100 --seed 7
+
+A load on the base is an acceleration [m/s^2], on a node of the model a force [N].
+""",
+)
+@twin_flags
+@click.option(
+    "--load",
+    "kind",
+    required=True,
+    type=click.Choice(["harmonic", "step", "white", "recorded"]),
+    help="What acts.",
+)
+@click.option("--amplitude", type=Number(), help="Of a harmonic or a step.")
+@click.option("--frequency-hz", type=POSITIVE, help="Of a harmonic.")
+@click.option("--phase-deg", type=Number(-360, 360), help="Of a harmonic; it is a cosine.")
+@click.option("--at-s", type=Number(min=0), help="Of a step: when.")
+@click.option("--psd", type=Number(min=0), help="Of white noise, one-sided [unit^2/Hz].")
+@click.option("--record", type=EXISTING, help="Of a recorded load: the file that holds it.")
+@click.option("--channel", help="Of that file; by default its only one.")
+@click.option("--on", default="base", show_default=True, help="The base, or a node.")
+@click.option("--output", "outputs", multiple=True, help="Node to tell of; all by default.")
+@click.option(
+    "--quantity",
+    type=click.Choice(["displacement", "velocity", "acceleration"]),
+    default="acceleration",
+    show_default=True,
+    help="The first two against the base, acceleration in space.",
+)
+@click.option("--duration", "duration_s", type=POSITIVE, help="Seconds.")
+@click.option("--rate-hz", type=POSITIVE, help="Samples per second.")
+@click.option(
+    "--level",
+    type=Number(0, 1, min_open=True, max_open=True),
+    default=0.95,
+    show_default=True,
+    help="Probability of the bands.",
+)
+@click.option("--draws", type=click.IntRange(20, 2000), help="Structures that are drawn.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Decides every random number.",
+)
+@click.option(
+    "--out",
+    type=OutFile(stdout=True),
+    help="JSON file to write, as REST answers; - for stdout, and no table.",
+)
+def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) -> None:
+    """Run today's twin under a load, with bands.
+
+    Stiffness, mass and damping are drawn from what is believed of them now; the bands are of
+    what is not known of the structure. The same seed gives the same answer.
+    """
+    refuse_incomplete_query(**given)
+    if kind == "recorded" and record is None:
+        raise click.UsageError("A recorded load needs --record FILE.")
+    if kind != "recorded" and (record is not None or channel is not None):
+        raise click.UsageError("--record and --channel go with --load recorded.")
