@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.evolution import scales
+from slowtime.evolution.time_scales import separation
 from slowtime.evolution.forecasting.forecast import fit
 from slowtime_cli.shared.tables import read_columns
 from slowtime_cli.shared.terminal import note, show
@@ -36,7 +36,7 @@ def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -
         For fewer than 8 readings.
     """
     time, value, sd, quantity = _history(source, asset)
-    choice = scales.choose(time, value, sd)
+    choice = separation.choose(time, value, sd)
     found = choice.additive
     period = fit(time, value - found.long, sd).period if found.kind != "rough" else None
     rows = np.column_stack(

@@ -15,7 +15,7 @@ from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL
 from .history_table import History
-from .words import VERDICTS, named
+from .labels import VERDICTS, named
 
 _MOST_POINTS = 2_000
 """[readings] Of a chart. Source: a bound on the size of the page."""

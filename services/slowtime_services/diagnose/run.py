@@ -15,10 +15,10 @@ from slowtime.dynamics.work import metered
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 
 from .campaign import gather
-from .compiling import compiling_s
+from .compile_time import compiling_s
 from .document import document_of
-from .roles import Roles
-from .sense import refuse_nonsense
+from .channel_roles import Roles
+from .record_checks import refuse_nonsense
 from .sources import Source
 
 PATIENCE_S = 70.0
