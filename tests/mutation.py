@@ -451,7 +451,7 @@ def summary(outcomes: dict[str, Outcome]) -> str:
     >>> print(summary({"a.py:1:4  x  ->  y": "killed", "b.py:2:8  0  ->  (1)": "survived"}))
     survived:
       b.py:2:8  0  ->  (1)
-    killed 1 of 2 (50 %); 0 lines more are covered by no test
+    killed 1 of 2 (50 %); covered by no test: 0
     """
     lines = []
     for outcome, title in (("survived", "survived:"), ("uncovered", "covered by no test:")):
@@ -461,9 +461,7 @@ def summary(outcomes: dict[str, Outcome]) -> str:
     killed, bare = found.count("killed"), found.count("uncovered")
     of = len(found) - bare
     share = f" ({killed / of:.0%})".replace("%", " %") if of else ""
-    return "\n".join(
-        [*lines, f"killed {killed} of {of}{share}; {bare} lines more are covered by no test"]
-    )
+    return "\n".join([*lines, f"killed {killed} of {of}{share}; covered by no test: {bare}"])
 
 
 def main() -> None:
