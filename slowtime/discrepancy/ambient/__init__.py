@@ -1,1 +1,1 @@
-"""Diagnosis of records whose input nobody measured, from spectra."""
+"""Records without measured inputs in, a test of the model by their spectra out."""

@@ -1,1 +1,1 @@
-"""Effects of the library fitted along a motion and a force that were recovered at a place."""
+"""Recovered forces and motions in, effects of the library that explain them out."""

@@ -1,1 +1,1 @@
-"""Checks of records before anything is fitted: faulty channels, clocks past the end."""
+"""Records in, records without faulty samples and the faults found out."""
