@@ -101,7 +101,7 @@ def test_nobody_waits_for_learning_but_the_first(opened, ageing, sample, behind,
     # Learning anew is due and stands still; the answer is of the last reading all the same.
     assert asked(prospects).since == 79.0
     assert eventually(lambda: len(called) == 2)
-    assert called[1] == "prospects"
+    assert called[1] == "forecasts"
     assert asked(prospects).since == 79.0
     gate.set()
     assert eventually(lambda: prospects.due == 0)
