@@ -89,25 +89,7 @@ def _run(
     url = f"http://127.0.0.1:{port}"
     click.echo("Starting router, twin server and edge agents ...")
     family.start("router", ["router", "--listen", endpoint])
-    key = home / "ledger.pem"
-    if not key.exists():
-        make_key(key)
-    family.start(
-        "twin",
-        [
-            "twin",
-            "--connect",
-            endpoint,
-            "--port",
-            str(port),
-            "--database",
-            str(home / "twin.sqlite"),
-            "--recordings",
-            str(home / "recordings"),
-            "--ledger-key",
-            str(key),
-        ],
-    )
+    _start_twin(family, home, endpoint, port)
     client = Client(url)
     _wait_until_ready(family, client, stop)
     if stop.is_set():
@@ -118,21 +100,7 @@ def _run(
         family.start("recorder", ["record", "--connect", endpoint, "--out", str(recording)])
         _wait_for_file(family, recording, stop)
     for name in names:
-        family.start(
-            f"edge-{name}",
-            [
-                "edge",
-                "--simulate",
-                name,
-                "--connect",
-                endpoint,
-                "--spool",
-                str(home / f"spool-{name}"),
-                "--epochs-per-s",
-                str(_pace(name, epochs_per_s)),
-                "--no-raw" if recording is None else "--raw",
-            ],
-        )
+        _start_edge(family, home, endpoint, name, epochs_per_s, raw=recording is not None)
     click.echo(f"\n  The page: {url}\n" + _look_at(url, names, epochs_per_s))
     click.echo("Ctrl-C ends everything." if not duration_s else f"Ends after {duration_s:g} s.")
     _watch(family, duration_s, stop)
@@ -141,6 +109,40 @@ def _run(
     for name in names:
         history, whole = latest(client, name)
         click.echo(summary(name, history, whole=whole))
+
+
+def _start_twin(family: Children, home: Path, endpoint: str, port: int) -> None:
+    key = home / "ledger.pem"
+    if not key.exists():
+        make_key(key)
+    database, recordings = home / "twin.sqlite", home / "recordings"
+    family.start(
+        "twin",
+        [
+            "twin", "--connect", endpoint, "--port", str(port), "--database", str(database),
+            "--recordings", str(recordings), "--ledger-key", str(key),
+        ],
+    )  # fmt: skip
+
+
+def _start_edge(
+    family: Children,
+    home: Path,
+    endpoint: str,
+    name: str,
+    epochs_per_s: float,
+    *,
+    raw: bool,
+) -> None:
+    family.start(
+        f"edge-{name}",
+        [
+            "edge", "--simulate", name, "--connect", endpoint,
+            "--spool", str(home / f"spool-{name}"),
+            "--epochs-per-s", str(_pace(name, epochs_per_s)),
+            "--raw" if raw else "--no-raw",
+        ],
+    )  # fmt: skip
 
 
 def _look_at(url: str, names: Sequence[str], epochs_per_s: float) -> str:

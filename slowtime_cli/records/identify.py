@@ -91,7 +91,8 @@ def identify(
         with counting("Identifying"):
             force = excitation(part, record.rate_hz)
             told, whole = _identify(part, record.rate_hz, band_hz, method, force)
-        _say_force(force, len(part) / record.rate_hz, told, whole)
+        span_s = len(part) / record.rate_hz
+        _say_force(force, span_s, told, whole)
         _say_lines(told)
         if not (force.flags or told.modes or (whole and whole.modes)):
             note("no mode stands out of the noise. Record longer, or give --band-hz.")
@@ -101,21 +102,15 @@ def identify(
             if not silent:
                 _show_modes(modes, path.name)
         else:
-            channels = record.channels
-            if mixed and len(channels) > 1:
-                note_mixed_units(mixed)
-            span = 0.0, len(part) / record.rate_hz
             method = "modes" if method == "auto" else method
-            result["modes"] = [
-                without_shape(mode_tables.as_json(mode, models, span, method=method), mixed)
-                for mode in whole.modes
-            ]
+            if mixed and len(record.channels) > 1:
+                note_mixed_units(mixed)
+            result["modes"] = _whole_modes(whole, models, mixed, span_s, method)
             if not silent:
                 mode_tables.show_modes(whole, models, path.name, method=method)
             if report is not None:
-                shapes = not mixed
                 mode_tables.write_report(
-                    report, path.name, channels, whole, models, shapes=shapes
+                    report, path.name, record.channels, whole, models, shapes=not mixed
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
@@ -125,6 +120,19 @@ def identify(
     if out is not None:
         _mark(result, len(record.samples) > rows)
         write_modes_file(out, result, known, record.units[0])
+
+
+def _whole_modes(
+    whole: ModalResult,
+    models: Sequence[mode_tables.ModelMode],
+    mixed: str,
+    span_s: float,
+    method: str,
+) -> list[dict[str, Any]]:
+    return [
+        without_shape(mode_tables.as_json(mode, models, (0.0, span_s), method=method), mixed)
+        for mode in whole.modes
+    ]
 
 
 def reference_modes(

@@ -10,11 +10,11 @@ from .binary import workbook
 from .binary.numpy_arrays import Arrays, as_double, read_npy, read_npz
 from .binary.reader_process import read_matlab
 from .channels import wrapped_rows
-from .delimited.text_sheet import read_lines, read_text
 from .headings.sampling import Fact, Facts
 from .readers import reader_of
 from .record import RecordError, Values
 from .sheet import Column, Sheet
+from .text_sheet import read_lines, read_text
 from .times.stamps import DateOrder
 
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}

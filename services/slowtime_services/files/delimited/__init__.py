@@ -1,1 +1,1 @@
-"""Text of any delimiter in, a sheet of its columns out."""
+"""Lines of text in; its encoding, dialect of rows and names of columns out."""

@@ -15,11 +15,11 @@ from typing import Any
 
 from slowtime.signals.block import Block
 from slowtime_services.files.clocks.record_clock import BY_CLOCK
-from slowtime_services.files.delimited.text_sheet import read_text
 from slowtime_services.files.headings.sampling import Facts
 from slowtime_services.files.plausibility import Measured, refuse_disagreement
 from slowtime_services.files.record import Record, RecordError
 from slowtime_services.files.record_reader import read_record
+from slowtime_services.files.text_sheet import read_text
 
 from .cuts import CUTS, TEXT, cut_of
 

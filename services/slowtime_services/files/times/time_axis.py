@@ -188,8 +188,8 @@ def read_time(
             f"by {jitter:.2g} steps (rms) from a step of {step:.6g} s (at most "
             f"{MAX_JITTER_STEPS:g}), and {int(jumps[jumps > 0].sum())} samples would be "
             f"missing. {count} samples in {seconds[-1]:.6g} s are "
-            f"{1 / _mean(seconds):.6g} Hz on average. Resample the record, or give --rate-hz if "
-            "the column is not the clock.",
+            f"{1 / _mean(seconds):.6g} Hz on average. Resample the record, or give --rate-hz "
+            "if the column is not the clock.",
             1 / _mean(seconds),
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))

@@ -17,10 +17,10 @@ from slowtime_services.files.record import RecordError, looks_like_unit
 from slowtime_services.files.sheet import Column, ColumnKind, Sheet
 from slowtime_services.files.times.stamps import DateOrder, read_stamps
 
-from .column_names import read_heading
-from .dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
-from .encoding import decode
-from .oscilloscopes import plain_table
+from .delimited.column_names import read_heading
+from .delimited.dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
+from .delimited.encoding import decode
+from .delimited.oscilloscopes import plain_table
 
 MOST_FOOTER = 12
 """Lines of words that may stand below the rows."""
