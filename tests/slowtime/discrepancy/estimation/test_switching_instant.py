@@ -1,4 +1,4 @@
-"""When something happened is found, though the misfit tells of it only close by."""
+"""The instant of a switch is found, though the misfit tells of it only close by."""
 
 import dataclasses
 
@@ -7,11 +7,11 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import run_by
-from slowtime.discrepancy.estimation import switching_instant as instants
 from slowtime.discrepancy.estimation.switching_instant import BEHIND, refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS = catalogue()
@@ -49,7 +49,7 @@ def records_of_a_jump(jump_s):
         ),
     ],
 )
-def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
+def test_the_instant_of_a_jump_is_looked_for_in_every_record(jump_s, begun_s):
     truth, trials = records_of_a_jump(jump_s)
     right = refit(truth, trials)
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
@@ -84,7 +84,7 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
 @pytest.mark.parametrize(
     "off_s", [-6.0, 4.0, *(pytest.param(off, marks=pytest.mark.long) for off in (-4.0, 6.0))]
 )
-def test_from_a_better_instant_a_better_one_is_seen(off_s):
+def test_the_instant_of_a_jump_is_reached_step_by_step(off_s):
     truth, trials = records_of_a_jump(72.41)
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
     right = refit(truth, trials)
@@ -96,8 +96,9 @@ def test_from_a_better_instant_a_better_one_is_seen(off_s):
     assert found.values[at] == pytest.approx(72.41, abs=0.1)
 
 
-def test_of_what_leaves_but_noise_no_better_instant_is_looked_for(monkeypatch):
+def test_a_fit_that_leaves_only_noise_costs_no_search_for_an_instant():
     truth, trials = records_of_a_jump(72.41)
     fit = refit(truth, trials)
-    monkeypatch.setattr(instants, "run_by", lambda *_: pytest.fail("it was looked for"))
-    assert refine_switching_instant(fit, trials, KINDS, None, 100.0) is fit
+    with metered() as meter:
+        assert refine_switching_instant(fit, trials, KINDS, None, 100.0) is fit
+    assert meter.spent == 0
