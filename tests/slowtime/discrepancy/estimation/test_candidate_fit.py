@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import GivenUp, refit
@@ -16,6 +17,8 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     misfit,
 )
 from slowtime.discrepancy.localization import locate
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.work import metered
@@ -25,6 +28,7 @@ from tests.slowtime.discrepancy.protocol import (
     fitted_candidate,
     in_budget,
 )
+from tests.slowtime.discrepancy.three_mass_chain import recorded
 from tests.slowtime.discrepancy.two_mass_chain import (
     CUBIC,
     DRAG,
@@ -35,6 +39,8 @@ from tests.slowtime.discrepancy.two_mass_chain import (
     TWO,
     records_of,
 )
+
+ALL = catalogue()
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +70,7 @@ def test_a_fitting_is_a_new_one_after_each_batch(lacking):
     assert [one.effect.kind for one in first.found] == [CUBIC.kind]
     assert both.found[:1] == first.found
     assert both.noise is first.noise is first.found[0].fit.noise
-    assert [one.effect.kind for one in both.ranked()][0] == CUBIC.kind
+    assert both.ranked()[0].effect.kind == CUBIC.kind
 
 
 def test_out_of_budget_no_further_candidate_is_fitted(lacking):
@@ -140,7 +146,6 @@ def test_once_the_budget_ended_the_best_is_not_fitted_to_the_noise_it_leaves(
 
 def test_a_best_fit_far_from_noise_is_fitted_anew_only_if_no_candidate_was_left_out(lacking):
     """One period off over a long record, the misfit has a minimum too."""
-    trials, _ = lacking
     strong = records_of((STRONG,))
     bent = refit(Plant.of(TWO, kinds=KINDS), strong)
     before = dataclasses.replace(bent, chi2_in_band=1e4 * bent.chi2_in_band)
@@ -192,7 +197,7 @@ def test_a_law_known_from_segments_is_fitted_to_shares_of_the_records_that_grow(
     lacking, kind, slowly
 ):
     """Those of friction more slowly; one that is known along the force at once to much."""
-    trials, before = lacking
+    _, before = lacking
     effect = Effect(kind, SECOND, {KINDS[kind].names[0]: 1e4 if not slowly else 0.1})
     constants = {
         name: value
@@ -235,3 +240,23 @@ def test_one_place_takes_all_candidates_only_where_there_are_few_places():
     several += [law(5 + i, place) for i, place in enumerate(places[1:])]
     several += [law(9, Place("node", "m1")), law(10, Place("node", "m2"))]
     assert several[4] not in best_of_each_place(several, 6)
+
+
+@pytest.mark.parametrize("guessed", [0.97, 0.8])
+def test_what_swings_wide_is_fitted_to_records_that_grow(guessed):
+    """Near its top a pendulum's free run goes another way at the least error."""
+    rig = dataclasses.replace(
+        chain([1.0], [60.0], dampings_n_s_per_m=[0.4]),
+        unit_of_coordinate="rad",
+        inputs=(Input(channel="u", kind="force", node="m1", unit="N m"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="rad"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    swings = Effect("pendulum_sine", Place("element", rig.elements[0].id), {"k": 60.0})
+    trials = recorded(rig, (swings,), count=1, seconds=30.0, level=22.0)
+    assert 2.5 < np.abs(trials[0].outputs).max() < np.pi
+    before = refit_within_tolerances(refit(Plant.of(rig, kinds=ALL), trials), trials)
+    guess = dataclasses.replace(swings, parameters={"k": guessed * 60.0})
+    named = fit_effect(before, guess, trials, ALL)
+    assert named.fit.chi2_in_band < 1.5
+    assert named.fit.values[-1] == pytest.approx(60.0, rel=1e-2)

@@ -1,4 +1,4 @@
-"""A law whose force explains the records, and whose free run does not, is fitted to segments."""
+"""Laws whose force explains the records, and their free run not, are fitted to segments."""
 
 import dataclasses
 
