@@ -17,8 +17,9 @@ def lacking():
 
 
 def searched(lacking, late=None, over=None, progress=None):
+    first, trials = lacking
     monitor = Monitor(progress, late=late, over=over)
-    return search(*lacking, SearchSettings(KINDS, monitor))
+    return search(first, trials, SearchSettings(KINDS, monitor))
 
 
 def test_out_of_budget_from_the_beginning_one_effect_is_found(lacking):

@@ -29,6 +29,14 @@ from tests.slowtime.discrepancy.two_mass_chain import CUBIC, DRAG, TWO, records_
 KINDS = {
     name: catalogue()[name] for name in ("cubic_hardening", "quadratic_damping", "coulomb")
 }
+
+
+def relearnt(found):
+    held = refit_within_tolerances(found.last, found.trials)
+    located = locate(held, found.trials)
+    return relearn_force(found, held, located, KINDS, Monitor())
+
+
 BETTERING = {
     "restart_initial_states": lambda found: restart_initial_states(found, KINDS),
     "refit_with_growing_horizon": lambda found: refit_with_growing_horizon(found, KINDS),
@@ -37,9 +45,7 @@ BETTERING = {
     ),
     "relocate": lambda found: relocate(found, KINDS, Monitor()),
     "substitute": lambda found: substitute(found, KINDS, None, Monitor()),
-    "relearn_force": lambda found: relearn_force(
-        found, *held_and_located(found), KINDS, Monitor()
-    ),
+    "relearn_force": relearnt,
     "drop_harmful_effects": lambda found: drop_harmful_effects(found, campaign_of(found)),
     "converge_stick_slip": lambda found: converge_stick_slip(found, 0, KINDS, Monitor()),
 }
@@ -49,11 +55,6 @@ REFINERS = BETTERING | {
     "eliminate_needless": lambda found: eliminate_needless(found, found.trials, KINDS),
     "span_campaign": lambda found: span_campaign(found, 0, campaign_of(found), KINDS),
 }
-
-
-def held_and_located(found):
-    held = refit_within_tolerances(found.last, found.trials)
-    return held, locate(held, found.trials)
 
 
 def campaign_of(found):
