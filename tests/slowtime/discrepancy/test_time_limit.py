@@ -37,6 +37,7 @@ def test_once_it_is_late_the_likeliest_are_still_tried(lacking):
     assert found.last.chi2_in_band < 1.2
 
 
+@pytest.mark.long
 def test_a_later_effect_whose_rivals_were_not_tried_is_not_named(lacking):
     """The budget ends while the second effect is sought."""
     stages: list[str] = []

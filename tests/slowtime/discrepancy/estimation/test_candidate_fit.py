@@ -106,7 +106,7 @@ def test_a_fit_is_given_up_once_the_budget_ends(lacking):
 
 def test_the_budget_ends_the_search_for_a_better_instant_of_a_switch_too(lacking):
     """Whoever fits candidates is asked again until the last of a fit."""
-    trials, before = tuple(one.part(0, 250) for one in lacking[0]), lacking[1]
+    trials, before = tuple(one.part(0, 130) for one in lacking[0]), lacking[1]
     kinds = {"stiffness_jump": catalogue()["stiffness_jump"]}
     jump = Effect("stiffness_jump", SECOND, {"dk_n_per_m": 100.0, "t_jump_s": 4.0})
     asked = []
