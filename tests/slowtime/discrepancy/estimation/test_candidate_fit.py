@@ -243,7 +243,7 @@ def test_one_place_takes_all_candidates_only_where_there_are_few_places():
 
 
 @pytest.mark.parametrize("guessed", [0.97, 0.8])
-def test_what_swings_wide_is_fitted_to_records_that_grow(guessed):
+def test_a_pendulum_that_swings_wide_is_fitted_to_parts_of_the_records_that_grow(guessed):
     """Near its top a pendulum's free run goes another way at the least error."""
     rig = dataclasses.replace(
         chain([1.0], [60.0], dampings_n_s_per_m=[0.4]),

@@ -67,9 +67,9 @@ def asked(trial):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "hold", ["zero", pytest.param("first", marks=pytest.mark.slow), "band_limited"]
+    "hold", ["zero", pytest.param("first", marks=pytest.mark.long), "band_limited"]
 )
-@pytest.mark.parametrize("band", [1.0, pytest.param(0.12, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("band", [1.0, pytest.param(0.12, marks=pytest.mark.long)])
 def test_the_hold_by_which_a_record_was_made_is_found(hold, band):
     found = asked(recorded(hold, band=band))
     # What is straight between samples is smooth, too, where the signal is slow.
@@ -79,9 +79,9 @@ def test_the_hold_by_which_a_record_was_made_is_found(hold, band):
 @pytest.mark.parametrize(
     "fault",
     [
-        pytest.param({"effect": "input_delay", "delay_s": 0.004}, marks=pytest.mark.slow),
-        pytest.param({"effect": "input_delay", "delay_s": 0.01}, marks=pytest.mark.slow),
-        pytest.param({"effect": "input_gain", "gain": 0.98}, marks=pytest.mark.slow),
+        pytest.param({"effect": "input_delay", "delay_s": 0.004}, marks=pytest.mark.long),
+        pytest.param({"effect": "input_delay", "delay_s": 0.01}, marks=pytest.mark.long),
+        pytest.param({"effect": "input_gain", "gain": 0.98}, marks=pytest.mark.long),
     ],
 )
 def test_a_delay_or_a_gain_of_an_input_is_not_taken_for_a_hold(fault):
@@ -94,7 +94,7 @@ def test_an_input_that_states_its_hold_keeps_it():
     assert found_holds(refit(plant, [trial]), [trial], KINDS) is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("gain", "found"), [(1.0, ("first",)), (0.9, None)])
 def test_a_fault_of_an_input_that_another_hold_explains_is_none(gain, found):
     fault = ({"effect": "input_gain", "input": "u", "gain": gain},)

@@ -75,7 +75,7 @@ def test_only_a_start_that_a_force_told_is_given_up_before_segments_are_fitted(b
     assert spent[True] < spent[False]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_whose_free_run_went_astray_is_fitted_to_segments(before, trials):
     promising = label(OTHER, 300.0)
     named = fit_candidates(before, [promising], trials, KINDS, in_budget)

@@ -285,7 +285,7 @@ def test_of_laws_that_all_leave_much_none_is_among_those_in_doubt(ridden):
 
 
 @pytest.mark.parametrize("base_moves", [False, True])
-def test_what_rides_on_a_node_is_guessed_unless_a_moving_base_would_do_the_same(
+def test_a_hidden_oscillator_is_guessed_unless_a_moving_base_would_do_the_same(
     ridden, base_moves
 ):
     campaign, rider, few = ridden
@@ -303,7 +303,7 @@ def test_what_rides_on_a_node_is_guessed_unless_a_moving_base_would_do_the_same(
     assert proposal.begins is None
 
 
-def test_what_may_ride_on_a_node_is_light_and_a_little_faster_than_a_mode():
+def test_a_guessed_oscillator_is_light_and_a_little_faster_than_a_mode():
     guesses = KINDS["extra_dof"].guesses(2.0, [3.0, 0.0, 9.0])
     assert [one["frequency_hz"] for one in guesses] == pytest.approx([11.7, 3.9])
     for one in guesses:

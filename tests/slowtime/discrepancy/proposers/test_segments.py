@@ -203,7 +203,7 @@ def test_where_the_right_law_is_not_tried_nothing_is_proposed(stop):
 
 
 @pytest.mark.long
-def test_what_swings_by_itself_is_not_tried():
+def test_a_hidden_oscillator_is_not_tried_on_segments():
     given = lacking(TONE, level=1.0)
     kinds = {one.effect.kind for one in given.tried}
     assert "extra_dof" in kinds

@@ -234,7 +234,7 @@ def test_a_law_found_from_a_wrong_initial_state_predicts_a_record_held_out():
 
 @pytest.mark.long
 @pytest.mark.parametrize("over", [False, True])
-def test_what_is_accepted_gets_other_initial_states_while_there_is_budget(thrown, over):
+def test_an_accepted_law_gets_other_initial_states_while_there_is_budget(thrown, over):
     plant, trials, right, stray = thrown
     first = refit(Plant.of(HEARD, kinds=KINDS), trials)
     fitted = FittedCandidate(SINGS, plant.description, stray, -stray.cost / 2)

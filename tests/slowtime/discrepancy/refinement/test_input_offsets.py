@@ -69,7 +69,7 @@ RUBS = {"effect": "coulomb", "element": "guide", "friction_n": 2.0}
 OFF = {"effect": "input_bias", "input": "force", "bias": 0.4}
 
 
-def test_what_floats_has_offsets_of_its_inputs_and_what_stands_has_none():
+def test_inputs_of_a_floating_structure_have_offsets_and_others_have_none():
     assert floats(drive())
     assert not floats(drive(stiffness=100.0))
     assert with_offsets(drive(), KINDS).effects == ({**OFF, "bias": 0.0},)

@@ -70,7 +70,7 @@ def kinds_of(found):
     return [one.effect.kind for one in found.effects]
 
 
-def test_what_the_other_sensors_tell_is_kept_before_the_drift(law, bare):
+def test_effects_found_by_the_other_sensors_are_kept_before_the_drift(law, bare):
     others = Others(law)
     found = ended(bare, others)
     assert kinds_of(found) == ["cubic_hardening", "sensor_drift"]
@@ -96,7 +96,7 @@ def test_what_the_other_sensors_tell_is_kept_before_the_drift(law, bare):
     ],
     ids=["nothing", "no law", "a hold", "records cut"],
 )
-def test_what_does_not_go_with_a_drifting_sensor_is_not_kept(law, bare, changed):
+def test_results_that_do_not_go_with_a_drifting_sensor_are_not_kept(law, bare, changed):
     found = ended(bare, Others(law, **changed))
     assert kinds_of(found) == ["sensor_drift"]
     assert not found.without_sensor

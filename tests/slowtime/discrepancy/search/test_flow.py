@@ -43,7 +43,7 @@ def searched(trials, *, of=TWO, kinds=KINDS, monitor=None, **more):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "effects",
-    [(CUBIC, DRAG), pytest.param((LATE, CUBIC), marks=pytest.mark.slow), (BOUND, SOFT)],
+    [(CUBIC, DRAG), (LATE, CUBIC), (BOUND, SOFT)],
     ids=["laws", "late", "one place"],
 )
 def test_both_of_two_effects_are_found(effects):
