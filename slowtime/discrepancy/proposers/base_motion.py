@@ -78,7 +78,7 @@ def base_motion(
             return None
     if group.twins or several:
         elements = [near for near in located.equivalent_places if near.kind == "element"]
-        if any(_made(characterise(located, place)) for place in elements):
+        if any(is_made_by_motion(characterise(located, place)) for place in elements):
             return None
     if _grows(located, place):
         return None
@@ -119,7 +119,7 @@ def _grows(located: Localization, place: Place) -> bool:
     return bool(sizes[1] > GROWN * sizes[0])
 
 
-def _made(there: Character) -> bool:
+def is_made_by_motion(there: Character) -> bool:
     """Whether a force is a function of the motion where it acts, as none from outside would be.
 
     In proportion to it is any force that is much slower, or much narrower in band, than the

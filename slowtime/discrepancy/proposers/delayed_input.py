@@ -65,7 +65,7 @@ class SensorClocks:
                 fitted.append(named)
         fitted.sort(key=lambda one: one.fit.chi2_in_band)
         all_of_it = [one for one in fitted if one.fit.chi2_in_band < LIMITS.explained_chi2]
-        most_of_it = fitted[:1] if opaque and _outstanding(fitted, before) else []
+        most_of_it = fitted[:1] if opaque and stands_out(fitted, before) else []
         clocks = (
             Candidate(fitted_effect(one), one.fit.cost, one.score, before.cost)
             for one in all_of_it or most_of_it
@@ -110,7 +110,7 @@ def _opaque(tried: Sequence[Candidate]) -> bool:
     return bool(tried) and tried[0].cost >= OPAQUE * tried[0].cost_without
 
 
-def _outstanding(asked: Sequence[FittedCandidate], before: Fit) -> bool:
+def stands_out(asked: Sequence[FittedCandidate], before: Fit) -> bool:
     """Whether the best leaves next to nothing of what is missing, and each other far more."""
     if not asked:
         return False

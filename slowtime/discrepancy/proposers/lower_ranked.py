@@ -99,7 +99,7 @@ class InitialSegments:
             opened = initial_segment_candidates(
                 given.before, given.trials, given.kinds, late, among
             )
-            begins = _explains_alone(given, opened)
+            begins = explains_alone(given, opened)
             reach = reached_by_shortlist(given.shortlist)
             opened = [dataclasses.replace(one, cost=min(one.cost, reach)) for one in opened]
         guessed = [] if given.base_moves else _as_good(given, _guessed(given))
@@ -168,7 +168,7 @@ def _not_fitted(given: Round) -> list[Candidate]:
     ]
 
 
-def _explains_alone(given: Round, opened: Sequence[Candidate]) -> Label | None:
+def explains_alone(given: Round, opened: Sequence[Candidate]) -> Label | None:
     """Give the law that explains how records begin, where one does, and the model does not."""
     if not opened:
         return None

@@ -68,6 +68,9 @@ WITHIN = (0.0, 0.25, 0.5, 0.75)
 KEPT = 2
 """Laws that are given."""
 
+Shoot = Callable[..., tuple[Fit, Sequence[np.ndarray]]]
+"""Fits a plant to segments of records, and gives the fit and the first state of each record."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Segments:
@@ -76,10 +79,18 @@ class Segments:
     Where a law is strong, the run without it is soon another motion, and no force along it says
     what is missing. It is asked twice: before anything was fitted, where no force explains what
     is missing (`only`), and where what was fitted explains little.
+
+    Parameters
+    ----------
+    only
+        Whether its candidates stand in place of the shortlist of the library.
+    shoot
+        Fits a model to segments of records, as `shooting_fit` does.
     """
 
     only: bool = False
     name: str = "segments"
+    shoot: Shoot = shooting_fit
 
     def __call__(self, given: Round) -> Proposal:
         """Propose the laws that leave least of the segments, if they leave half at most."""
@@ -92,7 +103,7 @@ class Segments:
 
         if late():
             return nothing
-        search = _SegmentSearch(given, late)
+        search = _SegmentSearch(given, late, self.shoot)
         told: list[Candidate] = []
         with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
             told = search.best()
@@ -126,7 +137,8 @@ class Segments:
 class _SegmentSearch:
     """Fits laws to segments of the records of a round."""
 
-    def __init__(self, given: Round, late: Callable[[], bool]) -> None:
+    def __init__(self, given: Round, late: Callable[[], bool], shoot: Shoot) -> None:
+        self._shoot = shoot
         self._before, self._tried, self._labels = given.before, given.tried, given.shortlist
         self._located, self._trials, self._kinds = given.localized, given.trials, given.kinds
         self._late = late
@@ -244,7 +256,7 @@ class _SegmentSearch:
             before.plant if effect is None else augmented_start(before, effect, self._kinds)[0]
         )
         values = np.array([entry.value for entry in plant.entries.values()])
-        return shooting_fit(plant, parts, before.noise, values, self._late, beat)[0]
+        return self._shoot(plant, parts, before.noise, values, self._late, beat)[0]
 
     def _switched(self, fit: Fit, parts: Sequence[Trial]) -> Fit:
         """Look for a better instant of a switch, in all pieces."""

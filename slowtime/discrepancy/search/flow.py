@@ -42,7 +42,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     """
     found = Hypothesis((first,), trials)
     if how.quick:
-        return _continue(found, how, 0)
+        return continue_search(found, how, 0)
     held = refit_within_tolerances(first, trials)
     step = _next(found, how, 0, held)
     found = step.hypothesis
@@ -51,13 +51,19 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
             found = _suggest_holds(found, how)
         if found.suggested_holds is None:
             found, ends = _close(found, how, step.added - 1)
-            found = found if ends else _continue(found, how, step.added)
+            found = found if ends else continue_search(found, how, step.added)
     found = _begin_otherwise(found, held, trials, how)
     return found if found.suggested_holds is not None else _revise(found, how)
 
 
-def _continue(found: Hypothesis, how: SearchSettings, begun: int) -> Hypothesis:
-    """Look for effects until there is none, or there are enough."""
+def continue_search(found: Hypothesis, how: SearchSettings, begun: int) -> Hypothesis:
+    """Look for effects beside those of a hypothesis, until there is none or there are enough.
+
+    Parameters
+    ----------
+    begun
+        Number of effects that were looked for before.
+    """
     for number in range(begun, how.most):
         step = _next(found, how, number)
         found = step.hypothesis
@@ -116,7 +122,7 @@ def _resolved(step: Step, before: Fit, how: SearchSettings, number: int) -> Step
     """Take account of a sensor that drifts, by what the others say."""
     if step.drift is None:
         return step
-    return end_with_drift(step.hypothesis, before, step.drift, how, number, _continue)
+    return end_with_drift(step.hypothesis, before, step.drift, how, number, continue_search)
 
 
 def _close(found: Hypothesis, how: SearchSettings, number: int) -> tuple[Hypothesis, bool]:
@@ -170,7 +176,7 @@ def _begin_otherwise(
         start = Hypothesis((first,), trials, localized=found.localized)
         step = accept(start, held, [other], trials, how.kinds, terms)
         if step.added:
-            found = better(found, _continue(step.hypothesis, how, 1), how.kinds)
+            found = better(found, continue_search(step.hypothesis, how, 1), how.kinds)
     return found
 
 
@@ -180,5 +186,5 @@ def _revise(found: Hypothesis, how: SearchSettings) -> Hypothesis:
     count = len(revised.effects)
     changed = [one.effect for one in revised.effects] != [one.effect for one in found.effects]
     if changed and count < how.most and not explains_all(revised):
-        return _continue(revised, how, count)
+        return continue_search(revised, how, count)
     return revised

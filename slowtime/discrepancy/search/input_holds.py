@@ -49,7 +49,7 @@ def search_with_holds(
         found = search(first, trials, dataclasses.replace(how, asked=asked))
         if found.holds is not None:
             return _held(campaign, found.holds), found
-        if kept is not None and found.exhausted and not _leaves_less(found, kept[1]):
+        if kept is not None and found.exhausted and not leaves_less(found, kept[1]):
             return kept  # there was no budget to come as far under this hold
         suggested = found.suggested_holds
         if found.final or not (found.effects or suggested) or monitor.is_over:
@@ -104,7 +104,7 @@ def _under(found: Hypothesis, holds: tuple[Hold, ...], how: SearchSettings) -> H
     )  # fmt: skip
 
 
-def _leaves_less(found: Hypothesis, other: Hypothesis) -> bool:
+def leaves_less(found: Hypothesis, other: Hypothesis) -> bool:
     """Return whether a hypothesis explains all, or leaves less than another.
 
     One that is judged by segments of records explains these; whole records would not tell.

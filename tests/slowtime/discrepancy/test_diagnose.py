@@ -9,8 +9,9 @@ import pytest
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.progress import Cancelled
 from slowtime.discrepancy.records import Campaign
-from slowtime.dynamics.effects import Place
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.signals.interpolation import at_instants
+from tests.slowtime.discrepancy.protocol import StubProposer, candidate
 
 LOSS = 400.0
 
@@ -77,7 +78,7 @@ def test_where_nothing_is_missing_nothing_is_named(campaign):
 
 
 @pytest.mark.long
-def test_a_sensor_that_fell_silent_is_the_verdict(campaign):
+def test_a_sensor_that_fell_silent_is_named(campaign):
     rig, trials = campaign(13, masses=1, levels=(1.0, 2.0, 1.5), seconds=10.0)
     outputs = trials[0].outputs.copy()
     outputs[300:420, 1] = 0.0
@@ -88,6 +89,20 @@ def test_a_sensor_that_fell_silent_is_the_verdict(campaign):
     assert found.effects[0].effect.place == Place("sensor", rig.description.sensors[1].channel)
 
 
+def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(campaign, wrong):
+    rig, trials = campaign(
+        11, wrong(element=0, force=cubic), masses=1, levels=(1.0, 1.5), seconds=6.0
+    )
+    law = Effect("cubic_hardening", Place("element", "j0"), {"k3_n_per_m3": 2e6})
+    own = StubProposer("own", candidates=(candidate(law, bare=1e6),))
+    few = {name: catalogue()[name] for name in ("cubic_hardening", "viscous_damping")}
+    found = answered(rig, trials, kinds=few, proposers=(own,))
+    assert [named.effect.kind for named in found.effects] == ["cubic_hardening"]
+    number = found.effects[0].numbers["k3_n_per_m3"]
+    assert abs(number.value - 4e6) < max(4 * number.sd, 0.03 * 4e6)
+    assert len(own.rounds) == 1
+
+
 def test_a_diagnosis_stops_when_it_is_told_to(campaign):
     rig, trials = campaign(12, masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0)
     stop = threading.Event()
@@ -96,7 +111,7 @@ def test_a_diagnosis_stops_when_it_is_told_to(campaign):
         answered(rig, trials, stop=stop)
 
 
-def test_records_are_not_touched(campaign):
+def test_a_diagnosis_does_not_change_the_records(campaign):
     rig, trials = campaign(14, masses=1, levels=(1.0, 1.5), seconds=6.0)
     before = [trial.outputs.copy() for trial in trials]
     answered(rig, trials, quick=True)

@@ -1,4 +1,4 @@
-"""What numbers and tolerances have cost a label is what the records narrowed."""
+"""Parameters and tolerances cost a law no more evidence than the records narrowed them."""
 
 import dataclasses
 
@@ -12,8 +12,9 @@ from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
 from slowtime.discrepancy.estimation.occam_factor import DOUBT, WIDE, doubted, leniency
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import accept
+from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.discrepancy.selection.probabilities import shares_of
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -43,7 +44,7 @@ def named(effect, size):
 
 
 @given(PULLS)
-def test_a_tolerance_is_true_or_too_small(pulls):
+def test_a_tolerance_is_taken_as_true_or_as_too_small(pulls):
     one = scipy.stats.norm.pdf(pulls)
     other = scipy.stats.norm.pdf(pulls, scale=WIDE)
     told = np.log(((1 - DOUBT) * one + DOUBT * other) / one).sum()
@@ -51,16 +52,16 @@ def test_a_tolerance_is_true_or_too_small(pulls):
 
 
 @given(PULLS)
-def test_what_is_given_back_is_never_more_than_the_pulls_have_cost(pulls):
+def test_no_more_evidence_is_given_back_than_the_pulls_have_cost(pulls):
     assert doubted(pulls) <= np.sum(np.square(pulls)) / 2 + 1e-12
 
 
-def test_no_pull_is_no_doubt():
+def test_no_pull_gives_no_evidence_back():
     assert doubted([]) == 0.0
 
 
 @pytest.mark.parametrize("size", [0.02, 4.0])
-def test_numbers_have_cost_the_volume_that_was_narrowed(size):
+def test_parameters_cost_the_volume_that_was_narrowed(size):
     """By another road: the volume that is left of a prior as wide as the numbers are large.
 
     Never more than by Schwarz: nothing is taken away.
@@ -76,11 +77,11 @@ def test_numbers_have_cost_the_volume_that_was_narrowed(size):
     assert (back > 0) == (size > 0.1)
 
 
-def test_of_records_that_tell_less_more_is_given_back():
+def test_records_that_tell_less_give_more_evidence_back():
     assert leniency(named(TRUTH, 4.0), KINDS) > leniency(named(TRUTH, 0.2), KINDS) + 1
 
 
-def test_a_law_whose_numbers_are_not_known_is_the_limit_of_a_simpler_one():
+def test_a_law_of_unknown_parameters_is_the_limit_of_a_simpler_one():
     one = named(TRUTH, 4.0)
     at = one.fit.prior.names.index(("effect", 0, "es_m"))
     covariance = one.fit.covariance.copy()
@@ -91,7 +92,7 @@ def test_a_law_whose_numbers_are_not_known_is_the_limit_of_a_simpler_one():
 
 
 @pytest.mark.parametrize("left", [1.0, 1.5, 2.5])
-def test_what_a_model_leaves_widens_what_is_known_of_its_numbers(left):
+def test_misfit_widens_the_errors_of_parameters(left):
     """By another road: the same label whose numbers are known as badly, and leaves nothing."""
     one = named(TRUTH, 1.0)
     none = dataclasses.replace(one.fit, chi2_in_band=1.0)
@@ -106,7 +107,7 @@ def test_what_a_model_leaves_widens_what_is_known_of_its_numbers(left):
 
 
 @pytest.mark.parametrize(("what", "told"), [("damping", True), ("stiffness", False)])
-def test_only_dampings_are_doubted_and_only_where_the_label_pulls_them(what, told):
+def test_only_dampings_are_doubted_and_only_where_the_law_pulls_them(what, told):
     bare = named(Effect("stiffness_loss", PLACE, {"dk_n_per_m": 40.0}), 0.02)
     values, prior = bare.fit.values.copy(), bare.fit.prior
     at = prior.names.index((what, "k1"))
@@ -118,7 +119,7 @@ def test_only_dampings_are_doubted_and_only_where_the_label_pulls_them(what, tol
     assert leniency(bare, KINDS, pulled.fit) == 0.0
 
 
-def test_a_law_of_more_numbers_that_explains_as_much_has_its_share():
+def test_a_law_of_more_parameters_that_explains_as_much_has_its_share():
     """Schwarz alone gives two numbers, known to a third, one part in twelve."""
     one = named(TRUTH, 4.0)
     simpler = named(Effect("stiffness_loss", PLACE, {"dk_n_per_m": 40.0}), 4.0)
@@ -131,7 +132,7 @@ def test_a_law_of_more_numbers_that_explains_as_much_has_its_share():
     assert shares[1] > 0.15
 
 
-def test_what_constants_have_to_be_off_anyway_speaks_for_no_label():
+def test_a_constant_that_is_off_with_every_law_speaks_for_none():
     """A damping four tolerances off, whatever the label: neither is given more for it."""
     off = one_mass(1.6 * 1.6)
     _, trials = seen(TRUTH, 0.02, of=off)
@@ -143,21 +144,23 @@ def test_what_constants_have_to_be_off_anyway_speaks_for_no_label():
     values, at = fit.values.copy(), fit.prior.names.index(("damping", "k1"))
     values[fit.prior.index[at]] = fit.prior.mean[at]
     other = dataclasses.replace(one, fit=dataclasses.replace(fit, values=values))
-    found = Found([before], trials)
-    accept(found, before, [one, other], trials, KINDS, None, pulled=False)
-    assert found.answers[0].probability == pytest.approx(0.5, abs=0.02)
+    terms = Terms(stated=None, pulled=False)
+    step = accept(Hypothesis((before,), trials), before, [one, other], trials, KINDS, terms)
+    assert step.hypothesis.effects[0].probability == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_likeliest_is_named_first_though_another_has_fewer_numbers():
+def test_the_likeliest_law_is_accepted_though_another_has_fewer_parameters():
     one, (_, trials) = named(TRUTH, 4.0), seen(TRUTH, 4.0)
     simpler = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 40.0})
     plant = Plant.of(dataclasses.replace(ONE, effects=(simpler.entry(),)))
     fit = refit(plant, trials, noise=one.fit.noise)
     less = FittedCandidate(simpler, plant.description, fit, one.score + 0.5)
     before = refit(Plant.of(ONE), trials)
-    found = Found([before], trials)
-    assert accept(found, before, [less, one], trials, KINDS, None, pulled=True)
+    terms = Terms(stated=None, pulled=True)
+    found = accept(
+        Hypothesis((before,), trials), before, [less, one], trials, KINDS, terms
+    ).hypothesis
     assert [rival.effect for rival in found.undecided] == [TRUTH.kind, "stiffness_loss"]
-    assert found.answers[0].effect.kind == TRUTH.kind
-    assert found.fits[-1] is one.fit
+    assert found.effects[0].effect.kind == TRUTH.kind
+    assert found.last is one.fit
     assert found.pair == (one, less)

@@ -1,21 +1,22 @@
-"""A law whose force explains the records, but not its free run, is fitted to pieces as well."""
+"""Laws whose force explains the records, and their free run not, are fitted to segments."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from slowtime.discrepancy.state import Found
 
-from slowtime.discrepancy.calibration import cut_segments, refit
-from slowtime.discrepancy.calibration.augmentation import FitStart
+from slowtime.discrepancy.calibration import pieces, refit
+from slowtime.discrepancy.calibration.augmentation import Start
 from slowtime.discrepancy.candidates.library_fit import Candidate
-from slowtime.discrepancy.estimation import shooting_fit as further
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidates, rescored
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces, shooting_fits
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import accept
+from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.protocol import in_budget
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 RATE = 50.0
@@ -42,48 +43,43 @@ def label(effect, cost):
     return Candidate(effect, cost, -cost / 2, 1e9)
 
 
-def nothing(effect, number):
-    pass
-
-
-def test_what_explains_the_records_is_not_fitted_again(before, trials):
-    named = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, nothing)
+def test_a_law_that_explains_the_records_is_not_fitted_to_segments(before, trials):
+    named = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, in_budget)
     assert named[0].fit.chi2_in_band < 1.5
-    assert shooting_fits(before, [label(CUBIC, 1.0)], named, trials, KINDS, nothing) == named
-    assert shooting_fits(before, [], [], trials, KINDS, nothing) == []
+    assert shooting_fits(before, [label(CUBIC, 1.0)], named, trials, KINDS, in_budget) == named
+    assert shooting_fits(before, [], [], trials, KINDS, in_budget) == []
 
 
-def test_a_law_that_explains_little_even_along_the_force_is_not_fitted_again(before, trials):
+def test_a_law_that_explains_little_along_the_force_is_not_fitted_to_segments(before, trials):
     """Its free run is as good as it will get."""
     few = label(OTHER, 1e8)
-    named = fit_candidates(before, [few], trials, KINDS, nothing)
+    named = fit_candidates(before, [few], trials, KINDS, in_budget)
     assert named[0].fit.chi2_in_band > 5.0
-    again = shooting_fits(before, [few], named, trials, KINDS, nothing)
+    again = shooting_fits(before, [few], named, trials, KINDS, in_budget)
     assert [one.shot for one in again] == [None]
 
 
-@pytest.mark.parametrize("nearby", [True, False])
-def test_what_pieces_told_begins_where_they_told(before, trials, monkeypatch, nearby):
-    """What a force told is refitted without that first."""
-    asked = []
+@pytest.mark.long
+def test_only_a_start_that_a_force_told_is_given_up_before_segments_are_fitted(before, trials):
+    """One that segments told is where fits to segments begin."""
+    fits = fit_candidates(before, [label(OTHER, 1e8)], trials, KINDS, in_budget)
+    constants = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
+    spent = {}
+    for nearby in (True, False):
+        start = Start(constants, [{}], nearby=nearby)
+        promising = dataclasses.replace(label(OTHER, 300.0), start=start)
+        with metered() as meter:
+            again = shooting_fits(before, [promising], fits, trials, KINDS, in_budget)
+        assert again[0].shot is not None
+        spent[nearby] = meter.spent
+    assert spent[True] < spent[False]
 
-    def refitted(before, labels, trials, kinds, tick, *, shooting=False):
-        asked.append((shooting, [one.start for one in labels]))
-        return []
 
-    told = FitStart({}, [{}], from_segments=nearby)
-    few = dataclasses.replace(label(CUBIC, 300.0), start=told)
-    named = fit_candidates(before, [label(OTHER, 1e8)], trials, KINDS, nothing)
-    monkeypatch.setattr(further, "fit_candidates", refitted)
-    shooting_fits(before, [few], named, trials, KINDS, nothing)
-    assert asked == [(False, [] if nearby else [None]), (True, [told])]
-
-
-@pytest.mark.slow
-def test_a_free_run_that_went_astray_is_fitted_to_pieces(before, trials):
+@pytest.mark.long
+def test_a_law_whose_free_run_went_astray_is_fitted_to_segments(before, trials):
     promising = label(OTHER, 300.0)
-    named = fit_candidates(before, [promising], trials, KINDS, nothing)
-    again = shooting_fits(before, [promising], named, trials, KINDS, nothing)
+    named = fit_candidates(before, [promising], trials, KINDS, in_budget)
+    again = shooting_fits(before, [promising], named, trials, KINDS, in_budget)
     assert again[0].shot is not None
     # Costs compare under one noise only.
     assert again[0].score >= rescored(named[0], again[0].fit, trials, KINDS).score
@@ -91,15 +87,17 @@ def test_a_free_run_that_went_astray_is_fitted_to_pieces(before, trials):
 
 
 @pytest.mark.parametrize("taken", [True, False])
-def test_records_stay_whole_unless_a_law_of_their_pieces_is_taken(before, trials, taken):
-    (whole,) = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, nothing)
-    cut, _ = cut_segments(before.plant, trials)
+def test_records_stay_whole_unless_a_law_of_their_segments_is_accepted(before, trials, taken):
+    (whole,) = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, in_budget)
+    cut, _ = pieces(before.plant, trials)
     short = refit(whole.fit.plant, cut, values=whole.fit.values, horizons=(1.0,))
     astray = dataclasses.replace(whole.fit, chi2_in_band=99.0)
     # Where it explains no more than it costs, it is not taken.
     near = short if taken else dataclasses.replace(short, cost=1e9)
     named = dataclasses.replace(whole, fit=astray, shot=near)
-    found = Found([before], trials)
-    assert accept(found, before, [named], trials, KINDS, None, pulled=False) is taken
+    terms = Terms(stated=None, pulled=False)
+    step = accept(Hypothesis((before,), trials), before, [named], trials, KINDS, terms)
+    found = step.hypothesis
+    assert step.added == taken
     assert len(cut) > len(trials)
-    assert len(found.trials) == len(found.fits[-1].states) == len(cut if taken else trials)
+    assert len(found.trials) == len(found.last.states) == len(cut if taken else trials)

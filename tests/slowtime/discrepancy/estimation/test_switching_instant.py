@@ -1,4 +1,4 @@
-"""When something happened is found, though the misfit tells of it only close by."""
+"""The instant of a switch is found, though the misfit tells of it only close by."""
 
 import dataclasses
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import simulated_chi2
-from slowtime.discrepancy.estimation import switching_instant as instants
+from slowtime.discrepancy.calibration.augmentation import run_by
 from slowtime.discrepancy.estimation.switching_instant import BEHIND, refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS = catalogue()
@@ -49,13 +49,13 @@ def records_of_a_jump(jump_s):
         ),
     ],
 )
-def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
+def test_the_instant_of_a_jump_is_looked_for_in_every_record(jump_s, begun_s):
     truth, trials = records_of_a_jump(jump_s)
     right = refit(truth, trials)
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
     values = right.values.copy()
     values[at] = begun_s
-    left = simulated_chi2(truth, values, right.states, right.noise, trials)
+    left = run_by(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=50.0)
     found = refine_switching_instant(wrong, trials, KINDS, None, 100.0)
     assert found.values[at] == pytest.approx(jump_s, abs=0.1)
@@ -84,20 +84,21 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
 @pytest.mark.parametrize(
     "off_s", [-6.0, 4.0, *(pytest.param(off, marks=pytest.mark.long) for off in (-4.0, 6.0))]
 )
-def test_from_a_better_instant_a_better_one_is_seen(off_s):
+def test_the_instant_of_a_jump_is_reached_step_by_step(off_s):
     truth, trials = records_of_a_jump(72.41)
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
     right = refit(truth, trials)
     values = right.values.copy()
     values[at] += off_s
-    left = simulated_chi2(truth, values, right.states, right.noise, trials)
+    left = run_by(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=1.4)
     found = refine_switching_instant(wrong, trials, KINDS, None, 0.0)
     assert found.values[at] == pytest.approx(72.41, abs=0.1)
 
 
-def test_of_what_leaves_but_noise_no_better_instant_is_looked_for(monkeypatch):
+def test_a_fit_that_leaves_only_noise_costs_no_search_for_an_instant():
     truth, trials = records_of_a_jump(72.41)
     fit = refit(truth, trials)
-    monkeypatch.setattr(instants, "simulated_chi2", lambda *_: pytest.fail("it was looked for"))
-    assert refine_switching_instant(fit, trials, KINDS, None, 100.0) is fit
+    with metered() as meter:
+        assert refine_switching_instant(fit, trials, KINDS, None, 100.0) is fit
+    assert meter.spent == 0

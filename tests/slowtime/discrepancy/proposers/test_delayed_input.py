@@ -1,4 +1,4 @@
-"""What is out of time, and what is seen only once that is put right."""
+"""Clocks that are off, late inputs, and laws that are seen only beside those."""
 
 import dataclasses
 
@@ -8,25 +8,23 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import library_candidates
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers import delayed_input as delayed
 from slowtime.discrepancy.proposers.delayed_input import (
     CLEARLY,
-    MOSTLY,
     OPAQUE,
-    _outstanding,
-    clocks_alone,
-    seen_beside_late,
+    SensorClocks,
+    pairs_with_delayed_input,
+    stands_out,
 )
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.search import Search, search
-from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.search import SearchSettings, search
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.protocol import fitted_candidate, round_of
 
 RATE = 128.0
 NAMES = ("input_delay", "sensor_clock", "van_der_pol", "cubic_hardening", "added_mass",
@@ -69,82 +67,97 @@ def recorded(of, effects, *, seconds=10.0, seed=5):
     return tuple(found)
 
 
-def asked(of, effects, seconds=10.0):
+def lacking(of, effects, seconds=10.0, *, nowhere=False, **more):
+    """Give a round of a model that lacks effects; where no single force explains them."""
     trials = recorded(of, effects, seconds=seconds)
     before = refit_within_tolerances(refit(Plant.of(of, kinds=KINDS), trials), trials)
     located = locate(before, trials)
-    return before, located, library_candidates(before, located, KINDS), trials
+    if nowhere:
+        best = dataclasses.replace(located.groups[0], left=10.0)
+        located = dataclasses.replace(located, groups=(best, *located.groups[1:]))
+    tried = library_candidates(before, located, KINDS)
+    return round_of(before, trials, KINDS, tried=tried, localized=located, **more)
+
+
+def seen_as_well(given, share):
+    """Give the round as it would be, did the best law leave a share of the force."""
+    best = given.tried[0]
+    return dataclasses.replace(
+        given, tried=(dataclasses.replace(best, cost=share * best.bare),)
+    )
+
+
+def costs_nothing(ask, given):
+    with metered() as meter:
+        assert not [*ask(given)]
+    return meter.spent == 0
 
 
 @pytest.mark.long
 def test_a_law_is_seen_once_the_input_that_hides_it_may_be_late():
-    before, _, tried, trials = asked(RIG, (LATE, BREAKS))
-    assert tried[0].cost > OPAQUE * tried[0].cost_without
-    delay, law = next(seen_beside_late(before, tried, trials, KINDS))
+    given = lacking(RIG, (LATE, BREAKS))
+    assert given.tried[0].cost > OPAQUE * given.tried[0].bare
+    delay, law = next(pairs_with_delayed_input(given))
     assert (law.effect.kind, law.effect.place) == (BREAKS.kind, TOP)
-    assert law.cost < CLEARLY * law.cost_without
+    assert law.cost < CLEARLY * law.bare
     assert delay.effect.place == LATE.place
     assert delay.effect.parameters["delay_s"] == pytest.approx(0.019, rel=0.2)
+    # Out of budget, no input is asked.
+    late = dataclasses.replace(given, monitor=Monitor(late=lambda: True))
+    assert costs_nothing(pairs_with_delayed_input, late)
 
 
 @pytest.mark.long
-def test_where_a_law_is_seen_no_input_is_asked_whether_it_is_late(monkeypatch):
-    before, _, tried, trials = asked(RIG, (SINGS,))
-    monkeypatch.setattr("slowtime.discrepancy.proposers.delayed_input.fit_candidate", None)
-    assert not [*seen_beside_late(before, tried, trials, KINDS)]
-    assert not [*seen_beside_late(before, [], trials, KINDS)]
+def test_where_a_law_is_seen_no_input_is_asked_whether_it_is_late():
+    given = lacking(RIG, (SINGS,))
+    assert costs_nothing(pairs_with_delayed_input, given)
+    assert costs_nothing(pairs_with_delayed_input, dataclasses.replace(given, tried=()))
 
 
 @pytest.mark.long
 def test_a_late_input_and_what_it_hides_are_both_found():
     trials = recorded(RIG, (LATE, BREAKS))
     first = refit(Plant.of(RIG, kinds=KINDS), trials)
-    found = search(first, trials, Search(KINDS, Monitor()))
-    told = {(a.effect.kind, a.effect.place) for a in found.answers}
+    found = search(first, trials, SearchSettings(KINDS, Monitor()))
+    told = {(a.effect.kind, a.effect.place) for a in found.effects}
     assert told == {(LATE.kind, LATE.place), (BREAKS.kind, BREAKS.place)}
-    assert found.fits[-1].chi2_in_band < 1.2
+    assert found.last.chi2_in_band < 1.2
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("skew", [-1e-3, 1.3e-3])
-def test_of_few_sensors_the_one_whose_clock_explains_all_is_told(skew):
+def test_of_few_sensors_the_one_whose_clock_explains_all_is_proposed(skew):
     """Wherever a force was thought to be."""
-    few = shaken((1, 3))
     clock = Effect("sensor_clock", Place("sensor", "a3"), {"skew": skew})
-    before, located, tried, trials = asked(few, (clock,))
-    best = dataclasses.replace(located.groups[0], left=10.0)
-    nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    (label,) = clocks_alone(before, nowhere, tried, trials, KINDS)
+    given = lacking(shaken((1, 3)), (clock,), nowhere=True)
+    proposal = SensorClocks()(given)
+    (label,) = proposal.candidates
+    assert proposal.only
     assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
     assert label.effect.parameters["skew"] == pytest.approx(skew, rel=0.02)
-    assert label.cost < 1.5 * before.data
+    assert label.cost < 1.5 * given.before.data
 
 
 @pytest.mark.parametrize("heard", [(1, 3), pytest.param((1, 2, 3), marks=pytest.mark.long)])
-def test_no_clock_is_asked_where_a_force_explains_all(heard, monkeypatch):
-    of = shaken(heard)
-    before, located, tried, trials = asked(
-        of, (Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 2e8}),)
-    )
-    monkeypatch.setattr("slowtime.discrepancy.proposers.delayed_input.fit_candidate", None)
-    assert clocks_alone(before, located, tried, trials, KINDS) == []
+def test_no_clock_is_fitted_where_a_force_explains_all_or_an_effect_was_found(heard):
+    hard = Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 2e8})
+    given = lacking(shaken(heard), (hard,))
+    assert costs_nothing(lambda given: SensorClocks()(given).candidates, given)
+    later = dataclasses.replace(lacking(shaken(heard), (hard,), nowhere=True), number=1)
+    assert costs_nothing(lambda given: SensorClocks()(given).candidates, later)
 
 
 @pytest.mark.long
-def test_a_clock_that_hides_something_is_told_where_no_law_is_seen():
+def test_a_clock_that_hides_something_is_proposed_where_no_law_is_seen():
     """What it hides comes after."""
     breaks = dataclasses.replace(BREAKS, parameters={"dk_n_per_m": -60.0, "t_jump_s": 5.3})
     clock = Effect("sensor_clock", Place("sensor", "a2"), {"skew": 3e-3})
-    before, located, tried, trials = asked(RIG, (clock, breaks), seconds=20.0)
-    best = dataclasses.replace(located.groups[0], left=10.0)
-    nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    opaque = [dataclasses.replace(tried[0], cost=OPAQUE * tried[0].cost_without)]
-    (label,) = clocks_alone(before, nowhere, opaque, trials, KINDS)
+    given = lacking(RIG, (clock, breaks), seconds=20.0, nowhere=True)
+    (label,) = SensorClocks()(seen_as_well(given, OPAQUE)).candidates
     assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
     assert label.effect.parameters["skew"] == pytest.approx(3e-3, rel=0.02)
-    assert label.cost > 1.5 * before.data
-    seen = [dataclasses.replace(tried[0], cost=0.5 * OPAQUE * tried[0].cost_without)]
-    assert clocks_alone(before, nowhere, seen, trials, KINDS) == []
+    assert label.cost > 1.5 * given.before.data
+    assert SensorClocks()(seen_as_well(given, 0.5 * OPAQUE)).candidates == ()
 
 
 @pytest.mark.parametrize(
@@ -154,31 +167,21 @@ def test_a_clock_that_hides_something_is_told_where_no_law_is_seen():
 )
 def test_a_clock_that_leaves_something_has_to_stand_out(left, told):
     trials = recorded(shaken((1, 2, 3)), (), seconds=4.0)
-    before = dataclasses.replace(refit(Plant.of(RIG, kinds=KINDS), trials), chi2_in_band=1000.0)
-    asked = [
-        FittedCandidate(LATE, RIG, dataclasses.replace(before, chi2_in_band=one), 0.0)
-        for one in left
-    ]
-    assert _outstanding(asked, before) is told
-    assert not _outstanding([], before)
+    fit = refit(Plant.of(RIG, kinds=KINDS), trials)
+    before = dataclasses.replace(fit, chi2_in_band=1000.0)
+    fits = [fitted_candidate(LATE, before, chi2_in_band=one) for one in left]
+    assert stands_out(fits, before) is told
+    assert not stands_out([], before)
 
 
-@pytest.mark.parametrize("opaque", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_a_clock_is_fitted_as_far_as_it_would_be_told(monkeypatch, opaque):
+def test_a_clock_is_fitted_only_as_far_as_it_would_be_proposed():
     """One that may leave something is not given up for leaving more than the noise."""
-    followed = []
-
-    def heard(before, begin, trials, kinds, noise, beat, **_):
-        followed.append((begin.place.id, beat))
-
-    monkeypatch.setattr(delayed, "fit_candidate", heard)
-    before, located, tried, trials = asked(shaken((1, 3)), (SINGS,))
-    best = dataclasses.replace(located.groups[0], left=10.0)
-    nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    one = dataclasses.replace(
-        tried[0], cost=(OPAQUE if opaque else 0.1) * tried[0].cost_without
-    )
-    before = dataclasses.replace(before, cost=1e3 * before.data)
-    assert clocks_alone(before, nowhere, [one], trials, KINDS) == []
-    beat = MOSTLY * before.cost if opaque else LIMITS.explained_chi2 * before.data
-    assert followed == [("a1", beat), ("a3", beat)]
+    given = lacking(shaken((1, 3)), (SINGS,), nowhere=True)
+    loud = dataclasses.replace(given.before, cost=1e3 * given.before.data)
+    given = dataclasses.replace(given, before=loud)
+    spent = []
+    for share in (OPAQUE, 0.1):
+        with metered() as meter:
+            assert SensorClocks()(seen_as_well(given, share)).candidates == ()
+        spent.append(meter.spent)
+    assert spent[0] > spent[1]

@@ -1,4 +1,4 @@
-"""How records begin tells the law, where nothing comes near the whole of them."""
+"""The first swings of the records tell a law, where nothing comes near the whole of them."""
 
 import dataclasses
 import math
@@ -6,34 +6,38 @@ import math
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import first_periods, refit
-from slowtime.discrepancy.calibration.initial_states import refit_initial_states
-from slowtime.discrepancy.calibration.multiple_shooting import FIRST_PERIODS
+from slowtime.discrepancy.calibration import first_swings, refit
+from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration.multiple_shooting import SWINGS
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
+from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.candidates.parameter_scan import (
-    MAX_START_SHAPES,
-    effects_of_strength,
+    SOME,
+    as_strong,
     has_strength,
 )
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.estimation import candidate_fit as naming
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.shooting_fit import first_of_each
-from slowtime.discrepancy.proposers import lower_ranked as downward
+from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.proposers.initial_segments import (
     FOREMOST,
     GROWING,
     initial_segment_candidates,
 )
-from slowtime.discrepancy.proposers.lower_ranked import LowerRanked
-from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
+from slowtime.discrepancy.proposers.lower_ranked import InitialSegments
+from slowtime.discrepancy.records import FEWEST, Campaign, Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Node, assemble
 from slowtime.dynamics.effects import Effect, Motion, Place, catalogue, force_along
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.proposers.test_lower_ranked import (
+from tests.slowtime.discrepancy.protocol import (
+    candidate,
+    fitted_candidate,
+    in_budget,
+    round_of,
+)
+from tests.slowtime.discrepancy.three_mass_chain import (
     GROUND,
     MIDDLE,
     RATE,
@@ -60,13 +64,9 @@ STRONG = {
 }
 
 
-def never():
-    return False
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("share", [0.56, -0.1])
-def test_a_law_is_begun_as_strong_as_is_said(name, share):
+def test_a_law_is_begun_with_a_share_of_the_force(name, share):
     rng = np.random.default_rng(3)
     times = np.arange(400) / RATE
     e = np.cumsum(rng.standard_normal(400)) * 1e-3
@@ -75,16 +75,16 @@ def test_a_law_is_begun_as_strong_as_is_said(name, share):
     kind = KINDS[name]
     assert has_strength(kind)
     assert kind.strength is not None
-    found = list(effects_of_strength(kind, MIDDLE, motion, force, THREE, (share, -share)))
-    assert 1 <= len(found) <= 2 * MAX_START_SHAPES
+    found = list(as_strong(kind, MIDDLE, motion, force, THREE, (share, -share)))
+    assert 1 <= len(found) <= 2 * SOME
     for effect in found:
         size = np.std(force_along(kind, effect.parameters, motion))
         assert size == pytest.approx(abs(share) * np.std(force))
         assert not kind.parameter(kind.strength).refuses(effect.parameters[kind.strength])
-    assert not list(effects_of_strength(kind, MIDDLE, motion, 0.0 * force, THREE, (share,)))
+    assert not list(as_strong(kind, MIDDLE, motion, 0.0 * force, THREE, (share,)))
 
 
-def test_what_has_a_phase_or_is_no_force_has_no_strength():
+def test_a_kind_with_a_phase_or_without_a_force_has_no_strength():
     kinds = catalogue()
     assert not any(
         has_strength(kinds[name]) for name in ("harmonic_force", "sensor_gain", "parametric")
@@ -120,7 +120,7 @@ def hard():
 )
 def test_a_strong_law_explains_how_records_begin_and_no_other_does(name, place):
     before, trials = lacking(name, place)
-    found = initial_segment_candidates(before, trials, KINDS, never)
+    found = initial_segment_candidates(before, trials, KINDS, in_budget)
     assert len(found) <= FOREMOST
     assert label_of(found[0].effect) == (name, place)
     assert found[0].cost < 1.2 * before.data
@@ -130,35 +130,25 @@ def test_a_strong_law_explains_how_records_begin_and_no_other_does(name, place):
 
 
 @pytest.mark.long
-def test_what_the_recovered_motion_misses_the_beginning_tells_soon(hard, monkeypatch):
+def test_a_law_that_the_recovered_motion_misses_is_told_by_how_records_begin(hard):
     _, trials = hard
-    fits = []
-
-    def counted(before, effect, *args, **more):
-        fits.append(label_of(effect))
-        return refitted(before, effect, *args, **more)
-
-    refitted = naming.fit_candidate
-    monkeypatch.setattr(naming, "fit_candidate", counted)
     (told,) = diagnose(Campaign(description=THREE, trials=trials), kinds=KINDS).effects
     assert label_of(told.effect) == ("cubic_hardening", TOP)
     assert told.effect.parameters["k3_n_per_m3"] == pytest.approx(3e6, rel=0.02)
-    # Of two dozen, that is; it takes half as many more without.
-    assert len(fits) < 32
 
 
 @pytest.mark.long
-def test_only_the_places_that_are_asked_for_are_tried(hard):
+def test_laws_are_tried_at_the_places_that_are_asked_for(hard):
     before, trials = hard
     found = initial_segment_candidates(
-        before, trials, KINDS, never, [MIDDLE, Place("node", "m1")]
+        before, trials, KINDS, in_budget, [MIDDLE, Place("node", "m1")]
     )
     assert found
     assert {one.effect.place for one in found} == {MIDDLE}
-    assert initial_segment_candidates(before, trials, KINDS, never, []) == []
+    assert initial_segment_candidates(before, trials, KINDS, in_budget, []) == []
 
 
-def test_once_it_is_late_what_was_fitted_is_all_there_is(hard):
+def test_out_of_budget_no_law_is_fitted_to_the_first_swings(hard):
     before, trials = hard
     assert initial_segment_candidates(before, trials, KINDS, lambda: True) == []
 
@@ -168,57 +158,52 @@ def test_records_begin_with_a_few_swings_of_the_slowest_mode(hard):
     system = assemble(THREE)
     lowest = math.sqrt(min(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
     lowest /= 2 * math.pi
-    for head, trial in zip(first_periods(before.plant, trials), trials, strict=True):
-        assert len(head.outputs) == int(FIRST_PERIODS / lowest * RATE)
+    for head, trial in zip(first_swings(before.plant, trials), trials, strict=True):
+        assert len(head.outputs) == int(SWINGS / lowest * RATE)
         assert np.array_equal(head.outputs, trial.outputs[: len(head.outputs)])
         assert head.start_s == trial.start_s
-    short = [trial.part(0, MIN_SAMPLES + 3) for trial in trials]
-    assert [len(head.outputs) for head in first_periods(before.plant, short)] == [
-        MIN_SAMPLES + 3
-    ] * 2
+    short = [trial.part(0, FEWEST + 3) for trial in trials]
+    assert [len(head.outputs) for head in first_swings(before.plant, short)] == [FEWEST + 3] * 2
 
 
-def test_what_floats_and_does_not_swing_is_taken_whole(hard):
+def test_records_of_what_floats_and_does_not_swing_are_taken_whole(hard):
     before, trials = hard
     free = dataclasses.replace(
         chain([2.0], [1.0]), elements=(), nodes=(Node(id="m3", mass_kg=2.0),),
         inputs=THREE.inputs, sensors=THREE.sensors,
     )  # fmt: skip
     alone = dataclasses.replace(before, plant=Plant.of(free))
-    assert [len(head.outputs) for head in first_periods(alone.plant, trials)] == [1600, 1600]
+    assert [len(head.outputs) for head in first_swings(alone.plant, trials)] == [1600, 1600]
 
 
-@pytest.mark.parametrize(("left", "asked"), [(0.9, None), (0.3, [TOP])])
-def test_where_a_law_explains_some_only_the_likely_places_are_tried(
-    hard, monkeypatch, left, asked
-):
+@pytest.mark.long
+@pytest.mark.parametrize(("left", "some"), [(0.9, False), (0.3, True)])
+def test_where_a_law_explains_some_only_the_likely_places_are_tried(hard, left, some):
     before, trials = hard
-    tried = []
+    few = {name: KINDS[name] for name in ("stiffness_loss", "cubic_hardening")}
+    label = candidate(Effect("stiffness_loss", MIDDLE, {"dk_n_per_m": 1.0}), 40.0, bare=1e9)
+    chi2 = max(left * before.chi2_in_band, 2 * LIMITS.far_off_chi2)
+    located = locate(before, trials)
+    own = next(group for group in located.groups if MIDDLE in group.places)
+    rest = [dataclasses.replace(one, left=99.0) for one in located.groups if one is not own]
+    groups = (dataclasses.replace(own, places=(MIDDLE,), left=1.0), *rest)
+    given = round_of(
+        before, trials, few, shortlist=[label],
+        localized=dataclasses.replace(located, groups=groups),
+        fitted=(fitted_candidate(label.effect, before, chi2_in_band=chi2),),
+    )  # fmt: skip
+    proposal = InitialSegments()(given)
+    laws = [one for one in proposal.shot if one.effect.place.kind == "element"]
+    assert laws
+    assert ({one.effect.place for one in laws} == {MIDDLE}) is some
+    # They come as early as the best along the force does.
+    assert all(one.cost <= 40.0 for one in laws)
 
-    def told(before, trials, kinds, late, among):
-        tried.append(among)
-        return [Candidate(Effect("coulomb", TOP, {"friction_n": 1.0}), 50.0, -25.0, 1e9)]
 
-    monkeypatch.setattr(downward, "initial_segment_candidates", told)
-    fit = dataclasses.replace(
-        before, chi2_in_band=max(left * before.chi2_in_band, 2 * LIMITS.far_off_chi2)
-    )
-    label = Candidate(Effect("stiffness_loss", TOP, {"dk_n_per_m": 1.0}), 40.0, -20.0, 1e9)
-    more = LowerRanked(before, before, [label], [label], trials, KINDS, near=[TOP], late=never)
-    best = FittedCandidate(label.effect, before.plant.description, fit, 0.0)
-    more([best])
-    given = more([best]) if not tried else more.opened
-    assert tried == [asked]
-    assert [one.effect.kind for one in given] == ["coulomb"]
-    assert given[0].cost == 40.0
-
-
-def test_of_several_rankings_the_foremost_are_taken_each_once():
+def test_of_several_rankings_the_foremost_are_taken_once_each():
     def ranked(*costs):
         return [
-            Candidate(
-                Effect("coulomb", Place("element", f"k{c}"), {"friction_n": 1.0}), c, -c, 9.0
-            )
+            candidate(Effect("coulomb", Place("element", f"k{c}"), {"friction_n": 1.0}), c)
             for c in costs
         ]
 
@@ -228,7 +213,7 @@ def test_of_several_rankings_the_foremost_are_taken_each_once():
     assert costs == [1.0, 2.0, 4.0]
 
 
-def test_a_record_begins_in_a_state_that_its_first_samples_say():
+def test_the_initial_state_of_a_record_is_that_of_its_first_samples():
     """That of a whole record makes up for what the model lacks in all of it."""
     begin = np.array([0.03, -0.02, 0.04, 0.2, 0.3, -0.4])
     rng = np.random.default_rng(3)
@@ -239,10 +224,10 @@ def test_a_record_begins_in_a_state_that_its_first_samples_say():
     trial = Trial(inputs=push, outputs=clean + noise, rate_hz=RATE)
     fit = refit(plant, [trial], horizons=(1.0,))
     astray = dataclasses.replace(fit, states=(fit.states[0] + 0.5,))
-    heads = first_periods(astray.plant, [trial])
-    found = refit_initial_states(astray, heads)
+    heads = first_swings(astray.plant, [trial])
+    found = begun(astray, heads)
     assert np.array_equal(found.values, astray.values)
-    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), MIN_SAMPLES))
+    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), FEWEST))
 
     def left(state):
         told = plant.simulate(found.values, head.inputs, RATE, state0=state)

@@ -1,113 +1,145 @@
-"""Which laws are tried two by two, and what two of them are not an answer to."""
+"""Two laws are fitted at once where each leaves much alone, and both leave nothing."""
 
 import dataclasses
 
 import pytest
-from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import simulated_chi2, with_effect
+from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
-    fit_candidates,
-    fitted_effect,
-)
+from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers import joint_pairs as together
-from slowtime.discrepancy.proposers.joint_pairs import NEAR, JointPairs, of_refitted
+from slowtime.discrepancy.proposers.joint_pairs import JointPairs, label_of_pair
+from slowtime.dynamics.builders import chain
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import CUBIC, DRAG, KINDS, SECOND, TWO, seen
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.protocol import candidate, fitted_candidate, round_of
+from tests.slowtime.discrepancy.two_mass_chain import (
+    CUBIC,
+    DRAG,
+    KINDS,
+    SECOND,
+    TWO,
+    records_of,
+)
 
 MORE = KINDS | {"gap_symmetric": catalogue()["gap_symmetric"]}
 PLAY = Effect("gap_symmetric", SECOND, {"kg_n_per_m": 500.0, "gap_m": 0.01})
-LABELS = [Candidate(effect, 1.0, 0.0, 1e9) for effect in (CUBIC, PLAY, DRAG)]
+LAWS = {effect.kind: candidate(effect, 1.0, bare=1e9) for effect in (CUBIC, PLAY, DRAG)}
+BOTH = (LAWS[CUBIC.kind], LAWS[DRAG.kind])
+JOINT = JointPairs((None,), (None,))
+
+
+def lacking_both(of=TWO, kinds=MORE):
+    """Give a round of a model that lacks two laws."""
+    trials = records_of((CUBIC, DRAG), of=of)
+    first = refit(Plant.of(TWO, kinds=kinds), trials)
+    before = refit_within_tolerances(first, trials)
+    located = locate(before, trials)
+    tried = library_candidates(before, located, kinds)
+    given = round_of(before, trials, kinds, tried=tried, localized=located)
+    hypothesis = dataclasses.replace(given.hypothesis, fits=(first,), localized=located)
+    return dataclasses.replace(given, hypothesis=hypothesis)
 
 
 @pytest.fixture(scope="module")
 def lacking():
-    """A model without two laws; and what each of three labels leaves of it."""
-    trials = seen((CUBIC, DRAG))
-    first = refit(Plant.of(TWO, kinds=MORE), trials)
-    before = refit_within_tolerances(first, trials)
-    named = fit_candidates(before, LABELS, trials, MORE, lambda *_: False)
-    found = Found([first], trials, located=locate(before, trials), named=tuple(named))
-    return before, trials, found
+    return lacking_both()
 
 
-def beginning(before, trials):
-    return JointPairs(before, trials, MORE, (None,), (None,), Monitor())
+def leaving(given, *effects, left):
+    """Give the round with effects that were fitted and leave a mean square in band."""
+    fitted = [
+        fitted_candidate(one, carry_effect(given.before, one, MORE), chi2_in_band=left)
+        for one in effects
+    ]
+    return dataclasses.replace(given, fitted=tuple(fitted))
 
 
-@pytest.mark.long
-def test_no_pair_is_tried_twice_whichever_comes_first(lacking):
-    before, trials, _ = lacking
-    one, other, third = LABELS
-    new = beginning(before, trials)._new
-    assert [*new([(one, other), (other, one), (one, third)])] == [(one, other), (one, third)]
-    assert [*new([(third, one), (other, third)])] == [(other, third)]
+def labels(pairs):
+    return [label_of_pair(pair) for pair in pairs]
 
 
-def test_of_laws_that_each_explain_something_none_are_pieces_of_one_curve(lacking):
-    _, _, found = lacking
-    much = dataclasses.replace(found.fits[0], chi2_in_band=1e9)
-    pairs = of_refitted(dataclasses.replace(found, fits=[much]), MORE)
-    told = [frozenset(one.effect.kind for one in pair) for pair in pairs]
+def test_no_pair_is_given_twice_whichever_of_it_comes_first(lacking):
+    bare = dataclasses.replace(lacking.hypothesis.last, chi2_in_band=1e3)
+    given = dataclasses.replace(
+        lacking, hypothesis=dataclasses.replace(lacking.hypothesis, fits=(bare,))
+    )
+    twice = leaving(given, CUBIC, DRAG, CUBIC, left=20.0)
+    first = labels(JOINT.of_round(twice, frozenset()))
+    assert first
+    assert len(set(first)) == len(first)
+    assert label_of_pair(BOTH) in first
+    assert label_of_pair(BOTH) == label_of_pair(BOTH[::-1])
+    assert not set(labels(JOINT.of_round(twice, frozenset(first)))) & set(first)
+
+
+def test_laws_that_each_explain_some_are_paired_unless_they_are_one_curve_in_pieces(lacking):
+    def paired(bare):
+        last = dataclasses.replace(lacking.hypothesis.last, chi2_in_band=bare)
+        given = dataclasses.replace(
+            lacking, tried=(), hypothesis=dataclasses.replace(lacking.hypothesis, fits=(last,))
+        )
+        pairs = JOINT.of_round(leaving(given, CUBIC, PLAY, DRAG, left=20.0), frozenset())
+        return {frozenset(one.effect.kind for one in pair) for pair in pairs}
+
+    told = paired(1e9)
     assert frozenset({"cubic_hardening", "gap_symmetric"}) not in told
     assert frozenset({"cubic_hardening", "quadratic_damping"}) in told
-    assert len(set(told)) == len(told)
     # What explains next to nothing by itself is no half of anything.
-    none = dataclasses.replace(found.fits[0], chi2_in_band=0.0)
-    assert not [*of_refitted(dataclasses.replace(found, fits=[none]), MORE)]
+    assert frozenset({"cubic_hardening", "quadratic_damping"}) not in paired(1.0)
 
 
-@pytest.mark.parametrize("moved", [{}, {("stiffness", "k1"): 5.0}], ids=["held", "bent"])
-def test_two_that_need_a_constant_that_is_off_are_no_answer(lacking, monkeypatch, moved):
-    before, trials, found = lacking
-    monkeypatch.setattr(together, "law_pairs", lambda *_: [(LABELS[0], LABELS[2])])
-    monkeypatch.setattr(together, "moved_of", lambda _: moved)
-    told = beginning(before, trials)(found)
-    if moved:
-        assert told is None
-        return
-    assert told is not None
-    assert {label_of(a.effect) for a in told.answers} == {label_of(CUBIC), label_of(DRAG)}
-    assert told.fits[-1].chi2_in_band < 1.2
+def test_where_one_law_leaves_only_noise_no_pairs_are_looked_for(lacking):
+    with metered() as meter:
+        assert JOINT.of_round(leaving(lacking, CUBIC, left=1.1), frozenset()) == []
+    assert meter.spent == 0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("best", "on"), [(1e4, True), (30.0, False)])
-def test_a_pair_that_is_near_is_fitted_on_from_where_it_was_given_up(monkeypatch, best, on):
-    """A moment before the instant of its switch: it is right from there on."""
+def test_a_pair_that_explains_all_is_a_step_of_two_effects(lacking):
+    step = JOINT(lacking, [BOTH], lacking.before.chi2_in_band)
+    assert step is not None
+    assert step.added == 2
+    found = step.hypothesis
+    assert {label_of(one.effect) for one in found.effects} == {label_of(CUBIC), label_of(DRAG)}
+    assert all(one.probability > 0.99 for one in found.effects)
+    assert found.last.chi2_in_band < 1.2
+    assert len(found.fits) == 3
+    assert found.first is lacking.hypothesis.first
+    assert lacking.hypothesis.effects == ()
+    # Out of budget no pair is fitted.
+    late = dataclasses.replace(lacking, monitor=Monitor(late=lambda: True))
+    with metered() as meter:
+        assert JOINT(late, [BOTH], lacking.before.chi2_in_band) is None
+    assert meter.spent == 0
+
+
+def test_a_pair_that_leaves_much_is_no_step(lacking):
+    there = candidate(dataclasses.replace(DRAG, place=SECOND), 1.0, bare=1e9)
+    assert JOINT(lacking, [(LAWS[DRAG.kind], there)], 1.0) is None
+    assert JOINT(lacking, [], 1.0) is None
+
+
+@pytest.mark.long
+def test_two_laws_that_need_a_constant_that_is_off_are_no_answer():
+    stiffer = chain([2.0, 1.5], [1150.0, 700.0], dampings_n_s_per_m=[1.6, 1.2])
+    given = lacking_both(dataclasses.replace(TWO, elements=stiffer.elements))
+    assert JOINT(given, [BOTH], given.before.chi2_in_band) is None
+
+
+@pytest.mark.long
+def test_a_law_that_switches_is_found_beside_another_from_an_instant_nearby():
     jump = Effect("stiffness_jump", SECOND, {"dk_n_per_m": 150.0, "t_jump_s": 4.1})
     kinds = KINDS | {"stiffness_jump": catalogue()["stiffness_jump"]}
-    trials = seen((CUBIC, jump))
+    trials = records_of((CUBIC, jump))
     before = refit(Plant.of(TWO, kinds=kinds), trials)
-
-    def given_up(before, effect, trials, kinds, noise, enough, **_):
-        described = with_effect(before.plant.description, effect)
-        right = refit(Plant.of(described, kinds=kinds), trials)
-        values = right.values.copy()
-        values[right.plant.parameters.index(("effect", 1, "t_jump_s"))] -= 0.1
-        left = simulated_chi2(right.plant, values, right.states, right.noise, trials)
-        fit = dataclasses.replace(right, values=values, cost=left, chi2_in_band=20.0)
-        return FittedCandidate(effect, described, fit, -left / 2)
-
-    monkeypatch.setattr(together, "fit_candidate", given_up)
-    one, other = (Candidate(effect, 1.0, 0.0, 1e9) for effect in (CUBIC, jump))
-    pairs = JointPairs(before, trials, kinds, (None,), (None,), Monitor())
-    told = pairs._refitted(one, other, [], NEAR * best)
-    assert told is not None
-    assert (told.fit.chi2_in_band < 1.2) == on
-    assert not on or fitted_effect(told).parameters["t_jump_s"] == pytest.approx(4.1, abs=0.02)
-
-
-def test_where_one_law_leaves_but_noise_none_are_tried_together(lacking, monkeypatch):
-    before, trials, found = lacking
-    best = found.named[0]
-    quiet = dataclasses.replace(best, fit=dataclasses.replace(best.fit, chi2_in_band=1.1))
-    monkeypatch.setattr(JointPairs, "_pairs", lambda *_: pytest.fail("pairs were asked for"))
-    assert beginning(before, trials)(dataclasses.replace(found, named=(quiet,))) is None
+    given = round_of(before, trials, kinds)
+    early = dataclasses.replace(jump, parameters={"dk_n_per_m": 150.0, "t_jump_s": 4.0})
+    pair = tuple(candidate(one, 1.0, bare=1e9) for one in (CUBIC, early))
+    step = JOINT(given, [pair], before.chi2_in_band)
+    assert step is not None
+    told = step.hypothesis.effects[-1].effect
+    assert told.parameters["t_jump_s"] == pytest.approx(4.1, abs=0.02)

@@ -1,4 +1,4 @@
-"""Springs that the model has not got, between nodes that nothing joins in it."""
+"""Springs that the model lacks, between nodes that nothing joins in it."""
 
 import dataclasses
 
@@ -6,18 +6,24 @@ import numpy as np
 import pytest
 from slowtime.discrepancy.state import Found
 
-from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.diagnose import _link, diagnose
+from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers.missing_link import best_link, link_instead_of
+from slowtime.discrepancy.proposers.missing_link import (
+    best_link,
+    link_instead_of,
+    with_missing_link,
+)
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import answer_of
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.protocol import named_effect
 
 KINDS = catalogue()
 STIFFNESS, RATE, SECONDS = 160.0, 64.0, 20.0
@@ -61,7 +67,7 @@ def ridden():
 
 
 @pytest.mark.long
-def test_of_all_springs_that_there_might_be_the_right_one_is_found(linked):
+def test_of_all_springs_between_unjoined_nodes_the_right_one_is_found(linked):
     between, trials = linked
     link = best_link(refit(Plant.of(RIG, kinds=KINDS), trials), None, trials, KINDS)
     assert link is not None
@@ -91,7 +97,7 @@ def oscillator_for(trials, node):
 
 
 @pytest.mark.long
-def test_a_spring_does_better_than_an_oscillator_in_its_place(linked):
+def test_a_spring_explains_more_than_an_oscillator_in_its_place(linked):
     between, trials = linked
     named, before = oscillator_for(trials, between[1])
     link = link_instead_of(named.fit, 0, before, trials, KINDS)
@@ -105,12 +111,12 @@ def test_a_spring_does_better_than_an_oscillator_in_its_place(linked):
 
 @pytest.mark.long
 @pytest.mark.parametrize("holds", [None, ("band_limited",)])
-def test_a_spring_is_tried_in_its_place_whatever_inputs_do_between_samples(linked, holds):
+def test_a_spring_is_tried_in_place_of_an_oscillator_under_any_hold(linked, holds):
     between, trials = linked
     named, before = oscillator_for(trials, between[1])
     answer = answer_of([named], [1.0], KINDS)
-    found = Found([before, named.fit], trials, answers=[answer], holds=holds)
-    _link(found, 0, KINDS, Monitor())
+    found = Hypothesis((before, named.fit), trials, effects=(answer,), holds=holds)
+    found = with_missing_link(found, 0, KINDS, Monitor())
     assert found.link is not None
     assert found.link.between == between
 
@@ -123,7 +129,7 @@ def test_no_spring_does_what_an_oscillator_does(ridden):
     assert named.fit.chi2_in_band < 1.2
 
 
-def test_what_sits_on_no_node_has_no_spring_in_its_place(ridden):
+def test_no_spring_is_tried_in_place_of_an_effect_on_an_element(ridden):
     effect = Effect("stiffness_loss", Place("element", RIG.elements[0].id), {"dk_n_per_m": 1.0})
     plant = Plant.of(dataclasses.replace(RIG, effects=(effect.entry(),)), kinds=KINDS)
     fit = refit(plant, ridden, horizons=(1.0,))
@@ -131,7 +137,7 @@ def test_what_sits_on_no_node_has_no_spring_in_its_place(ridden):
 
 
 @pytest.mark.slow
-def test_the_answer_says_between_which_nodes_it_is(linked):
+def test_the_diagnosis_says_between_which_nodes_a_spring_is_missing(linked):
     between, trials = linked
     campaign = Campaign(description=RIG, trials=trials[:2], holdout=trials[2:])
     found = diagnose(campaign)
@@ -148,7 +154,7 @@ def test_a_hidden_oscillator_keeps_its_name(ridden):
 
 
 @pytest.mark.long
-def test_a_law_that_leaves_a_little_that_is_no_noise_gives_way_to_a_spring(monkeypatch):
+def test_a_law_that_leaves_more_than_noise_gives_way_to_a_spring():
     """It explains most, and what is left is not white: a spring leaves nothing."""
     spring = Spring(id="tie", between=("m1", "m3"), stiffness_n_per_m=60.0)
     truth = dataclasses.replace(RIG, elements=(*RIG.elements, spring))
@@ -158,15 +164,18 @@ def test_a_law_that_leaves_a_little_that_is_no_noise_gives_way_to_a_spring(monke
     named = fit_candidate(before, heavier, trials, KINDS, None)
     assert named is not None
     assert 1.05 < named.fit.chi2_in_band < before.chi2_in_band
-    found = Found([before, named.fit], trials, answers=[answer_of([named], [1.0], KINDS)])
-    _link(found, 0, KINDS, Monitor())
-    assert found.link is not None
-    assert found.link.between == ("m1", "m3")
-    assert abs(found.link.stiffness - 60.0) < 4 * found.link.sd
+    answer = answer_of([named], [1.0], KINDS)
+    found = Hypothesis((before, named.fit), trials, effects=(answer,))
+    linked = with_missing_link(found, 0, KINDS, Monitor())
+    assert found.link is None
+    assert linked.link is not None
+    assert linked.link.between == ("m1", "m3")
+    assert abs(linked.link.stiffness - 60.0) < 4 * linked.link.sd
     # Where a law leaves noise alone, none is tried: no spring does what a law does.
     law = Effect("cubic_hardening", Place("element", RIG.elements[0].id), {"k3_n_per_m3": 1.0})
-    answer = dataclasses.replace(answer_of([named], [1.0], KINDS), effect=law)
-    found = Found([before, found.link.named.fit], trials, answers=[answer])
-    monkeypatch.setattr(diagnosing, "best_link", lambda *_: pytest.fail("it was tried"))
-    _link(found, 0, KINDS, Monitor())
-    assert found.link is None
+    white = Hypothesis(
+        (before, linked.link.named.fit), trials, effects=(named_effect(law, KINDS),)
+    )
+    with metered() as meter:
+        assert with_missing_link(white, 0, KINDS, Monitor()) is white
+    assert meter.spent == 0

@@ -1,4 +1,4 @@
-"""Pieces of the records tell a law that neither a force nor a long run tells."""
+"""Laws that neither a force nor a long run tells are told by segments of the records."""
 
 import dataclasses
 import itertools
@@ -9,14 +9,14 @@ import pytest
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    FitAbandoned,
-    cut_segments,
-    initial_states_of_records,
+    GivenUp,
+    begun_by,
+    loudest,
+    pieces,
     refit,
     shooting_fit,
-    strongest_segments,
 )
-from slowtime.discrepancy.calibration.augmentation import FitStart, augmented_start
+from slowtime.discrepancy.calibration.augmentation import begun_with
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
@@ -24,16 +24,9 @@ from slowtime.discrepancy.candidates.library_fit import (
     library_candidates,
 )
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.estimation import candidate_fit as naming
-from slowtime.discrepancy.estimation.candidate_fit import (
-    GRADUALLY,
-    SLOWLY,
-    SWIFTLY,
-    FittedCandidate,
-    fit_candidates,
-)
-from slowtime.discrepancy.localization import Localization, locate
-from slowtime.discrepancy.proposers import segments as module
+from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.proposers import Proposal
 from slowtime.discrepancy.proposers.segments import (
     ABOUT,
     AS_WELL,
@@ -48,21 +41,23 @@ from slowtime.discrepancy.proposers.segments import (
     QUIETER,
     REACH,
     TELLS,
-    SegmentCandidates,
+    Segments,
 )  # fmt: skip
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, Place, catalogue, force_along
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.proposers.test_lower_ranked import (
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.protocol import candidate, fitted_candidate, round_of
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+from tests.slowtime.discrepancy.three_mass_chain import (
     EVERY,
     GROUND,
     MIDDLE,
     TOP,
     recorded,
 )
-from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 NAMES = (
     "quadratic_stiffness", "cubic_hardening", "gap_symmetric", "gap_one_sided",
@@ -84,27 +79,21 @@ TONE = Effect(
 )  # fmt: skip
 
 
-def never():
-    return False
+class Remembered:
+    """Fits to segments as `shooting_fit` does, the same ones once."""
+
+    def __init__(self):
+        self.known: dict[object, tuple[Fit, list[np.ndarray]]] = {}
+
+    def __call__(self, plant, parts, noise, values, late, beat):
+        heard = tuple(part.outputs.tobytes() for part in parts)
+        key = (repr(plant.description), tuple(plant.kinds), hash(heard), values.tobytes(), beat)
+        if key not in self.known:
+            self.known[key] = shooting_fit(plant, parts, noise, values, late, beat)
+        return self.known[key]
 
 
-_FITTED: dict[object, object] = {}
-
-
-def fitted_once(plant, parts, noise, values, late, beat):
-    """As `shooting_fit`, for tests that ask the same of the same pieces."""
-    if late is not never:
-        return shooting_fit(plant, parts, noise, values, late, beat)
-    heard = tuple(part.outputs.tobytes() for part in parts)
-    key = (repr(plant.description), tuple(plant.kinds), hash(heard), values.tobytes(), beat)
-    if key not in _FITTED:
-        _FITTED[key] = shooting_fit(plant, parts, noise, values, late, beat)
-    return _FITTED[key]
-
-
-@pytest.fixture(autouse=True)
-def _fitted_once(monkeypatch):
-    monkeypatch.setattr(module, "shooting_fit", fitted_once)
+SHOOT = Remembered()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,19 +102,26 @@ class Lacking:
 
     before: Fit
     trials: tuple[Trial, ...]
-    located: Localization
+    located: Located
     tried: list[Candidate]
 
-    def told(self, tried=None, labels=None, late=never):
+    def round(self, tried=None, labels=None, kinds=KINDS, **more):
+        """Give the round in which laws are tried, those of the shortlist before others."""
+        some = self.tried if tried is None else tried
+        return round_of(
+            self.before, self.trials, kinds, tried=some,
+            shortlist=some[:3] if labels is None else labels, localized=self.located, **more,
+        )  # fmt: skip
+
+    def told(self, tried=None, labels=None, shoot=SHOOT, **more):
+        """Give what is proposed, with what it leaves of the segments."""
         some = self.tried if tried is None else tried
         first = some[:3] if labels is None else labels
         names = {one.effect.kind for one in (*some, *first)}
         kinds = KINDS if tried is None else {name: KINDS[name] for name in names}
-        pieced = SegmentCandidates(
-            self.before, some, first, self.located, self.trials, kinds, late
-        )
-        pieced([])
-        return pieced.told
+        # What they leave along the force is no bound here for what they leave of segments.
+        first = [dataclasses.replace(one, cost=math.inf) for one in first]
+        return Segments(shoot=shoot)(self.round(some, first, kinds, **more)).candidates
 
 
 def lacking(*effects, level=8.0):
@@ -147,34 +143,28 @@ def two():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("effect", "level"),
-    [
-        (SOFT, 4.0),
-        pytest.param(STOP, 8.0, marks=pytest.mark.long),
-        pytest.param(HARD, 2.0, marks=pytest.mark.long),
-        pytest.param(HARD, 8.0, marks=pytest.mark.long),
-        pytest.param(DAMPED, 8.0, marks=pytest.mark.long),
-    ],
+    ("effect", "level"), [(SOFT, 4.0), (STOP, 8.0), (HARD, 2.0), (HARD, 8.0), (DAMPED, 8.0)]
 )
-def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
+def test_segments_tell_a_strong_law_and_its_strength(effect, level):
     given = lacking(effect, level=level)
     best, *others = given.told()
     assert label_of(best.effect) == label_of(effect)
     assert best.cost < 1.2 * given.before.data
-    assert best.cost_without > LIMITS.far_off_chi2 * given.before.data
+    assert best.bare > LIMITS.far_off_chi2 * given.before.data
     assert len(others) < KEPT
     for name, value in effect.parameters.items():
         assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
     # From there the whole of the records is in the basin of the right minimum.
     claimed = dict(zip(given.before.plant.parameters, given.before.plant.values, strict=True))
+    assert best.start is not None
     for name, value in best.start.constants.items():
         assert value == pytest.approx(claimed[name], rel=0.1)
-    assert best.start.from_segments
+    assert best.start.nearby
     assert len(best.start.states) == len(given.trials)
 
 
 @pytest.mark.long
-def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
+def test_a_one_sided_law_is_tried_on_both_sides(stop):
     (right,) = [one for one in stop.tried if label_of(one.effect) == label_of(STOP)]
     for side in (1.0, -1.0):
         parameters = dict(right.effect.parameters) | {"side": side}
@@ -187,70 +177,73 @@ def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "instant", [2.0, *(pytest.param(at, marks=pytest.mark.long) for at in (6.1, 9.3))]
+    ("instant", "guessed"),
+    [(2.0, 11.8), (6.1, 11.8), (9.3, 11.8), (5.0, 5.0)],
 )
-def test_a_switch_is_looked_for_all_over_the_pieces(instant):
+def test_a_switch_is_looked_for_all_over_the_segments_and_where_a_force_told_it(
+    instant, guessed
+):
+    """At 5 s it is found from none of the instants that are tried anyway."""
     jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": instant})
-    guess = dataclasses.replace(jump, parameters={"dk_n_per_m": 200.0, "t_jump_s": 11.8})
-    (told,) = lacking(jump).told([Candidate(guess, 1.0, -1.0, 9.0)])
+    strength = 500.0 if guessed == instant else 200.0
+    guess = dataclasses.replace(jump, parameters={"dk_n_per_m": strength, "t_jump_s": guessed})
+    (told,) = lacking(jump).told([candidate(guess, 1.0, bare=9.0)])
     assert told.effect.parameters["t_jump_s"] == pytest.approx(instant, abs=0.005)
     assert told.effect.parameters["dk_n_per_m"] == pytest.approx(500.0, rel=5e-3)
 
 
 @pytest.mark.long
-def test_a_switch_is_begun_where_a_force_told_it_too():
-    """Between the instants that are tried anyway, from none of which it is found."""
-    jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": 5.0})
-    (told,) = lacking(jump).told([Candidate(jump, 1.0, -1.0, 9.0)])
-    assert told.effect.parameters["t_jump_s"] == pytest.approx(5.0, abs=0.005)
-
-
-@pytest.mark.long
-def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
+def test_where_the_right_law_is_not_tried_nothing_is_proposed(stop):
     others = [
         one for one in stop.tried if one.effect.kind in ("viscous_damping", "stiffness_loss")
     ]
     assert others
-    assert stop.told(others) == []
-    assert stop.told([], []) == []
+    assert stop.told(others) == ()
+    assert stop.told([], []) == ()
 
 
 @pytest.mark.long
-def test_what_swings_by_itself_is_not_tried():
+def test_a_hidden_oscillator_is_not_tried_on_segments():
     given = lacking(TONE, level=1.0)
     kinds = {one.effect.kind for one in given.tried}
     assert "extra_dof" in kinds
     riding = [one for one in given.tried if one.effect.kind == "extra_dof"]
-    assert given.told(riding, riding) == []
+    assert given.told(riding, riding) == ()
     assert {one.effect.kind for one in given.told()} == {"harmonic_force"}
 
 
 @pytest.mark.long
-def test_the_stronger_of_two_is_told_alone(two):
+def test_the_stronger_of_two_is_proposed_alone(two):
     best = two.told()[0]
     assert label_of(best.effect) == label_of(STOP)
-    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.cost_without
+    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.bare
+    # Of segments it leaves more than noise: it is not all that is missing.
+    proposal = Segments(shoot=SHOOT)(two.round())
+    assert proposal.candidates
+    assert proposal.shot == ()
 
 
 @pytest.mark.long
-def test_nothing_is_told_once_it_is_late(stop):
+def test_out_of_budget_nothing_is_proposed(stop):
     counts = itertools.count()
-    assert stop.told(late=lambda: True) == []
-    assert stop.told(late=lambda: next(counts) > 40) == []
+    late = Monitor(late=lambda: next(counts) > 40)
+    assert stop.told(shoot=shooting_fit, monitor=late) == ()
     assert next(counts) > 40
+    with metered() as meter:
+        assert stop.told(shoot=shooting_fit, monitor=Monitor(late=lambda: True)) == ()
+    assert meter.spent == 0
 
 
 @pytest.mark.long
-def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
+def test_few_laws_are_fitted_to_few_segments_and_fewer_to_more(stop):
     fits = []
 
     def counted(plant, parts, *args):
         own = tuple(label_of(effect) for effect in plant.effects)
         fits.append((own, len(parts[0].outputs)))
-        return fitted_once(plant, parts, *args)
+        return SHOOT(plant, parts, *args)
 
-    monkeypatch.setattr(module, "shooting_fit", counted)
-    stop.told()
+    stop.told(shoot=counted)
     short, long = sorted({length for _, length in fits})
     first = {label for label, length in fits if length == short}
     then = {label for label, length in fits if length == long}
@@ -260,53 +253,51 @@ def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
     assert {()} < then
 
 
-def asked(given, labels):
-    """Laws that are told by pieces; beside those that are refitted anyway."""
-    return SegmentCandidates(
-        given.before, given.tried, labels, given.located, given.trials, KINDS, never
-    )
+@pytest.mark.long
+def test_segments_are_asked_first_where_no_force_explains_what_is_missing(stop):
+    data, first = stop.before.data, Segments(only=True, shoot=SHOOT)
 
+    def shortlisted(share):
+        return stop.round(
+            labels=[dataclasses.replace(stop.tried[0], cost=share * LIMITS.far_off_chi2 * data)]
+        )
 
-def left(fit, chi2):
-    fit = dataclasses.replace(fit, chi2_in_band=chi2)
-    return [FittedCandidate(STOP, fit.plant.description, fit, 0.0)]
+    assert first(stop.round(labels=[])).candidates == ()
+    assert first(shortlisted(0.9)).candidates == ()
+    far = shortlisted(1.1)
+    proposal = first(far)
+    (told,) = proposal.candidates
+    assert proposal.only
+    assert proposal.begins == label_of(told.effect) == label_of(STOP)
+    # Once asked, they are not asked again, nor where other candidates stand in place already.
+    with metered() as meter:
+        again = dataclasses.replace(far, proposals=(proposal,))
+        assert Segments(shoot=shooting_fit)(again).candidates == ()
+        clocks = Proposal("sensor clocks", (told,), only=True)
+        instead = dataclasses.replace(far, proposals=(clocks,))
+        assert Segments(only=True, shoot=shooting_fit)(instead).candidates == ()
+        assert first(dataclasses.replace(far, number=1)).candidates == ()
+    assert meter.spent == 0
 
 
 @pytest.mark.long
-def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
-    data = stop.before.data
-    near = [dataclasses.replace(stop.tried[0], cost=0.9 * LIMITS.far_off_chi2 * data)]
-    far = [dataclasses.replace(stop.tried[0], cost=1.1 * LIMITS.far_off_chi2 * data)]
-    assert asked(stop, []).at_once() == []
-    assert asked(stop, near).at_once() == []
-    pieced = asked(stop, far)
-    assert not pieced.told
-    (told,) = pieced.at_once()
-    assert pieced.begins == label_of(told.effect) == label_of(STOP)
-    assert pieced.at_once() == pieced([]) == []
-    assert asked(stop, []).begins is None
+def test_segments_are_asked_later_where_what_was_fitted_explains_little(stop):
+    near = dataclasses.replace(stop.tried[0], cost=0.01 * stop.before.data)
 
+    def after(share):
+        law = fitted_candidate(STOP, stop.before, chi2_in_band=share * LIMITS.far_off_chi2)
+        return stop.round(labels=[near], fitted=(law,))
 
-@pytest.mark.long
-def test_or_where_what_was_refitted_explains_little(stop):
-    near = [dataclasses.replace(stop.tried[0], cost=0.01 * stop.before.data)]
-    pieced = asked(stop, near)
-    assert pieced(left(stop.before, 0.9 * LIMITS.far_off_chi2)) == []
-    (told,) = pieced(left(stop.before, 1.1 * LIMITS.far_off_chi2))
+    assert Segments(shoot=SHOOT)(after(0.9)).candidates == ()
+    proposal = Segments(shoot=SHOOT)(after(1.1))
+    (told,) = proposal.candidates
     # It comes as early as the best along the force does.
-    assert told.cost == near[0].cost < pieced.told[0].cost
-    assert pieced.whole == pieced.told
+    assert told.cost == near.cost < proposal.shot[0].cost
+    assert [label_of(one.effect) for one in proposal.shot] == [label_of(STOP)]
 
 
 @pytest.mark.long
-def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is(two):
-    pieced = asked(two, two.tried[:3])
-    assert pieced([])
-    assert pieced.whole == []
-
-
-@pytest.mark.long
-def test_a_diagnosis_begins_with_what_the_pieces_tell():
+def test_a_diagnosis_begins_with_what_the_segments_tell():
     trials = recorded(EVERY, (STOP,), level=8.0, seconds=20.0)
     (told,) = diagnose(Campaign(description=EVERY, trials=trials), kinds=KINDS).effects
     assert label_of(told.effect) == label_of(STOP)
@@ -337,31 +328,31 @@ def overturned():
 
 
 @pytest.mark.long
-def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
+def test_a_quieter_part_tells_the_law_of_a_motion_that_turns_over(overturned):
     before, trials = overturned
     located = locate(before, trials)
     tried = library_candidates(before, located, TURNED)
-    pieced = SegmentCandidates(before, tried, tried[:2], located, trials, TURNED, never)
-    pieced([])
-    assert pieced.begins == ("pendulum_sine", PLACE)
-    assert pieced.told[0].effect.parameters["k"] == pytest.approx(800.0, rel=2e-3)
-    assert pieced.whole == pieced.told
+    given = round_of(
+        before, trials, TURNED, tried=tried, shortlist=tried[:2], localized=located
+    )
+    proposal = Segments()(given)
+    assert proposal.begins == ("pendulum_sine", PLACE)
+    assert proposal.shot[0].effect.parameters["k"] == pytest.approx(800.0, rel=2e-3)
+    assert len(proposal.shot) == len(proposal.candidates)
 
 
 @pytest.mark.parametrize("share", [*QUIETER, 1.0])
 def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     before, trials = overturned
-    plant, _, _ = augmented_start(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
+    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
     nominal = np.array([entry.value for entry in plant.entries.values()])
-    found, _ = shooting_fit(
-        plant, strongest_segments(plant, trials, FEW, share), before.noise, nominal
-    )
+    found, _ = shooting_fit(plant, loudest(plant, trials, FEW, share), before.noise, nominal)
     quiet = share < 1.0
     assert (found.chi2_in_band < 1.2) == quiet
     assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
 
 
-def test_the_likeliest_are_tried_first_then_what_explains_nothing_then_the_others(
+def test_the_likeliest_are_tried_first_then_laws_that_explain_nothing_then_the_others(
     stop, scripted
 ):
     names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening",
@@ -374,7 +365,7 @@ def test_the_likeliest_are_tried_first_then_what_explains_nothing_then_the_other
         stop, located=dataclasses.replace(stop.located, groups=groups)
     )
     script = scripted()
-    several.told(laws(stop, *names), laws(stop, "quadratic_stiffness", place=TOP))
+    several.told(laws(stop, *names), laws(stop, "quadratic_stiffness", place=TOP), script)
     first = [kind for kind, few, _ in script.asked if kind][: 1 + AT_ONE]
     assert first == ["quadratic_stiffness", *names[:AT_ONE]]
     assert script.asked[-1][0] == names[AT_ONE]
@@ -398,7 +389,7 @@ def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_to
         ),
     )
     script = scripted()
-    alone.told(tried, laws(stop, "cubic_hardening", place=TOP))
+    alone.told(tried, laws(stop, "cubic_hardening", place=TOP), script)
     # One that was tried there, if late, begins where it explained most.
     assert script.begun["quadratic_stiffness", GROUND] == {"k2_n_per_m2": 1.0}
     latents = [stop.located.latent(GROUND, i) for i in range(len(stop.trials))]
@@ -409,15 +400,17 @@ def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_to
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
-def test_what_cannot_be_on_a_structure_is_not_tried_there(overturned, scripted, unit):
+def test_a_law_that_does_not_apply_to_a_structure_is_not_tried(overturned, unit):
     """A pendulum turns by angles."""
     before, trials = overturned
     located = locate(before, trials)
     described = located.linear.description if unit == "rad" else ONE
     linear = dataclasses.replace(located.linear, description=described)
     located = dataclasses.replace(located, linear=linear)
-    script = scripted()
-    SegmentCandidates(before, [], [], located, trials, TURNED, never)([])
+    few = {name: TURNED[name] for name in ("pendulum_sine", "viscous_damping")}
+    script = Scripted(Lacking(before, trials, located, []), {"": (100.0, 100.0)})
+    given = round_of(before, trials, few, localized=located)
+    Segments(shoot=script)(given)
     assert (("pendulum_sine", PLACE) in script.begun) == (unit == "rad")
 
 
@@ -425,12 +418,10 @@ def test_what_cannot_be_on_a_structure_is_not_tried_there(overturned, scripted, 
 def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
     """Along a motion that was not the one, it explained nothing."""
     tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]
-    pieced = SegmentCandidates(
-        stop.before, tried, tried[:3], stop.located, stop.trials, KINDS, never
-    )
-    pieced([])
-    assert pieced.begins == label_of(STOP)
-    assert pieced.told[0].effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.03)
+    proposal = Segments(shoot=SHOOT)(stop.round(tried, tried[:3]))
+    assert proposal.begins == label_of(STOP)
+    told = proposal.candidates[0].effect.parameters["kg_n_per_m"]
+    assert told == pytest.approx(4000.0, rel=0.03)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
@@ -439,10 +430,7 @@ def test_a_quieter_part_has_so_much_of_the_power_of_the_loudest(share):
     rng = np.random.default_rng(1)
     outputs = rng.standard_normal((8000, 3)) * np.linspace(0.1, 3.0, 8000)[:, None]
     trial = Trial(inputs=np.zeros((8000, 1)), outputs=outputs, rate_hz=80.0)
-    (part,), (loud,) = (
-        strongest_segments(plant, (trial,), 4, share),
-        strongest_segments(plant, (trial,), 4),
-    )
+    (part,), (loud,) = loudest(plant, (trial,), 4, share), loudest(plant, (trial,), 4)
     assert len(part.outputs) == len(loud.outputs)
     power = np.sum(part.outputs**2) / np.sum(loud.outputs**2)
     assert power == pytest.approx(share, rel=0.02)
@@ -454,49 +442,30 @@ def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
     outputs = rng.standard_normal((4000, 3))
     outputs[2500:2900] *= 10.0
     trial = Trial(inputs=np.zeros((4000, 1)), outputs=outputs, rate_hz=80.0, start_s=7.0)
-    (part,) = strongest_segments(plant, (trial,), 2)
+    (part,) = loudest(plant, (trial,), 2)
     assert 2500 <= round((part.start_s - 7.0) * 80.0) < 2900
-    assert len(cut_segments(plant, (part,))[0]) == 2
-    (whole,) = strongest_segments(plant, (trial,), 10**4)
+    assert len(pieces(plant, (part,))[0]) == 2
+    (whole,) = loudest(plant, (trial,), 10**4)
     np.testing.assert_array_equal(whole.outputs, outputs)
 
 
-def test_records_begin_as_their_first_periods_tell(stop):
+def test_initial_states_are_those_of_the_first_periods(stop):
     plant = Plant.of(dataclasses.replace(EVERY, effects=(STOP.entry(),)), kinds=KINDS)
     moved = np.array([0.01, 0.005, -0.01, 0.1, -0.2, 0.3])
     trials = []
     for trial in stop.trials:
         seen = plant.simulate(plant.values, trial.inputs, trial.rate_hz, state0=moved)
         trials.append(dataclasses.replace(trial, outputs=seen, use=None))
-    for state in initial_states_of_records(plant, trials, stop.before.noise, plant.values):
+    for state in begun_by(plant, trials, stop.before.noise, plant.values):
         np.testing.assert_allclose(state, moved, atol=1e-3)
 
 
-def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
+def test_a_fit_to_segments_that_will_not_come_near_is_not_finished(stop):
     plant = stop.before.plant
-    parts = strongest_segments(plant, stop.trials, 4)
+    parts = loudest(plant, stop.trials, 4)
     full, _ = shooting_fit(plant, parts, stop.before.noise, plant.values)
     cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
     assert cut.cost > full.cost
-
-
-RUBBED = Effect("coulomb", GROUND, {"friction_n": 1.0})
-
-
-@pytest.mark.parametrize(("effect", "slowly"), [(STOP, GRADUALLY), (RUBBED, SLOWLY)])
-def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(
-    stop, monkeypatch, effect, slowly
-):
-    shares = []
-
-    def refitted(*_, horizons, **more):
-        shares.append(horizons)
-
-    monkeypatch.setattr(naming, "fit_candidate", refitted)
-    for nearby in (True, False):
-        label = Candidate(effect, 1.0, -1.0, 9.0, FitStart({}, [{}, {}], from_segments=nearby))
-        fit_candidates(stop.before, [label], stop.trials, catalogue(), lambda *_: False)
-    assert shares == [slowly, SWIFTLY]
 
 
 @dataclasses.dataclass
@@ -510,9 +479,7 @@ class Scripted:
 
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
-        few = len(parts[0].outputs) == len(
-            strongest_segments(plant, self.given.trials, FEW)[0].outputs
-        )
+        few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
         self.asked.append((kind, few, beat))
         for effect in plant.effects:
             self.begun.setdefault(label_of(effect), dict(effect.parameters))
@@ -538,45 +505,41 @@ def laws(given, *names, place=GROUND):
         "quadratic_damping": {"c2_n_s2_per_m2": 1.0},
         "quadratic_stiffness": {"k2_n_per_m2": 1.0},
     }
-    return [Candidate(Effect(name, place, values[name]), 1e9, 0.0, 1e9) for name in names]
+    return [candidate(Effect(name, place, values[name]), 1e9, bare=1e9) for name in names]
 
 
 @pytest.fixture
-def scripted(stop, monkeypatch):
+def scripted(stop):
     def made(**leaves):
         leaves = {"": (100.0, 100.0)} | leaves
-        script = Scripted(stop, {k.replace("bare", ""): v for k, v in leaves.items()})
-        monkeypatch.setattr(module, "shooting_fit", script)
-        monkeypatch.setattr(module, "initial_states_of_records", lambda *_: [])
-        monkeypatch.setattr(module, "refine_switching_instant", lambda fit, *_, late: fit)
-        return script
+        return Scripted(stop, {k.replace("bare", ""): v for k, v in leaves.items()})
 
     return made
 
 
 @pytest.mark.parametrize(
     ("few", "more", "told"),
-    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (FitAbandoned(), 1.0, False)],
+    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (GivenUp(), 1.0, False)],
     ids=["there", "no hint", "tells nothing", "late"],
 )
-def test_a_law_is_there_that_explains_most_of_few_pieces_and_more_of_more(
+def test_a_law_is_proposed_that_explains_most_of_few_segments_and_more_of_more(
     stop, scripted, few, more, told
 ):
-    scripted(cubic_hardening=(few, more))
-    given = stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [])
+    script = scripted(cubic_hardening=(few, more))
+    given = stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [], script)
     assert [one.effect.kind for one in given] == ["cubic_hardening"] * told
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError(), FloatingPointError()])
-def test_a_law_that_runs_away_from_pieces_does_not_stop_the_others(stop, scripted, error):
+def test_a_law_whose_fit_breaks_down_does_not_stop_the_others(stop, scripted, error):
     two = laws(stop, "viscous_damping", "cubic_hardening")
-    scripted(viscous_damping=(error, error), cubic_hardening=(10.0, 10.0))
-    assert [one.effect.kind for one in stop.told(two, [])] == ["cubic_hardening"]
-    scripted(cost_without=(error, error), cubic_hardening=(10.0, 10.0))
-    assert stop.told(two, []) == []
+    script = scripted(viscous_damping=(error, error), cubic_hardening=(10.0, 10.0))
+    assert [one.effect.kind for one in stop.told(two, [], script)] == ["cubic_hardening"]
+    script = scripted(bare=(error, error), cubic_hardening=(10.0, 10.0))
+    assert stop.told(two, [], script) == ()
 
 
-def test_a_side_on_which_a_law_runs_away_does_not_hide_the_other(stop, scripted, monkeypatch):
+def test_a_side_on_which_a_law_diverges_does_not_hide_the_other(stop, scripted):
     script = scripted(gap_one_sided=(10.0, 10.0))
 
     def shot_(plant, *args):
@@ -584,26 +547,21 @@ def test_a_side_on_which_a_law_runs_away_does_not_hide_the_other(stop, scripted,
         sides = [one.parameters.get("side") for one in plant.effects]
         return dataclasses.replace(fit, cost=math.nan if 1.0 in sides else fit.cost), states
 
-    monkeypatch.setattr(module, "shooting_fit", shot_)
-    (told,) = stop.told([Candidate(STOP, 1.0, -1.0, 9.0)], [])
+    (told,) = stop.told([candidate(STOP, 1.0, bare=9.0)], [], shot_)
     assert told.effect.parameters["side"] == -1.0
 
 
-def test_what_one_law_leaves_is_to_be_come_near_by_the_next(stop, scripted, monkeypatch):
-    """And by the same on its other side; where its switch was moved, what that leaves."""
-    bare, first, better = 100.0, 20.0, 12.0
+def test_each_law_has_to_come_near_what_those_before_it_leave(stop, scripted):
+    """And near what the same leaves on its other side."""
+    bare, first = 100.0, 20.0
     script = scripted(gap_one_sided=(first, first), viscous_damping=(15.0, 15.0))
-    monkeypatch.setattr(
-        module,
-        "refine_switching_instant",
-        lambda fit, *_, late: dataclasses.replace(fit, cost=better),
-    )
-    stop.told([Candidate(STOP, 1.0, -1.0, 9.0), *laws(stop, "viscous_damping")], [])
+    some = [candidate(STOP, 1.0, bare=9.0), *laws(stop, "viscous_damping")]
+    stop.told(some, [], script)
     beats = [beat for kind, few, beat in script.asked if kind and few]
-    assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * better]
+    assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * first]
 
 
-def test_those_that_come_near_the_best_are_fitted_to_more_pieces_and_the_best_are_given(
+def test_laws_that_come_near_the_best_are_fitted_to_more_segments_and_the_best_proposed(
     stop, scripted
 ):
     names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening")
@@ -612,15 +570,15 @@ def test_those_that_come_near_the_best_are_fitted_to_more_pieces_and_the_best_ar
         quadratic_damping=(21.0, 1.0),
         **{name: (few, 30.0 - few) for name, few in zip(names, left, strict=True)},
     )
-    given = stop.told([], laws(stop, "quadratic_damping", *names))
+    given = stop.told([], laws(stop, "quadratic_damping", *names), script)
     assert script.kinds(few=False) == set(names[:AS_WELL])
     assert [one.effect.kind for one in given] == ["stiffness_loss", "viscous_damping"]
-    assert [one.cost / one.cost_without for one in given] == pytest.approx([0.16, 0.18])
+    assert [one.cost / one.bare for one in given] == pytest.approx([0.16, 0.18])
 
 
 def test_once_a_law_comes_near_others_have_to_come_about_as_near(stop, scripted):
     script = scripted(viscous_damping=(20.0, 20.0), cubic_hardening=(50.0, 50.0))
-    stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [])
+    stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [], script)
     beats = {kind: beat for kind, few, beat in script.asked if few}
     assert beats[""] is None
     assert beats["viscous_damping"] == pytest.approx(BESIDE * HINTS * 100.0)
@@ -642,13 +600,13 @@ def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_plac
              "quadratic_damping")  # fmt: skip
     script = scripted()
     top = laws(stop, "quadratic_stiffness", place=TOP)
-    near.told([*laws(stop, *names), *top], [])
+    near.told([*laws(stop, *names), *top], [], script)
     # What explains nothing at a place is tried there, too.
     every = {*names, "quadratic_stiffness"}
     assert {kind for kind, place in script.begun if place == GROUND} == every
     assert {kind for kind, place in script.begun if place == TOP} == (every if tried else set())
     script = scripted()
-    near.told([], top)
+    near.told([], top, script)
     assert label_of(top[0].effect) in script.begun
 
 
@@ -666,17 +624,27 @@ LAST = [(MORE, 1.0)]
     ids=["quiet", "less quiet", "loudest"],
 )
 @pytest.mark.parametrize("there", [True, False])
-def test_the_quietest_part_is_asked_of_which_much_is_left(
-    stop, monkeypatch, plain, cuts, there
-):
+def test_the_quietest_part_is_fitted_of_which_the_model_leaves_much(stop, plain, cuts, there):
+    plant = stop.before.plant
+    # Records that grow louder, so that each part is another one.
+    ramp = np.linspace(0.1, 3.0, len(stop.trials[0].outputs))[:, None]
+    louder = tuple(
+        dataclasses.replace(trial, outputs=ramp * trial.outputs, use=None)
+        for trial in stop.trials
+    )
+    stop = dataclasses.replace(stop, trials=louder)
+    known = {
+        tuple(part.start_s for part in loudest(plant, louder, *cut)): cut
+        for cut in ((FEW, QUIET), (FEW, LESS), (FEW, LOUDEST), *LAST)
+    }
+    assert len(known) == 4
     asked = []
 
-    def cut(plant, trials, count, share=1.0):
-        asked.append((count, share))
-        return strongest_segments(plant, trials, count, share)
-
     def fitted(plant, parts, noise, values, late, beat):
-        left = 1.1 * PLAIN if asked[-1][1] in plain else 0.9 * PLAIN
+        cut = known[tuple(part.start_s for part in parts)]
+        if not plant.effects:
+            asked.append(cut)
+        left = 1.1 * PLAIN if cut[1] in plain else 0.9 * PLAIN
         if plant.effects and there:
             left = 1.0
         fit = dataclasses.replace(
@@ -684,9 +652,6 @@ def test_the_quietest_part_is_asked_of_which_much_is_left(
         )
         return fit, []
 
-    monkeypatch.setattr(module, "strongest_segments", cut)
-    monkeypatch.setattr(module, "shooting_fit", fitted)
-    monkeypatch.setattr(module, "initial_states_of_records", lambda *_: [])
-    told = stop.told(laws(stop, "cubic_hardening"), [])
+    told = stop.told(laws(stop, "cubic_hardening"), [], fitted)
     assert bool(told) == there
     assert asked == [*cuts, *LAST] if there else asked == cuts

@@ -1,4 +1,4 @@
-"""What an accelerometer is steadily off by is its own, however much else is missing."""
+"""A steady error of an accelerometer is its own, however much else is missing."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from slowtime.discrepancy.proposers.sensor_bias import (
     sensor_bias_candidate,
 )
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.search import SearchSettings, search
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import two_masses
@@ -61,12 +61,12 @@ def wandering(t):
 
 
 @pytest.mark.parametrize("course", [constant, rising, wandering])
-def test_a_sensor_that_stands_off_is_told_beside_a_law_that_explains_far_more(course):
+def test_a_biased_accelerometer_is_seen_beside_a_law_that_explains_far_more(course):
     trials = recorded(course)
     assert biased_accelerometer(fitted(trials), trials) == OFF
 
 
-def test_no_sensor_stands_off_where_only_a_law_is_missing():
+def test_no_accelerometer_is_biased_where_only_a_law_is_missing():
     trials = recorded(lambda t: 0.0 * t)
     assert biased_accelerometer(fitted(trials), trials) is None
 
@@ -76,7 +76,7 @@ def test_no_sensor_stands_off_where_only_a_law_is_missing():
     ("course", "told"),
     [(constant, "sensor_bias"), (rising, "sensor_drift"), (wandering, None)],
 )
-def test_it_is_put_right_where_a_law_of_it_explains_that(course, told):
+def test_an_accelerometer_is_corrected_where_a_law_of_its_error_explains_it(course, told):
     trials = recorded(course)
     fit = fitted(trials)
     found = sensor_bias_candidate(fit, OFF, locate(fit, trials), trials, KINDS)
@@ -85,7 +85,7 @@ def test_it_is_put_right_where_a_law_of_it_explains_that(course, told):
         assert biased_accelerometer(found.fit, trials) is None
 
 
-def test_what_tells_no_acceleration_and_what_floats_may_stand_anywhere():
+def test_sensors_of_displacement_and_structures_that_float_are_not_judged_by_their_mean():
     told = dataclasses.replace(
         RIG,
         sensors=tuple(
@@ -103,8 +103,8 @@ def test_what_tells_no_acceleration_and_what_floats_may_stand_anywhere():
 @pytest.mark.parametrize("course", [constant, wandering])
 def test_the_law_beside_it_is_found_with_its_numbers(course):
     trials = recorded(course)
-    found = search(fitted(trials), trials, Search(KINDS, Monitor()))
-    told = {answer.effect.kind: answer for answer in found.answers}
+    found = search(fitted(trials), trials, SearchSettings(KINDS, Monitor()))
+    told = {answer.effect.kind: answer for answer in found.effects}
     assert set(told) == {
         "cubic_hardening", "sensor_bias" if course is constant else "sensor_drift"
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Sensors that are off, slowly, on no course; and those that are off by a constant."""
+"""Sensors whose slow error follows no law drift; a constant error is none."""
 
 import dataclasses
 
@@ -56,7 +56,7 @@ def located(course):
 
 @pytest.mark.long
 @pytest.mark.parametrize("course", [walk, within_each_record, over_the_campaign])
-def test_what_is_off_slowly_is_a_drift(course):
+def test_a_slow_error_of_a_sensor_is_a_drift(course):
     fit, where = located(course)
     answer = sensor_drift(fit, where, KINDS)
     assert answer is not None
@@ -64,12 +64,12 @@ def test_what_is_off_slowly_is_a_drift(course):
     assert answer.numbers["drift_total"].unit == "m/s^2"
 
 
-def test_what_is_off_by_the_same_at_all_times_is_none():
+def test_a_constant_error_of_a_sensor_is_no_drift():
     fit, where = located(constant)
     assert sensor_drift(fit, where, KINDS) is None
 
 
-def test_a_sensor_that_was_not_heard_gets_its_noise_back_and_no_other_does():
+def test_a_sensor_that_was_left_out_gets_its_noise_back_and_no_other_does():
     rng, plant = np.random.default_rng(5), Plant.of(RIG, kinds=KINDS)
     push = rng.standard_normal((SAMPLES, 1))
     seen = plant.simulate(plant.values, push, RATE)
@@ -87,7 +87,7 @@ def test_a_sensor_that_was_not_heard_gets_its_noise_back_and_no_other_does():
 
 
 @pytest.mark.parametrize("starts_s", [(0.0, 30.0, 90.0), (0.0, 90.0, 0.0)])
-def test_a_steady_drift_is_told_over_the_campaign(starts_s):
+def test_a_steady_drift_is_quoted_over_the_campaign(starts_s):
     """Also where a record does not say when it began: it rises as fast there."""
     rng, plant = np.random.default_rng(4), Plant.of(RIG, kinds=KINDS)
     trials = []
@@ -104,14 +104,14 @@ def test_a_steady_drift_is_told_over_the_campaign(starts_s):
     assert total.sd < 0.3 * total.value
 
 
-def test_of_a_walk_it_is_told_what_it_comes_to_in_a_record():
+def test_a_random_drift_is_quoted_over_a_record():
     fit, where = located(walk)
     numbers = drifting(fit, where.trials, Place("sensor", "a2"), KINDS).numbers
     assert set(numbers) == {"drift_total"}
     assert numbers["drift_total"].sd > 0.1 * abs(numbers["drift_total"].value)
 
 
-def test_one_record_tells_nothing_of_the_campaign():
+def test_the_drift_of_one_record_is_quoted_over_that_record():
     fit, where = located(over_the_campaign)
     trials = (dataclasses.replace(where.trials[1], start_s=1000.0),)
     one = dataclasses.replace(fit, residual=fit.residual[1:])

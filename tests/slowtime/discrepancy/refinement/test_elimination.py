@@ -42,7 +42,7 @@ def chain_of(trials, *effects):
     return fits, [named_effect(effect, KINDS, 0.95) for effect in effects]
 
 
-@pytest.mark.parametrize("wrong_first", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wrong_first", [True, False])
 def test_an_effect_that_others_make_needless_is_dropped_wherever_it_stands(wrong_first):
     trials = trials_of(CUBIC)
     order = (LOSS, CUBIC) if wrong_first else (CUBIC, LOSS)
@@ -63,7 +63,6 @@ def test_samples_masked_while_an_effect_was_named_do_not_speak_for_it():
     assert [answer.effect.kind for answer in answers] == ["cubic_hardening"]
 
 
-@pytest.mark.slow
 def test_needed_effects_stay_and_are_quoted_by_the_last_fit():
     trials = trials_of(CUBIC, DRAG)
     before, said = chain_of(trials, CUBIC, DRAG)

@@ -66,7 +66,7 @@ def test_a_law_that_is_stuck_is_fitted_again_from_its_force_and_quoted_anew(stuc
 
 
 @pytest.mark.long
-def test_what_leaves_noise_is_not_learnt_again_nor_is_anything_out_of_budget(stuck):
+def test_a_law_that_leaves_noise_is_not_learnt_again_nor_any_out_of_budget(stuck):
     found, right, located = stuck
     fine = dataclasses.replace(found, fits=(found.first, right))
     assert relearn_force(fine, right, located, KINDS, Monitor()) is fine

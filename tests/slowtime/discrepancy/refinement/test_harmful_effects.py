@@ -57,7 +57,7 @@ def test_an_effect_that_explains_nothing_and_leads_astray_is_dropped(found):
     assert drop_harmful_effects(less, held_out(found)).fits == less.fits
 
 
-def test_what_explains_the_records_stays_whatever_it_does_elsewhere(found):
+def test_an_effect_that_explains_the_records_stays_whatever_it_does_elsewhere(found):
     whole = with_last(found, chi2_in_band=1.0)
     assert drop_harmful_effects(whole, held_out(found)) is whole
 

@@ -113,7 +113,7 @@ def test_only_friction_that_was_found_alone_is_followed_slowly(stuck, sticking):
         assert refit_friction_with_growing_horizon(found, KINDS) is found
 
 
-def test_what_follows_no_law_is_not_fitted_again(stuck, sticking):
+def test_a_final_hypothesis_is_not_fitted_again(stuck, sticking):
     for found, again in (
         (stuck, refit_with_growing_horizon),
         (sticking, refit_friction_with_growing_horizon),

@@ -1,6 +1,7 @@
 """Initial states are found where a record begins unlike all that follows."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -27,8 +28,9 @@ from slowtime.discrepancy.validation.free_run import free_runs
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy import three_mass_chain
 from tests.slowtime.discrepancy.protocol import fit_at
-from tests.slowtime.discrepancy.rigs import PLACE, one_mass, two_masses
+from tests.slowtime.discrepancy.rigs import ONE, PLACE, one_mass, two_masses
 
 KINDS = catalogue()
 RATE, SD = 100.0, 0.02
@@ -234,7 +236,7 @@ def test_a_law_found_from_a_wrong_initial_state_predicts_a_record_held_out():
 
 @pytest.mark.long
 @pytest.mark.parametrize("over", [False, True])
-def test_what_is_accepted_gets_other_initial_states_while_there_is_budget(thrown, over):
+def test_an_accepted_law_gets_other_initial_states_while_there_is_budget(thrown, over):
     plant, trials, right, stray = thrown
     first = refit(Plant.of(HEARD, kinds=KINDS), trials)
     fitted = FittedCandidate(SINGS, plant.description, stray, -stray.cost / 2)
@@ -245,3 +247,20 @@ def test_what_is_accepted_gets_other_initial_states_while_there_is_budget(thrown
         assert step.hypothesis.last is stray
     else:
         assert step.hypothesis.last.chi2_in_band == pytest.approx(right.chi2_in_band, rel=0.01)
+
+
+def test_a_record_held_out_begins_in_motion_though_friction_holds_it():
+    """The state of the first samples, though what sticks at zero speed tells of none."""
+    rough = Effect("stribeck", PLACE, {"friction_n": 0.8, "static_n": 1.4, "vs_m_per_s": 0.05})
+    truth = Plant.of(dataclasses.replace(ONE, effects=(rough.entry(),)), kinds=KINDS)
+    rng = np.random.default_rng(2)
+    push = 6.0 * np.convolve(rng.standard_normal(800), np.hanning(9) / 2, "same")[:, None]
+    outputs = truth.simulate(
+        truth.values, push, three_mass_chain.RATE, state0=np.array([0.03, -0.4])
+    )
+    noise = 0.003 * outputs.std() * rng.standard_normal(outputs.shape)
+    trial = Trial(inputs=push, outputs=outputs + noise, rate_hz=three_mass_chain.RATE)
+    fit = refit(truth, three_mass_chain.recorded(ONE, (rough,)), values=truth.values)
+    (run,) = free_runs(fit, (trial,))
+    error = math.sqrt(float(np.mean((run - outputs) ** 2))) / float(outputs.std())
+    assert error < 0.05

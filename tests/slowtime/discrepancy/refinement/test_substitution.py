@@ -97,7 +97,7 @@ def test_of_two_hypotheses_that_do_as_well_the_one_of_fewer_effects_stands(right
 
 
 @pytest.mark.long
-def test_what_does_next_to_nothing_of_its_own_gives_way_late_as_it_may_be():
+def test_a_law_that_does_next_to_nothing_is_substituted_late_as_it_may_be():
     """What rides on a node and swings for ever, without damping, is a tone."""
     names = ("extra_dof", "harmonic_force", "cubic_hardening")
     kinds = {name: kind for name, kind in catalogue().items() if name in names}

@@ -48,7 +48,7 @@ def test_each_kind_is_known_for_the_variable_it_is_a_curve_of(name):
     assert name not in ALONG or isinstance(KINDS[name].action, Law | Friction | Hidden)
 
 
-def test_what_takes_many_laws_is_never_sure():
+def test_a_model_of_many_laws_is_never_sure():
     answers = [law_of("cubic_hardening"), law_of("coulomb"), law_of("bouc_wen", THERE)]
     assert [a.probability for a in sure_of(answers[:2], 2)] == [1.0, 1.0]
     assert all(a.probability < LIMITS.decided_probability for a in sure_of(answers, 3))
