@@ -8,8 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.evolution.time_scales import separation
 from slowtime.evolution.forecasting.forecast import fit
+from slowtime.evolution.time_scales import separation
 from slowtime_cli.shared.tables import read_columns
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.codec import decode

@@ -15,9 +15,9 @@ from slowtime.dynamics.work import metered
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 
 from .campaign import gather
+from .channel_roles import Roles
 from .compile_time import compiling_s
 from .document import document_of
-from .channel_roles import Roles
 from .record_checks import refuse_nonsense
 from .sources import Source
 

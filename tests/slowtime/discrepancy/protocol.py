@@ -24,9 +24,9 @@ def in_budget(*_):
     return False
 
 
-def candidate(effect, cost=0.0, *, bare=0.0, start=None):
+def candidate(effect, cost=0.0, *, cost_without=0.0, start=None):
     """Give a law with the chi squared that it leaves along the force."""
-    return Candidate(effect, cost, -cost / 2, bare, start)
+    return Candidate(effect, cost, -cost / 2, cost_without, start)
 
 
 def named_effect(effect, kinds, probability=1.0, rivals=()):

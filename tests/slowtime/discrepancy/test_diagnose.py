@@ -94,7 +94,7 @@ def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(campaign, 
         11, wrong(element=0, force=cubic), masses=1, levels=(1.0, 1.5), seconds=6.0
     )
     law = Effect("cubic_hardening", Place("element", "j0"), {"k3_n_per_m3": 2e6})
-    own = StubProposer("own", candidates=(candidate(law, bare=1e6),))
+    own = StubProposer("own", candidates=(candidate(law, cost_without=1e6),))
     few = {name: catalogue()[name] for name in ("cubic_hardening", "viscous_damping")}
     found = answered(rig, trials, kinds=few, proposers=(own,))
     assert [named.effect.kind for named in found.effects] == ["cubic_hardening"]

@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.candidates.constant_equivalents import (
-    equivalents,
+    equivalent_laws,
     instead_of_constants,
 )
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
@@ -46,7 +46,7 @@ def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
     """One sensor, three springs away from the law."""
     trials = recorded(THREE, (effect,))
     bent = refit(Plant.of(THREE, kinds=KINDS), trials)
-    found = equivalents(bent, trials, KINDS)
+    found = equivalent_laws(bent, trials, KINDS)
     own = [one.effect for one in found if one.effect.kind == effect.kind]
     assert own[0].place == effect.place
     (truth,) = effect.parameters.values()
@@ -57,7 +57,7 @@ def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
 
 def test_where_no_constant_is_bent_there_is_nothing_to_be_equivalent_to():
     trials = recorded(THREE, ())
-    assert equivalents(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
+    assert equivalent_laws(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
 
 
 def test_constants_within_their_tolerance_need_no_law():
@@ -69,7 +69,7 @@ def test_constants_within_their_tolerance_need_no_law():
     bent = refit(Plant.of(rig, kinds=KINDS), recorded(stiffer, (drag,), level=0.5))
     assert abs(bent.pulls["stiffness", "k1"]) < 3
     assert bent.pulls["damping", "k1"] > 4
-    found = equivalents(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
+    found = equivalent_laws(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
     assert "quadratic_damping" in {one.effect.kind for one in found}
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import library_candidates, mirrored
+from slowtime.discrepancy.candidates.library_fit import library_candidates, mirrored_factor
 from slowtime.discrepancy.localization import locate
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
@@ -33,8 +33,8 @@ def test_laws_are_ranked_though_no_force_anywhere_is_worth_what_it_costs():
 def test_one_sensors_factor_mirrors_that_of_the_input_also_where_it_fared_badly():
     known = Effect("input_gain", Place("input", "u"), {"gain": 1.4})
     own = Effect("sensor_gain", Place("sensor", "x"), {"gain": 1.1})
-    labels = [candidate(known, 10.0, bare=1e4), candidate(own, 4e3, bare=1e4)]
-    (mirror,) = mirrored(labels, labels, KINDS)
+    labels = [candidate(known, 10.0, cost_without=1e4), candidate(own, 4e3, cost_without=1e4)]
+    (mirror,) = mirrored_factor(labels, labels, KINDS)
     assert (mirror.effect.kind, mirror.effect.parameters) == ("sensor_gain", {"gain": 1.4})
     assert mirror.cost == 10.0
 

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import GivenUp, refit
-from slowtime.discrepancy.calibration.augmentation import Start, carry_effect
-from slowtime.discrepancy.calibration.tolerances import WITHIN, refit_within_tolerances
+from slowtime.discrepancy.calibration import FitAbandoned, refit
+from slowtime.discrepancy.calibration.augmentation import FitStart, carry_effect
+from slowtime.discrepancy.calibration.levenberg_marquardt import FitControl
+from slowtime.discrepancy.calibration.tolerances import HELD_TOLERANCES, refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import (
     MAIN,
@@ -95,8 +96,8 @@ def test_a_fit_is_given_up_once_the_budget_ends(lacking):
         asked.append(len(asked))
         return len(asked) > 1
 
-    with pytest.raises(GivenUp):
-        refit(before.plant, trials, late=late)
+    with pytest.raises(FitAbandoned):
+        refit(before.plant, trials, control=FitControl(is_late=late))
     assert len(asked) == 2
     ticks = iter([False, True])  # in time when it begins
     assert (
@@ -186,7 +187,7 @@ def test_once_one_law_explains_half_those_that_would_leave_more_are_given_up():
     asked: list[Effect] = []
     found = fit_candidates(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
     left = min(misfit(one.fit, first.noise, trials) for one in found)
-    assert 3 * first.data < left < MAIN * labels[0].bare
+    assert 3 * first.data < left < MAIN * labels[0].cost_without
     far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
     assert far
     assert far.isdisjoint(map(label_of, asked))
@@ -206,7 +207,7 @@ def test_a_law_known_from_segments_is_fitted_to_shares_of_the_records_that_grow(
     }
     spent = {}
     for nearby in (True, False):
-        start = Start(constants, [{}, {}], nearby=nearby)
+        start = FitStart(constants, [{}, {}], from_segments=nearby)
         with metered() as meter:
             fitting(lacking).fit([candidate(effect, start=start)])
         spent[nearby] = meter.spent
@@ -218,7 +219,7 @@ def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
     held = refit_within_tolerances(bent, trials)
     assert max(map(abs, bent.pulls.values())) > 5.0
-    assert max(map(abs, held.pulls.values())) <= WITHIN
+    assert max(map(abs, held.pulls.values())) <= HELD_TOLERANCES
     assert held.prior.names == bent.prior.names
 
 
@@ -232,7 +233,7 @@ def test_one_place_takes_all_candidates_only_where_there_are_few_places():
     places = (FIRST, SECOND, *(Place("element", f"k{i}") for i in (3, 4)))
 
     def law(i, place):
-        return candidate(Effect(f"kind{i}", place, {}), 10.0 + i, bare=1e9)
+        return candidate(Effect(f"kind{i}", place, {}), 10.0 + i, cost_without=1e9)
 
     one = [law(i, FIRST) for i in range(8)]
     assert best_of_each_place(one, 6) == one[:6]

@@ -7,7 +7,6 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
-from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence

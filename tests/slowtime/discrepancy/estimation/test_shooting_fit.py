@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import pieces, refit
-from slowtime.discrepancy.calibration.augmentation import Start
+from slowtime.discrepancy.calibration import cut_segments, refit
+from slowtime.discrepancy.calibration.augmentation import FitStart
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidates, rescored
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces, shooting_fits
@@ -66,7 +66,7 @@ def test_only_a_start_that_a_force_told_is_given_up_before_segments_are_fitted(b
     constants = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
     spent = {}
     for nearby in (True, False):
-        start = Start(constants, [{}], nearby=nearby)
+        start = FitStart(constants, [{}], from_segments=nearby)
         promising = dataclasses.replace(label(OTHER, 300.0), start=start)
         with metered() as meter:
             again = shooting_fits(before, [promising], fits, trials, KINDS, in_budget)
@@ -89,7 +89,7 @@ def test_a_law_whose_free_run_went_astray_is_fitted_to_segments(before, trials):
 @pytest.mark.parametrize("taken", [True, False])
 def test_records_stay_whole_unless_a_law_of_their_segments_is_accepted(before, trials, taken):
     (whole,) = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, in_budget)
-    cut, _ = pieces(before.plant, trials)
+    cut, _ = cut_segments(before.plant, trials)
     short = refit(whole.fit.plant, cut, values=whole.fit.values, horizons=(1.0,))
     astray = dataclasses.replace(whole.fit, chi2_in_band=99.0)
     # Where it explains no more than it costs, it is not taken.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import run_by
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.estimation.switching_instant import BEHIND, refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, catalogue
@@ -55,7 +55,7 @@ def test_the_instant_of_a_jump_is_looked_for_in_every_record(jump_s, begun_s):
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
     values = right.values.copy()
     values[at] = begun_s
-    left = run_by(truth, values, right.states, right.noise, trials)
+    left = simulated_chi2(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=50.0)
     found = refine_switching_instant(wrong, trials, KINDS, None, 100.0)
     assert found.values[at] == pytest.approx(jump_s, abs=0.1)
@@ -90,7 +90,7 @@ def test_the_instant_of_a_jump_is_reached_step_by_step(off_s):
     right = refit(truth, trials)
     values = right.values.copy()
     values[at] += off_s
-    left = run_by(truth, values, right.states, right.noise, trials)
+    left = simulated_chi2(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=1.4)
     found = refine_switching_instant(wrong, trials, KINDS, None, 0.0)
     assert found.values[at] == pytest.approx(72.41, abs=0.1)

@@ -9,7 +9,7 @@ import scipy.ndimage
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
-from slowtime.discrepancy.localization import character, locate
+from slowtime.discrepancy.localization import characterise, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers.base_motion import (
     apart,
@@ -76,7 +76,7 @@ def test_a_law_that_leaves_much_is_none_where_only_the_base_leaves_nothing(
     fits = [dataclasses.replace(fitted, fit=fit)] if left else []
     located = others_left(locate(before, trials), 1.0 if elsewhere else 10.0)
     assert apart(located) is not elsewhere
-    label = candidate(CUBIC, 1.0, bare=1e9)
+    label = candidate(CUBIC, 1.0, cost_without=1e9)
     assert by_a_law(fits, [label], before, trials, located) is law
 
 
@@ -84,7 +84,7 @@ def test_a_law_that_leaves_much_is_none_where_only_the_base_leaves_nothing(
 def test_a_law_whose_free_run_follows_has_to_explain_the_force_too(hardening, share, law):
     """What swings with a mode by itself goes with what shakes it, and makes no such force."""
     trials, before, fitted = hardening
-    label = candidate(CUBIC, (1 - share) * 1e9, bare=1e9)
+    label = candidate(CUBIC, (1 - share) * 1e9, cost_without=1e9)
     located = others_left(locate(before, trials), 1.0)
     assert by_a_law([fitted], [label], before, trials, located) is law
 
@@ -112,8 +112,8 @@ def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
         refit(Plant.of(EVERY, kinds=few), trials), trials, SearchSettings(few, Monitor())
     )
     assert found.localized is not None
-    assert found.localized.base_first().best.kind == "base"
-    assert found.localized.inside == GROUND
+    assert found.localized.with_base_first().best.kind == "base"
+    assert found.localized.best_structural == GROUND
     assert "base_motion" not in [answer.effect.kind for answer in found.effects]
 
 
@@ -129,7 +129,10 @@ def test_a_force_that_curves_with_the_motion_where_it_acts_is_made_there(
     trials = recorded(THREE, (Effect("coulomb", GROUND, {"friction_n": 1.5}),), seconds=4.0)
     located = locate(refit(Plant.of(THREE, kinds=KINDS), trials), trials)
     there = dataclasses.replace(
-        character(located, GROUND), static_share=surface, linear_share=filtered, linear=linear
+        characterise(located, GROUND),
+        static_share=surface,
+        linear_share=filtered,
+        linear=linear,
     )
     assert is_made_by_motion(there) is made
 

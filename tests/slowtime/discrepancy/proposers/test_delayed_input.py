@@ -83,7 +83,7 @@ def seen_as_well(given, share):
     """Give the round as it would be, did the best law leave a share of the force."""
     best = given.tried[0]
     return dataclasses.replace(
-        given, tried=(dataclasses.replace(best, cost=share * best.bare),)
+        given, tried=(dataclasses.replace(best, cost=share * best.cost_without),)
     )
 
 
@@ -96,10 +96,10 @@ def costs_nothing(ask, given):
 @pytest.mark.long
 def test_a_law_is_seen_once_the_input_that_hides_it_may_be_late():
     given = lacking(RIG, (LATE, BREAKS))
-    assert given.tried[0].cost > OPAQUE * given.tried[0].bare
+    assert given.tried[0].cost > OPAQUE * given.tried[0].cost_without
     delay, law = next(pairs_with_delayed_input(given))
     assert (law.effect.kind, law.effect.place) == (BREAKS.kind, TOP)
-    assert law.cost < CLEARLY * law.bare
+    assert law.cost < CLEARLY * law.cost_without
     assert delay.effect.place == LATE.place
     assert delay.effect.parameters["delay_s"] == pytest.approx(0.019, rel=0.2)
     # Out of budget, no input is asked.

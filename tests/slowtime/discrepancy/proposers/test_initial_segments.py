@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import first_swings, refit
-from slowtime.discrepancy.calibration.initial_states import begun
-from slowtime.discrepancy.calibration.multiple_shooting import SWINGS
+from slowtime.discrepancy.calibration import first_periods, refit
+from slowtime.discrepancy.calibration.initial_states import refit_initial_states
+from slowtime.discrepancy.calibration.multiple_shooting import FIRST_PERIODS
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.candidates.parameter_scan import (
-    SOME,
-    as_strong,
+    MAX_START_SHAPES,
+    effects_of_strength,
     has_strength,
 )
 from slowtime.discrepancy.diagnose import diagnose
@@ -25,7 +25,7 @@ from slowtime.discrepancy.proposers.initial_segments import (
     initial_segment_candidates,
 )
 from slowtime.discrepancy.proposers.lower_ranked import InitialSegments
-from slowtime.discrepancy.records import FEWEST, Campaign, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Node, assemble
@@ -75,13 +75,13 @@ def test_a_law_is_begun_with_a_share_of_the_force(name, share):
     kind = KINDS[name]
     assert has_strength(kind)
     assert kind.strength is not None
-    found = list(as_strong(kind, MIDDLE, motion, force, THREE, (share, -share)))
-    assert 1 <= len(found) <= 2 * SOME
+    found = list(effects_of_strength(kind, MIDDLE, motion, force, THREE, (share, -share)))
+    assert 1 <= len(found) <= 2 * MAX_START_SHAPES
     for effect in found:
         size = np.std(force_along(kind, effect.parameters, motion))
         assert size == pytest.approx(abs(share) * np.std(force))
         assert not kind.parameter(kind.strength).refuses(effect.parameters[kind.strength])
-    assert not list(as_strong(kind, MIDDLE, motion, 0.0 * force, THREE, (share,)))
+    assert not list(effects_of_strength(kind, MIDDLE, motion, 0.0 * force, THREE, (share,)))
 
 
 def test_a_kind_with_a_phase_or_without_a_force_has_no_strength():
@@ -158,12 +158,14 @@ def test_records_begin_with_a_few_swings_of_the_slowest_mode(hard):
     system = assemble(THREE)
     lowest = math.sqrt(min(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
     lowest /= 2 * math.pi
-    for head, trial in zip(first_swings(before.plant, trials), trials, strict=True):
-        assert len(head.outputs) == int(SWINGS / lowest * RATE)
+    for head, trial in zip(first_periods(before.plant, trials), trials, strict=True):
+        assert len(head.outputs) == int(FIRST_PERIODS / lowest * RATE)
         assert np.array_equal(head.outputs, trial.outputs[: len(head.outputs)])
         assert head.start_s == trial.start_s
-    short = [trial.part(0, FEWEST + 3) for trial in trials]
-    assert [len(head.outputs) for head in first_swings(before.plant, short)] == [FEWEST + 3] * 2
+    short = [trial.part(0, MIN_SAMPLES + 3) for trial in trials]
+    assert [len(head.outputs) for head in first_periods(before.plant, short)] == [
+        MIN_SAMPLES + 3
+    ] * 2
 
 
 def test_records_of_what_floats_and_does_not_swing_are_taken_whole(hard):
@@ -173,7 +175,7 @@ def test_records_of_what_floats_and_does_not_swing_are_taken_whole(hard):
         inputs=THREE.inputs, sensors=THREE.sensors,
     )  # fmt: skip
     alone = dataclasses.replace(before, plant=Plant.of(free))
-    assert [len(head.outputs) for head in first_swings(alone.plant, trials)] == [1600, 1600]
+    assert [len(head.outputs) for head in first_periods(alone.plant, trials)] == [1600, 1600]
 
 
 @pytest.mark.long
@@ -181,7 +183,9 @@ def test_records_of_what_floats_and_does_not_swing_are_taken_whole(hard):
 def test_where_a_law_explains_some_only_the_likely_places_are_tried(hard, left, some):
     before, trials = hard
     few = {name: KINDS[name] for name in ("stiffness_loss", "cubic_hardening")}
-    label = candidate(Effect("stiffness_loss", MIDDLE, {"dk_n_per_m": 1.0}), 40.0, bare=1e9)
+    label = candidate(
+        Effect("stiffness_loss", MIDDLE, {"dk_n_per_m": 1.0}), 40.0, cost_without=1e9
+    )
     chi2 = max(left * before.chi2_in_band, 2 * LIMITS.far_off_chi2)
     located = locate(before, trials)
     own = next(group for group in located.groups if MIDDLE in group.places)
@@ -224,10 +228,10 @@ def test_the_initial_state_of_a_record_is_that_of_its_first_samples():
     trial = Trial(inputs=push, outputs=clean + noise, rate_hz=RATE)
     fit = refit(plant, [trial], horizons=(1.0,))
     astray = dataclasses.replace(fit, states=(fit.states[0] + 0.5,))
-    heads = first_swings(astray.plant, [trial])
-    found = begun(astray, heads)
+    heads = first_periods(astray.plant, [trial])
+    found = refit_initial_states(astray, heads)
     assert np.array_equal(found.values, astray.values)
-    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), FEWEST))
+    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), MIN_SAMPLES))
 
     def left(state):
         told = plant.simulate(found.values, head.inputs, RATE, state0=state)

@@ -27,7 +27,7 @@ from tests.slowtime.discrepancy.two_mass_chain import (
 
 MORE = KINDS | {"gap_symmetric": catalogue()["gap_symmetric"]}
 PLAY = Effect("gap_symmetric", SECOND, {"kg_n_per_m": 500.0, "gap_m": 0.01})
-LAWS = {effect.kind: candidate(effect, 1.0, bare=1e9) for effect in (CUBIC, PLAY, DRAG)}
+LAWS = {effect.kind: candidate(effect, 1.0, cost_without=1e9) for effect in (CUBIC, PLAY, DRAG)}
 BOTH = (LAWS[CUBIC.kind], LAWS[DRAG.kind])
 JOINT = JointPairs((None,), (None,))
 
@@ -118,7 +118,7 @@ def test_a_pair_that_explains_all_is_a_step_of_two_effects(lacking):
 
 
 def test_a_pair_that_leaves_much_is_no_step(lacking):
-    there = candidate(dataclasses.replace(DRAG, place=SECOND), 1.0, bare=1e9)
+    there = candidate(dataclasses.replace(DRAG, place=SECOND), 1.0, cost_without=1e9)
     assert JOINT(lacking, [(LAWS[DRAG.kind], there)], 1.0) is None
     assert JOINT(lacking, [], 1.0) is None
 
@@ -138,7 +138,7 @@ def test_a_law_that_switches_is_found_beside_another_from_an_instant_nearby():
     before = refit(Plant.of(TWO, kinds=kinds), trials)
     given = round_of(before, trials, kinds)
     early = dataclasses.replace(jump, parameters={"dk_n_per_m": 150.0, "t_jump_s": 4.0})
-    pair = tuple(candidate(one, 1.0, bare=1e9) for one in (CUBIC, early))
+    pair = tuple(candidate(one, 1.0, cost_without=1e9) for one in (CUBIC, early))
     step = JOINT(given, [pair], before.chi2_in_band)
     assert step is not None
     told = step.hypothesis.effects[-1].effect

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import WRONG, refit
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.progress import Monitor
@@ -49,7 +49,7 @@ def test_laws_are_looked_for_in_the_first_part_of_which_the_model_leaves_somethi
     before = refit(plant, records)
     assert before.chi2_in_band > 100.0
     part, tried = later_segment_candidates(before, records, KINDS, in_budget)
-    assert WRONG < part.chi2_in_band < before.chi2_in_band
+    assert WRONG_MODEL_CHI2 < part.chi2_in_band < before.chi2_in_band
     longest = max(SHARES) * len(records[0].outputs)
     assert all(len(residual) <= longest for residual in part.residual)
     assert label_of(tried[0].effect) == label_of(CLOCK)

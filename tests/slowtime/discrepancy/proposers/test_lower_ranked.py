@@ -8,7 +8,7 @@ import pytest
 import scipy.signal
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import Start, free_run
+from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.diagnose import diagnose
@@ -55,9 +55,9 @@ def asked():
     before = refit_within_tolerances(bent, trials)
     mean = zip(before.prior.names, before.prior.mean.tolist(), strict=True)
     claimed = {(str(name[0]), PLACE.id): value for name, value in mean}
-    start = Start(claimed, [{} for _ in trials])
+    start = FitStart(claimed, [{} for _ in trials])
     tried = [
-        candidate(Effect(name, PLACE, parameters), 1.0, bare=1e9, start=start)
+        candidate(Effect(name, PLACE, parameters), 1.0, cost_without=1e9, start=start)
         for name, parameters in (
             ("quadratic_damping", {"c2_n_s2_per_m2": 0.1}),
             ("coulomb", {"friction_n": 0.1}),
@@ -140,9 +140,9 @@ def test_nothing_is_proposed_where_a_law_leaves_little_or_segments_told_one(aske
 def test_each_law_of_the_ranking_is_proposed_once():
     trials = recorded(THREE, ())
     bent = refit(Plant.of(THREE, kinds=KINDS), trials)
-    start = Start({}, [{} for _ in trials])
+    start = FitStart({}, [{} for _ in trials])
     many = [
-        candidate(Effect(name, place, {parameter: 0.1}), 1.0, bare=1e9, start=start)
+        candidate(Effect(name, place, {parameter: 0.1}), 1.0, cost_without=1e9, start=start)
         for name, parameter in (
             ("coulomb", "friction_n"),
             ("viscous_damping", "dc_n_s_per_m"),
@@ -223,7 +223,7 @@ def test_a_law_explains_how_records_begin_if_it_alone_leaves_little_of_them(
     asked, left, whole, told
 ):
     data = asked.before.data
-    one = dataclasses.replace(asked.tried[-1], cost=left * data, bare=whole * data)
+    one = dataclasses.replace(asked.tried[-1], cost=left * data, cost_without=whole * data)
     label = label_of(one.effect) if told else None
     assert explains_alone(asked, [one, asked.tried[0]]) == label
     assert explains_alone(asked, []) is None
@@ -290,7 +290,7 @@ def test_a_hidden_oscillator_is_guessed_unless_a_moving_base_would_do_the_same(
 ):
     campaign, rider, few = ridden
     bent = refit(Plant.of(campaign.description, kinds=few), campaign.trials)
-    label = candidate(Effect("added_mass", rider.place, {"dm_kg": 0.1}), 1.0, bare=1e9)
+    label = candidate(Effect("added_mass", rider.place, {"dm_kg": 0.1}), 1.0, cost_without=1e9)
     given = round_of(
         bent, campaign.trials, few, shortlist=[label], base_moves=base_moves,
         tried=[label, dataclasses.replace(label, effect=rider)],
@@ -319,8 +319,8 @@ def test_a_free_run_of_the_truth_leaves_the_noise():
     effect = Effect("coulomb", GROUND, {"friction_n": 1.5})
     trials = recorded(THREE, (effect,))
     true = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, (), seed=9))
-    start = Start({}, [{}, {}])
-    left = free_run(true, effect, start, trials, KINDS)
-    lacking = free_run(true, Effect("viscous_damping", GROUND, {"dc_n_s_per_m": 0.0}), start,
-                       trials, KINDS)  # fmt: skip
+    start = FitStart({}, [{}, {}])
+    left = free_run_chi2(true, effect, start, trials, KINDS)
+    still = Effect("viscous_damping", GROUND, {"dc_n_s_per_m": 0.0})
+    lacking = free_run_chi2(true, still, start, trials, KINDS)
     assert left < 0.1 * lacking

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnose import diagnose

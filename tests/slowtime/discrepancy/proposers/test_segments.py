@@ -9,14 +9,14 @@ import pytest
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    GivenUp,
-    begun_by,
-    loudest,
-    pieces,
+    FitAbandoned,
+    cut_segments,
+    initial_states_of_records,
     refit,
     shooting_fit,
+    strongest_segments,
 )
-from slowtime.discrepancy.calibration.augmentation import begun_with
+from slowtime.discrepancy.calibration.augmentation import augmented_start
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
@@ -24,7 +24,7 @@ from slowtime.discrepancy.candidates.library_fit import (
     library_candidates,
 )
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
 from slowtime.discrepancy.proposers.segments import (
@@ -102,7 +102,7 @@ class Lacking:
 
     before: Fit
     trials: tuple[Trial, ...]
-    located: Located
+    located: Localization
     tried: list[Candidate]
 
     def round(self, tried=None, labels=None, kinds=KINDS, **more):
@@ -150,7 +150,7 @@ def test_segments_tell_a_strong_law_and_its_strength(effect, level):
     best, *others = given.told()
     assert label_of(best.effect) == label_of(effect)
     assert best.cost < 1.2 * given.before.data
-    assert best.bare > LIMITS.far_off_chi2 * given.before.data
+    assert best.cost_without > LIMITS.far_off_chi2 * given.before.data
     assert len(others) < KEPT
     for name, value in effect.parameters.items():
         assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
@@ -159,7 +159,7 @@ def test_segments_tell_a_strong_law_and_its_strength(effect, level):
     assert best.start is not None
     for name, value in best.start.constants.items():
         assert value == pytest.approx(claimed[name], rel=0.1)
-    assert best.start.nearby
+    assert best.start.from_segments
     assert len(best.start.states) == len(given.trials)
 
 
@@ -187,7 +187,7 @@ def test_a_switch_is_looked_for_all_over_the_segments_and_where_a_force_told_it(
     jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": instant})
     strength = 500.0 if guessed == instant else 200.0
     guess = dataclasses.replace(jump, parameters={"dk_n_per_m": strength, "t_jump_s": guessed})
-    (told,) = lacking(jump).told([candidate(guess, 1.0, bare=9.0)])
+    (told,) = lacking(jump).told([candidate(guess, 1.0, cost_without=9.0)])
     assert told.effect.parameters["t_jump_s"] == pytest.approx(instant, abs=0.005)
     assert told.effect.parameters["dk_n_per_m"] == pytest.approx(500.0, rel=5e-3)
 
@@ -216,7 +216,7 @@ def test_a_hidden_oscillator_is_not_tried_on_segments():
 def test_the_stronger_of_two_is_proposed_alone(two):
     best = two.told()[0]
     assert label_of(best.effect) == label_of(STOP)
-    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.bare
+    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.cost_without
     # Of segments it leaves more than noise: it is not all that is missing.
     proposal = Segments(shoot=SHOOT)(two.round())
     assert proposal.candidates
@@ -344,9 +344,11 @@ def test_a_quieter_part_tells_the_law_of_a_motion_that_turns_over(overturned):
 @pytest.mark.parametrize("share", [*QUIETER, 1.0])
 def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     before, trials = overturned
-    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
+    plant, _, _ = augmented_start(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
     nominal = np.array([entry.value for entry in plant.entries.values()])
-    found, _ = shooting_fit(plant, loudest(plant, trials, FEW, share), before.noise, nominal)
+    found, _ = shooting_fit(
+        plant, strongest_segments(plant, trials, FEW, share), before.noise, nominal
+    )
     quiet = share < 1.0
     assert (found.chi2_in_band < 1.2) == quiet
     assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
@@ -430,7 +432,10 @@ def test_a_quieter_part_has_so_much_of_the_power_of_the_loudest(share):
     rng = np.random.default_rng(1)
     outputs = rng.standard_normal((8000, 3)) * np.linspace(0.1, 3.0, 8000)[:, None]
     trial = Trial(inputs=np.zeros((8000, 1)), outputs=outputs, rate_hz=80.0)
-    (part,), (loud,) = loudest(plant, (trial,), 4, share), loudest(plant, (trial,), 4)
+    (part,), (loud,) = (
+        strongest_segments(plant, (trial,), 4, share),
+        strongest_segments(plant, (trial,), 4),
+    )
     assert len(part.outputs) == len(loud.outputs)
     power = np.sum(part.outputs**2) / np.sum(loud.outputs**2)
     assert power == pytest.approx(share, rel=0.02)
@@ -442,10 +447,10 @@ def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
     outputs = rng.standard_normal((4000, 3))
     outputs[2500:2900] *= 10.0
     trial = Trial(inputs=np.zeros((4000, 1)), outputs=outputs, rate_hz=80.0, start_s=7.0)
-    (part,) = loudest(plant, (trial,), 2)
+    (part,) = strongest_segments(plant, (trial,), 2)
     assert 2500 <= round((part.start_s - 7.0) * 80.0) < 2900
-    assert len(pieces(plant, (part,))[0]) == 2
-    (whole,) = loudest(plant, (trial,), 10**4)
+    assert len(cut_segments(plant, (part,))[0]) == 2
+    (whole,) = strongest_segments(plant, (trial,), 10**4)
     np.testing.assert_array_equal(whole.outputs, outputs)
 
 
@@ -456,13 +461,13 @@ def test_initial_states_are_those_of_the_first_periods(stop):
     for trial in stop.trials:
         seen = plant.simulate(plant.values, trial.inputs, trial.rate_hz, state0=moved)
         trials.append(dataclasses.replace(trial, outputs=seen, use=None))
-    for state in begun_by(plant, trials, stop.before.noise, plant.values):
+    for state in initial_states_of_records(plant, trials, stop.before.noise, plant.values):
         np.testing.assert_allclose(state, moved, atol=1e-3)
 
 
 def test_a_fit_to_segments_that_will_not_come_near_is_not_finished(stop):
     plant = stop.before.plant
-    parts = loudest(plant, stop.trials, 4)
+    parts = strongest_segments(plant, stop.trials, 4)
     full, _ = shooting_fit(plant, parts, stop.before.noise, plant.values)
     cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
     assert cut.cost > full.cost
@@ -479,7 +484,9 @@ class Scripted:
 
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
-        few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
+        few = len(parts[0].outputs) == len(
+            strongest_segments(plant, self.given.trials, FEW)[0].outputs
+        )
         self.asked.append((kind, few, beat))
         for effect in plant.effects:
             self.begun.setdefault(label_of(effect), dict(effect.parameters))
@@ -505,7 +512,9 @@ def laws(given, *names, place=GROUND):
         "quadratic_damping": {"c2_n_s2_per_m2": 1.0},
         "quadratic_stiffness": {"k2_n_per_m2": 1.0},
     }
-    return [candidate(Effect(name, place, values[name]), 1e9, bare=1e9) for name in names]
+    return [
+        candidate(Effect(name, place, values[name]), 1e9, cost_without=1e9) for name in names
+    ]
 
 
 @pytest.fixture
@@ -519,7 +528,7 @@ def scripted(stop):
 
 @pytest.mark.parametrize(
     ("few", "more", "told"),
-    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (GivenUp(), 1.0, False)],
+    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (FitAbandoned(), 1.0, False)],
     ids=["there", "no hint", "tells nothing", "late"],
 )
 def test_a_law_is_proposed_that_explains_most_of_few_segments_and_more_of_more(
@@ -547,7 +556,7 @@ def test_a_side_on_which_a_law_diverges_does_not_hide_the_other(stop, scripted):
         sides = [one.parameters.get("side") for one in plant.effects]
         return dataclasses.replace(fit, cost=math.nan if 1.0 in sides else fit.cost), states
 
-    (told,) = stop.told([candidate(STOP, 1.0, bare=9.0)], [], shot_)
+    (told,) = stop.told([candidate(STOP, 1.0, cost_without=9.0)], [], shot_)
     assert told.effect.parameters["side"] == -1.0
 
 
@@ -555,7 +564,7 @@ def test_each_law_has_to_come_near_what_those_before_it_leave(stop, scripted):
     """And near what the same leaves on its other side."""
     bare, first = 100.0, 20.0
     script = scripted(gap_one_sided=(first, first), viscous_damping=(15.0, 15.0))
-    some = [candidate(STOP, 1.0, bare=9.0), *laws(stop, "viscous_damping")]
+    some = [candidate(STOP, 1.0, cost_without=9.0), *laws(stop, "viscous_damping")]
     stop.told(some, [], script)
     beats = [beat for kind, few, beat in script.asked if kind and few]
     assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * first]
@@ -573,7 +582,7 @@ def test_laws_that_come_near_the_best_are_fitted_to_more_segments_and_the_best_p
     given = stop.told([], laws(stop, "quadratic_damping", *names), script)
     assert script.kinds(few=False) == set(names[:AS_WELL])
     assert [one.effect.kind for one in given] == ["stiffness_loss", "viscous_damping"]
-    assert [one.cost / one.bare for one in given] == pytest.approx([0.16, 0.18])
+    assert [one.cost / one.cost_without for one in given] == pytest.approx([0.16, 0.18])
 
 
 def test_once_a_law_comes_near_others_have_to_come_about_as_near(stop, scripted):
@@ -634,7 +643,7 @@ def test_the_quietest_part_is_fitted_of_which_the_model_leaves_much(stop, plain,
     )
     stop = dataclasses.replace(stop, trials=louder)
     known = {
-        tuple(part.start_s for part in loudest(plant, louder, *cut)): cut
+        tuple(part.start_s for part in strongest_segments(plant, louder, *cut)): cut
         for cut in ((FEW, QUIET), (FEW, LESS), (FEW, LOUDEST), *LAST)
     }
     assert len(known) == 4

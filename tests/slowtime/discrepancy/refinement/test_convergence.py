@@ -7,6 +7,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2
+from slowtime.discrepancy.calibration.levenberg_marquardt import FitControl
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
@@ -78,7 +79,12 @@ def test_a_diagnosis_out_of_budget_is_not_fitted_to_the_end(trials, late):
     campaign = Campaign(description=ONE, trials=trials)
     (named,) = diagnose(campaign, kinds=KINDS, late=lambda: late).effects
     number = named.numbers["k3_n_per_m3"]
-    least = refit(Plant.of(TRUTH, kinds=KINDS), trials, horizons=(1.0,), fine=True)
+    least = refit(
+        Plant.of(TRUTH, kinds=KINDS),
+        trials,
+        horizons=(1.0,),
+        control=FitControl(to_convergence=True),
+    )
     right = least.values[least.plant.parameters.index(NAME)]
     assert abs(number.value - right) < (0.5 if late else 0.01) * number.sd
 

@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.noise import drift_of, floats
+from slowtime.discrepancy.noise import has_rigid_motion, rigid_body_drift
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.input_offsets import with_offsets
 from slowtime.dynamics.description import (
@@ -70,8 +70,8 @@ OFF = {"effect": "input_bias", "input": "force", "bias": 0.4}
 
 
 def test_inputs_of_a_floating_structure_have_offsets_and_others_have_none():
-    assert floats(drive())
-    assert not floats(drive(stiffness=100.0))
+    assert has_rigid_motion(drive())
+    assert not has_rigid_motion(drive(stiffness=100.0))
     assert with_offsets(drive(), KINDS).effects == ({**OFF, "bias": 0.0},)
     assert with_offsets(drive(OFF), KINDS).effects == (OFF,)
     assert with_offsets(drive(stiffness=100.0), KINDS).effects == ()
@@ -79,31 +79,31 @@ def test_inputs_of_a_floating_structure_have_offsets_and_others_have_none():
 
 def test_drift_is_the_response_to_errors_of_the_force():
     trial = recorded(5.0, 1)
-    drift = drift_of(drive(), (trial,))
+    drift = rigid_body_drift(drive(), (trial,))
     assert drift is not None
     frequency = np.array([0.5, 3.0])
     s = 2j * np.pi * frequency
-    expected = np.abs(1 / (10.0 * s**2 + 20.0 * s)) ** 2 * drift.doubt[0][0]
+    expected = np.abs(1 / (10.0 * s**2 + 20.0 * s)) ** 2 * drift.error_density[0][0]
     assert drift.density(0, frequency)[:, 0] == pytest.approx(expected)
-    assert drift_of(drive(stiffness=100.0), (trial,)) is None
+    assert rigid_body_drift(drive(stiffness=100.0), (trial,)) is None
 
 
 def test_accelerations_do_not_drift():
     sensor = Sensor(channel="a", quantity="acceleration", node="cart", unit="m/s^2")
     model = dataclasses.replace(drive(), sensors=(sensor,))
-    drift = drift_of(model, (recorded(5.0, 1),))
+    drift = rigid_body_drift(model, (recorded(5.0, 1),))
     assert drift is not None
     assert drift.density(0, np.array([0.5])) == 0
 
 
 def test_errors_of_the_force_are_found_in_what_they_leave():
     trial = recorded(20.0, 2)
-    drift = drift_of(drive(), (trial,))
+    drift = rigid_body_drift(drive(), (trial,))
     assert drift is not None
     frequency = np.fft.rfftfreq(4000, 1 / RATE)
     error = np.exp(2j * np.pi * np.random.default_rng(3).random(len(frequency)))[:, None]
     left = drift.transfer(0, frequency)[:, :, 0] * error
-    found = drift.blamed(0, frequency, left, np.full(left.shape, 1e-30))
+    found = drift.input_errors(0, frequency, left, np.full(left.shape, 1e-30))
     assert found[1:100] == pytest.approx(error[1:100], rel=1e-6)
     assert found[0] == 0
 

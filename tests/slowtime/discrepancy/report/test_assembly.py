@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence, misfit
@@ -257,7 +257,7 @@ def test_samples_of_a_fast_clock_after_the_end_of_a_record_are_no_error():
         return Trial(inputs=push[:1900], outputs=seen[:1900], rate_hz=64.0, start_s=start_s)
 
     trials = (record(0.0), record(60.0))
-    own = within_record(trials, ("x",), (fast,), KINDS)
+    own = mask_clock_overrun(trials, ("x",), (fast,), KINDS)
     first, last = refit(Plant.of(rig), own), refit(plant, own)
     named = FittedCandidate(fast, plant.description, last, evidence(last, KINDS))
     found = Hypothesis(

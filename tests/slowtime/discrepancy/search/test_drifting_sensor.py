@@ -9,7 +9,7 @@ from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.search import SearchSettings, search
 from slowtime.discrepancy.search.drifting_sensor import end_with_drift
@@ -119,7 +119,7 @@ def test_a_search_out_of_budget_beside_a_drift_is_marked_exhausted(law, bare):
 
 def test_an_offset_of_the_sensor_gives_way_to_its_drift(law, bare):
     """Its mean was taken for an offset, and hid that a spring is missing."""
-    located = object.__new__(Located)
+    located = object.__new__(Localization)
     found = bare.with_effect(carry_effect(bare.last, OFF, KINDS), named_effect(OFF, KINDS))
     others = Others(law, localized=located)
     told = ended(found, others, number=MOST - 1)

@@ -57,7 +57,7 @@ def test_both_of_two_effects_are_found(effects):
 
 @pytest.mark.parametrize("quick", [True, False])
 def test_one_effect_is_found_and_the_search_ends_with_what_it_leaves(quick):
-    own = StubProposer("own", candidates=(candidate(CUBIC, bare=1e6),))
+    own = StubProposer("own", candidates=(candidate(CUBIC, cost_without=1e6),))
     found = searched(records_of((CUBIC,)), quick=quick, proposers=(own,))
     assert [label_of(one.effect) for one in found.effects] == [label_of(CUBIC)]
     assert found.last.chi2_in_band < 1.2
