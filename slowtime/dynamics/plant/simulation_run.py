@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from slowtime.dynamics.description import Beam, Description
 from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 from slowtime.dynamics.effects.compilation import ROUND
-from slowtime.dynamics.work import count_work
+from slowtime.dynamics.work import count_simulation
 
 from .kernel import Now, System, march, padded, places
 from .matrices import Matrices
@@ -128,7 +128,7 @@ def run(
         np.array(target[:slopes], dtype=np.int64),
         heard,
     )
-    count_work(abs(int(steps)), layout.states * (1 + slopes))
+    count_simulation(abs(int(steps)), layout.states * (1 + slopes))
     if steps < 0:
         heard[:, -steps:] = np.nan
     shaken, shaking = _base(description, coefficients, driven, base is not None)

@@ -30,7 +30,7 @@ def told(monkeypatch):
             done = 0
             for share in work_shares:
                 target = int(share * run.WORK_PER_S * patience_s)
-                count_work(target - done, 1)
+                count_work(target - done)
                 done = target
                 seen.append((how["late"](), how["over"]()))
             raise Told
