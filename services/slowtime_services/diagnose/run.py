@@ -30,7 +30,7 @@ MORE = 2.0
 """[1] Times as much that a model gets at most. Source: a decision of the interface."""
 WORK_PER_S = 2.3e8
 """[units of work/s] That the reference machine does (`slowtime.dynamics.work`). Source: least
-squares of processor times of 19 diagnoses of hidden cases."""
+squares of processor times of 14 diagnoses of hidden cases."""
 LATE = 0.7
 """[share of the budget] After which only the likeliest candidates are still tried. Source:
 chosen on hidden cases."""
