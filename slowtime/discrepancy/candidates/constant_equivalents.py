@@ -30,6 +30,7 @@ from slowtime.dynamics.effects import (
     Motion,
     Place,
     force_along,
+    simple_kinds,
 )
 from slowtime.dynamics.plant import Name
 
@@ -82,7 +83,7 @@ def equivalent_laws(
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
         start = _fit_start(bent, place)
-        for kind in kinds.values():
+        for kind in simple_kinds(kinds):
             if not is_applicable(kind, bent.plant.description):
                 continue
             nearest = min(

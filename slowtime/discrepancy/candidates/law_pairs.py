@@ -24,6 +24,7 @@ from slowtime.dynamics.effects import (
     Law,
     Place,
     force_along,
+    simple_kinds,
 )
 
 from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
@@ -261,7 +262,7 @@ def _candidate_columns(
     """
     laws = [
         kind
-        for kind in kinds.values()
+        for kind in simple_kinds(kinds)
         if _is_proportional(kind) and is_applicable(kind, located.linear.description)
     ]
     for place, (space, sign) in spaces.items():

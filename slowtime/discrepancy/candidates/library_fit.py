@@ -21,7 +21,7 @@ from slowtime.discrepancy.localization import Localization, PlaceGroup
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 from .force_space import ForceSpace, ForceSpectra
 from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
@@ -95,7 +95,10 @@ class Candidate:
 
 
 def library_candidates(
-    fit: Fit, located: Localization, kinds: Mapping[str, Kind]
+    fit: Fit,
+    located: Localization,
+    kinds: Mapping[str, Kind],
+    among: Sequence[Kind] | None = None,
 ) -> list[Candidate]:
     """Fit every kind at every place that may explain the residual.
 
@@ -107,6 +110,8 @@ def library_candidates(
         Its ranking of places.
     kinds
         Catalogue of effects by name.
+    among
+        Kinds of it to fit; those that contain no others where not given.
 
     Returns
     -------
@@ -117,7 +122,8 @@ def library_candidates(
     spaces: dict[Place, ForceSpace] = {}
     least = math.inf
     described = located.linear.description
-    fits = [kind for kind in kinds.values() if is_applicable(kind, described)]
+    among = simple_kinds(kinds) if among is None else among
+    fits = [kind for kind in among if is_applicable(kind, described)]
     leaving = min(group.left for group in located.groups)
     most = max(group.score for group in located.groups)
     tones = [kind for kind in fits if kind.quadrature is not None and kind.where == "node"]

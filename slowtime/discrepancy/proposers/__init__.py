@@ -4,6 +4,7 @@
 """
 
 from .delayed_input import SensorClocks
+from .general_laws import GeneralLaws
 from .library import LibraryShortlist
 from .lower_ranked import InitialSegments, NearbyRuns, NextInRank
 from .protocol import Proposal, Proposer, Round
@@ -17,6 +18,7 @@ PROPOSERS: tuple[Proposer, ...] = (
     NearbyRuns(),
     InitialSegments(),
     NextInRank(),
+    GeneralLaws(),
 )
 
 __all__ = ["PROPOSERS", "Proposal", "Proposer", "Round"]

@@ -27,7 +27,7 @@ from slowtime.discrepancy.candidates.parameter_scan import (
 )
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Spring
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 STRENGTHS = (-0.56, -0.1, 0.1, 0.56)
 """Forces of a law to begin with, beside that of the element's spring."""
@@ -102,7 +102,7 @@ def _started(
             continue
         motion = concatenate_motions([run[place] for run in runs])
         spring = stiffness["stiffness", element.id] * motion.e
-        for kind in kinds.values():
+        for kind in simple_kinds(kinds):
             there = kind.where == "element" and has_strength(kind)
             if not there or not is_applicable(kind, before.plant.description):
                 continue

@@ -42,7 +42,7 @@ from slowtime.discrepancy.candidates.parameter_scan import (
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured, simple_kinds
 
 from .protocol import Proposal, Round, reached_by_shortlist
 
@@ -180,7 +180,9 @@ class _SegmentSearch:
         tried = {one.effect.kind for one in self._tried if one.effect.place == place}
         located, numbers = self._located, range(len(self._located.trials))
         described = located.linear.description
-        others = [k for k in self._kinds.values() if k.where == place.kind and has_strength(k)]
+        others = [
+            k for k in simple_kinds(self._kinds) if k.where == place.kind and has_strength(k)
+        ]
         latents = [located.latent(place, i) for i in numbers] if others else []
         for kind in others:
             if kind.name in tried or not is_applicable(kind, described):

@@ -26,10 +26,10 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.selection.acceptance import Terms, accept, is_second_curve
-from slowtime.discrepancy.selection.comparison import better
+from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.selection.probabilities import doubts_about
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Kind
+from slowtime.dynamics.effects import Effect, Kind, general_kinds
 
 from .elimination import eliminate, left_out
 
@@ -74,6 +74,35 @@ def substitute(
         least = AS_LIKELY if fewer or needless else LIMITS.least_log_evidence
         if better(hypothesis, branch, kinds, least) is not hypothesis:
             return substitute(branch, kinds, stated, tell)
+    return hypothesis
+
+
+def generalize(
+    hypothesis: Hypothesis,
+    kinds: Mapping[str, Kind],
+    stated: tuple[Hold, ...] | None,
+    tell: Monitor,
+) -> Hypothesis:
+    """Put laws that contain those found in their place, where that explains more.
+
+    Parameters
+    ----------
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    """
+    whole = len(hypothesis.fits) == 1 + len(hypothesis.effects) and hypothesis.holds is None
+    settled = hypothesis.final or hypothesis.without_sensor or explains_all(hypothesis)
+    if settled or not whole or not hypothesis.fits_whole_records:
+        return hypothesis
+    for number, named in enumerate(hypothesis.effects):
+        among = [k for k in general_kinds(kinds) if named.effect.kind in k.contains]
+        if not among:
+            continue
+        if tell.is_late:
+            return dataclasses.replace(hypothesis, exhausted=True)
+        branch = _searched_again(hypothesis, number, kinds, stated, tell, among)
+        if branch is not None and better(hypothesis, branch, kinds) is not hypothesis:
+            return branch if explains_all(branch) else generalize(branch, kinds, stated, tell)
     return hypothesis
 
 
@@ -122,8 +151,15 @@ def _searched_again(
     kinds: Mapping[str, Kind],
     stated: tuple[Hold, ...] | None,
     tell: Monitor,
+    among: Sequence[Kind] | None = None,
 ) -> Hypothesis | None:
-    """Look for one effect again beside the others; the hypothesis with what was found."""
+    """Look for one effect again beside the others; the hypothesis with what was found.
+
+    Parameters
+    ----------
+    among
+        Kinds to put in its place; those that contain no others where not given.
+    """
     last, trials = hypothesis.last, hypothesis.trials
     own = hypothesis.given_effects
     known = fitted_effects(last)[own + number]
@@ -135,7 +171,7 @@ def _searched_again(
     try:
         before = refit_within_tolerances(less, trials)
         located = locate(before, trials)
-        tried = library_candidates(before, located, kinds)
+        tried = library_candidates(before, located, kinds, among)
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
     branch = dataclasses.replace(
@@ -148,6 +184,8 @@ def _searched_again(
         rest=located,
     )
     tried = [one for one in tried if not is_second_curve(one.effect, others, kinds)]
+    if among is not None:
+        tried = [one for one in tried if one.effect.place == known.place]
     beside = best_of_each_place(tried, OTHERS)
     if not beside:
         return None

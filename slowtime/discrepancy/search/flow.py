@@ -18,7 +18,7 @@ from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.convergence import converge
 from slowtime.discrepancy.refinement.force_relearning import relearn_force
-from slowtime.discrepancy.refinement.substitution import substitute
+from slowtime.discrepancy.refinement.substitution import generalize, substitute
 from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.thresholds import LIMITS
@@ -53,7 +53,9 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
             found, ends = _close(found, how, step.added - 1)
             found = found if ends else continue_search(found, how, step.added)
     found = _begin_otherwise(found, held, trials, how)
-    return found if found.suggested_holds is not None else _revise(found, how)
+    if found.suggested_holds is not None:
+        return found
+    return generalize(_revise(found, how), how.kinds, how.stated, how.monitor)
 
 
 def continue_search(found: Hypothesis, how: SearchSettings, begun: int) -> Hypothesis:

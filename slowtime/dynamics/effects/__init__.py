@@ -5,7 +5,7 @@ the compiled laws that `slowtime.dynamics.plant` integrates. A kind of one's own
 """
 
 from .effect import Effect, Place, read_effects
-from .effect_catalogue import catalogue
+from .effect_catalogue import catalogue, general_kinds, simple_kinds
 from .force_evaluation import force_along
 from .kind import (
     Friction,
@@ -35,5 +35,7 @@ __all__ = [
     "always",
     "catalogue",
     "force_along",
+    "general_kinds",
     "read_effects",
+    "simple_kinds",
 ]

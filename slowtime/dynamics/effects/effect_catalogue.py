@@ -16,6 +16,7 @@ from .library import (
     sensors,
     stiffness,
     varying_stiffness,
+    viscoelasticity,
 )
 
 FAMILIES = (
@@ -24,6 +25,7 @@ FAMILIES = (
     damping,
     hysteresis,
     linear,
+    viscoelasticity,
     varying_stiffness,
     harmonic_forces,
     inputs,
@@ -63,6 +65,16 @@ def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
             raise ValueError(f"A kind is called {kind.name!r} already. Rename your own.")
         known[kind.name] = kind
     return MappingProxyType(known)
+
+
+def simple_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
+    """List kinds that contain no others, which are tried first."""
+    return [kind for kind in kinds.values() if not kind.contains]
+
+
+def general_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
+    """List kinds that contain simpler ones, which are tried where those do not suffice."""
+    return [kind for kind in kinds.values() if kind.contains]
 
 
 @functools.cache

@@ -235,6 +235,9 @@ class Kind:
         simpler one: who never was as fast as its speed has not seen friction fall.
     title
         What a person calls it; the name in words where not given.
+    contains
+        Simpler kinds that it becomes for some values of its parameters, or in a limit. A kind
+        that contains others is tried where none of them explains the records.
     """
 
     name: str
@@ -252,6 +255,7 @@ class Kind:
     guesses: Callable[[float, Sequence[float]], list[Shape]] = no_guesses
     shown: Callable[[Mapping[str, float], Motion], bool] = always
     title: str = ""
+    contains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = self.names

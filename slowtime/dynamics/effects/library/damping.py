@@ -1,5 +1,6 @@
-"""Nonlinear dampers: drag, and negative damping."""
+"""Nonlinear dampers: drag, other powers of speed, and negative damping."""
 
+import math
 from typing import Any
 
 from slowtime.dynamics.effects.kind import Kind, Law, Motion, Parameter, Shape
@@ -16,6 +17,43 @@ def van_der_pol(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force that feeds small motion and brakes large [N]."""
     ratio = e / p[1]
     return float(p[0] * (ratio * ratio - 1.0) * v)
+
+
+def power_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force that grows with a power of speed, against it [N]."""
+    ratio = abs(v) / p[1]
+    return float(math.copysign(p[0] * ratio ** p[2], v)) if ratio > 0.0 else 0.0
+
+
+def cubic_damping(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force that grows with the third power of speed, against it [N]."""
+    return float(p[0] * v * v * v)
+
+
+def rayleigh(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force that feeds slow motion and brakes fast [N]."""
+    ratio = v / p[1]
+    return float(p[0] * (ratio * ratio - 1.0) * v)
+
+
+def positional(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of damping that grows with the square of the elongation [N]."""
+    return float(p[0] * e * e * v)
+
+
+def powers(motion: Motion) -> list[Shape]:
+    """Powers of speed from friction to beyond drag, at a high speed of the motion."""
+    return [
+        {"v0_m_per_s": fast, "power": power}
+        for fast in levels(motion.v, 0.9)
+        for power in (0.3, 0.6, 1.4, 2.5, 3.5)
+    ]
+
+
+def braked_speeds(motion: Motion) -> list[Shape]:
+    """Speeds at which damping may change its sign."""
+    top = levels(motion.v, 0.98)
+    return each("v0_m_per_s", [share * one for one in top for share in (0.25, 0.5, 0.8, 1.2)])
 
 
 def amplitudes(motion: Motion) -> list[Shape]:
@@ -62,5 +100,87 @@ KINDS = (
         action=Law(force=van_der_pol),
         strength="cn_n_s_per_m",
         shapes=amplitudes,
+    ),
+    Kind(
+        name="power_law_damping",
+        title="Damping by a power of speed",
+        family="drag",
+        where="element",
+        parameters=(
+            Parameter(name="force_n", unit="N", meaning="force at the speed v0", low=0.0),
+            Parameter(
+                name="v0_m_per_s",
+                unit="m/s",
+                meaning="speed that the force is given at",
+                low=0.0,
+                nonzero=True,
+                fitted=False,
+            ),
+            Parameter(name="power", unit="", meaning="power of speed", low=0.05, high=5.0),
+        ),
+        equation="F0 |v/v0|ᵃ sign(v)",
+        source="Soong and Constantinou 1994 (fluid dampers)",
+        sentence="Damping that grows with a power of speed other than one and two.",
+        action=Law(force=power_law),
+        strength="force_n",
+        shapes=powers,
+        contains=("coulomb", "quadratic_damping", "viscous_damping", "cubic_damping"),
+    ),
+    Kind(
+        name="cubic_damping",
+        title="Cubic damping",
+        family="drag",
+        where="element",
+        parameters=(
+            Parameter(
+                name="c3_n_s3_per_m3", unit="N s^3/m^3", meaning="cubic damping", low=0.0
+            ),
+        ),
+        equation="c3 v³",
+        source="Nayfeh and Mook 1979",
+        sentence="Damping that grows with the third power of speed.",
+        action=Law(force=cubic_damping),
+        strength="c3_n_s3_per_m3",
+        contains=("viscous_damping",),
+    ),
+    Kind(
+        name="positional_damping",
+        title="Damping that grows with elongation",
+        family="damping by elongation",
+        where="element",
+        parameters=(
+            Parameter(
+                name="c2_n_s_per_m3", unit="N s/m^3", meaning="damping per squared elongation"
+            ),
+        ),
+        equation="c2 e² v",
+        source="Nayfeh and Mook 1979",
+        sentence="The damper is stiffer, or softer, away from the middle.",
+        action=Law(force=positional),
+        strength="c2_n_s_per_m3",
+        contains=("viscous_damping",),
+    ),
+    Kind(
+        name="rayleigh_damping",
+        title="Negative damping that saturates with speed",
+        family="negative damping",
+        where="element",
+        parameters=(
+            Parameter(name="cn_n_s_per_m", unit="N s/m", meaning="negative damping", low=0.0),
+            Parameter(
+                name="v0_m_per_s",
+                unit="m/s",
+                meaning="speed beyond which damping is positive",
+                low=0.0,
+                nonzero=True,
+            ),
+        ),
+        equation="cn (−1 + (v/v0)²) v",
+        source="Rayleigh 1883",
+        sentence="Damping is negative at low speed and positive at high: it sings.",
+        action=Law(force=rayleigh),
+        strength="cn_n_s_per_m",
+        shapes=braked_speeds,
+        contains=("cubic_damping",),
     ),
 )

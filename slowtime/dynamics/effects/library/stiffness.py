@@ -49,6 +49,61 @@ def pendulum(e: float, v: float, t: float, z: Any, p: Any) -> float:
     return float(p[0] * (math.sin(e) - e))
 
 
+def quintic(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of a spring with terms of third and fifth degree [N]."""
+    square = (e / p[2]) * (e / p[2])
+    return float((p[0] * square + p[1] * square * square) * e / p[2])
+
+
+def two_knees(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of stops of two stiffnesses on both sides [N]."""
+    size = abs(e)
+    force = p[0] * max(size - p[1], 0.0) + p[2] * max(size - p[1] - p[3], 0.0)
+    return float(math.copysign(force, e))
+
+
+def contact(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of a round contact on one side, damped as it is pressed [N]."""
+    depth = p[2] * e - p[1]
+    if depth <= 0.0:
+        return 0.0
+    force = p[0] * depth * math.sqrt(depth) * (1.0 + p[3] * p[2] * v)
+    return float(p[2] * force) if force > 0.0 else 0.0
+
+
+def degrees(motion: Motion) -> list[Shape]:
+    """Share of the term of fifth degree in that of third, at the largest elongation."""
+    return [
+        {"k5_n": ratio, "e0_m": top}
+        for top in levels(motion.e, 0.99)
+        for ratio in (-2.0, -0.7, 0.0, 0.7, 2.0)
+    ]
+
+
+def knees(motion: Motion) -> list[Shape]:
+    """Pairs of elongations at which the stiffness changes, and ratios of the changes."""
+    first = levels(motion.e, 0.3, 0.5, 0.7)
+    last = levels(motion.e, 0.6, 0.8, 0.93)
+    return [
+        {"gap_m": a, "kg2_n_per_m": ratio, "gap2_m": b - a}
+        for a in first
+        for b in last
+        if b > 1.1 * a
+        for ratio in (-0.7, 0.7, 3.0)
+    ]
+
+
+def contacts(motion: Motion) -> list[Shape]:
+    """Contacts on either side, with and without damping."""
+    fast = levels(motion.v, 0.99)
+    return [
+        {"gap_m": way, "side": side, "damping_s_per_m": share / fast[0] if fast else 0.0}
+        for side in (1.0, -1.0)
+        for way in (0.0, *levels(motion.e, 0.3, 0.6, 0.85))
+        for share in (0.0, 0.5)
+    ]
+
+
 def saturations(motion: Motion) -> list[Shape]:
     """Elongations at which a spring may level off."""
     top = levels(motion.e, 0.999)
@@ -192,5 +247,88 @@ KINDS = (
         sentence="Gravity pulls with the sine of the angle, as on a pendulum.",
         action=Law(force=pendulum),
         strength="k",
+    ),
+    Kind(
+        name="quintic_stiffness",
+        title="Stiffness of third and fifth degree",
+        family="polynomial stiffness",
+        where="element",
+        parameters=(
+            Parameter(name="k3_n", unit="N", meaning="cubic force at the elongation e0"),
+            Parameter(name="k5_n", unit="N", meaning="quintic force at the elongation e0"),
+            Parameter(
+                name="e0_m",
+                unit="m",
+                meaning="elongation that the forces are given at",
+                low=0.0,
+                nonzero=True,
+                fitted=False,
+            ),
+        ),
+        equation="F3 (e/e0)³ + F5 (e/e0)⁵",
+        source="Nayfeh and Mook 1979",
+        sentence="The spring changes its stiffness with amplitude in more than one way.",
+        action=Law(force=quintic),
+        strength="k3_n",
+        scales=("k5_n",),
+        shapes=degrees,
+        contains=("cubic_hardening", "cubic_softening", "pendulum_sine"),
+    ),
+    Kind(
+        name="stiffness_two_knees",
+        title="Stops in two steps",
+        family="hardening",
+        where="element",
+        parameters=(
+            Parameter(name="kg_n_per_m", unit="N/m", meaning="stiffness of the first stop"),
+            _GAP,
+            Parameter(name="kg2_n_per_m", unit="N/m", meaning="stiffness of the second stop"),
+            Parameter(
+                name="gap2_m",
+                unit="m",
+                meaning="way from the first stop to the second",
+                low=0.0,
+            ),
+        ),
+        equation="kg (|e| − g)₊ + kg2 (|e| − g − g2)₊, with the sign of e",
+        source="piecewise-linear springs: Shaw and Holmes 1983",
+        sentence="Stops on both sides, with a second pair of another stiffness behind them.",
+        action=Law(force=two_knees),
+        strength="kg_n_per_m",
+        scales=("kg2_n_per_m",),
+        shapes=knees,
+        contains=("gap_symmetric",),
+    ),
+    Kind(
+        name="impact",
+        title="Impact on a round contact",
+        family="asymmetric stiffness",
+        where="element",
+        parameters=(
+            Parameter(
+                name="kc_n_per_m15", unit="N/m^1.5", meaning="stiffness of the contact", low=0.0
+            ),
+            _GAP,
+            Parameter(
+                name="side",
+                unit="",
+                meaning="side of the stop: 1 where the element is long, -1 where it is short",
+                fitted=False,
+                choices=(1.0, -1.0),
+            ),
+            Parameter(
+                name="damping_s_per_m",
+                unit="s/m",
+                meaning="loss factor of the impact",
+                low=0.0,
+            ),
+        ),
+        equation="kc (s e − g)₊^1.5 (1 + d s v), never pulling",
+        source="Hertz 1881; Hunt and Crossley 1975",
+        sentence="A round body meets a stop on one side and loses energy as it is pressed.",
+        action=Law(force=contact),
+        strength="kc_n_per_m15",
+        shapes=contacts,
+        contains=("gap_one_sided",),
     ),
 )
