@@ -13,6 +13,7 @@ from .library import (
     input_offset,
     inputs,
     linear,
+    measured_force,
     sensors,
     stiffness,
     varying_stiffness,
@@ -25,6 +26,7 @@ FAMILIES = (
     damping,
     hysteresis,
     linear,
+    measured_force,
     viscoelasticity,
     varying_stiffness,
     harmonic_forces,
@@ -69,7 +71,7 @@ def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
 
 def simple_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
     """List kinds that contain no others, which are tried first."""
-    return [kind for kind in kinds.values() if not kind.contains]
+    return [kind for kind in kinds.values() if not kind.contains and not kind.is_surface]
 
 
 def general_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:

@@ -238,6 +238,9 @@ class Kind:
     contains
         Simpler kinds that it becomes for some values of its parameters, or in a limit. A kind
         that contains others is tried where none of them explains the records.
+    is_surface
+        Whether it is no law but a surface with coefficients, fitted where no law explains the
+        records.
     """
 
     name: str
@@ -256,6 +259,7 @@ class Kind:
     shown: Callable[[Mapping[str, float], Motion], bool] = always
     title: str = ""
     contains: tuple[str, ...] = ()
+    is_surface: bool = False
 
     def __post_init__(self) -> None:
         names = self.names

@@ -1,0 +1,105 @@
+"""Force surface fitted where no law explains the records: the gap closes without a name."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.discrepancy.candidates.library_fit import start_with_force
+from slowtime.discrepancy.estimation.candidate_fit import (
+    GRADUALLY,
+    FittedCandidate,
+    fit_candidate,
+)
+from slowtime.discrepancy.localization import Localization
+from slowtime.discrepancy.localization.places import LatentForce
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Effect, Kind, Place, force_along
+
+KIND = "measured_force"
+MARGIN = 1.02
+"""[1] Times the largest motion that was recovered, to which the surface reaches. Source: a
+decision; beyond it keeps its value at the edge."""
+MEMORY_SHARES = (0.03, 0.15, 0.5)
+"""[share of the largest elongation] Paths over which memory fades. Source: presliding of dry
+joints to yielding of springs; the best on the recovered force is taken."""
+RIDGE = 1e-6
+"""[share of the mean square] Of the terms that is added, as the motion does not tell all of
+them apart. Source: judgement."""
+
+
+def fit_force_surface(
+    before: Fit,
+    localized: Localization,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    monitor: Monitor,
+) -> FittedCandidate | None:
+    """Fit a force surface at the likeliest element, with all constants, to the free run.
+
+    Parameters
+    ----------
+    before
+        Fit that the surface is added to.
+    localized
+        Where a force explains what that leaves.
+
+    Returns
+    -------
+    The fitted surface; None where no element is likely, or no fit comes to an end.
+    """
+    place = next(
+        (p for group in localized.groups for p in group.places if p.kind == "element"), None
+    )
+    if place is None or KIND not in kinds:
+        return None
+    latents = [localized.latent(place, i) for i in range(len(localized.trials))]
+    effect = _along(kinds[KIND], place, latents)
+    if effect is None:
+        return None
+    space = ForceSpace(before, localized, place)
+    forces = [
+        force_along(kinds[KIND], effect.parameters, one.motion)[:, None] for one in latents
+    ]
+    return fit_candidate(
+        before, effect, trials, kinds, before.noise,
+        start=start_with_force(before, space.lines_of(forces), space),
+        horizons=GRADUALLY, late=lambda: monitor.is_over,
+    )  # fmt: skip
+
+
+def _along(kind: Kind, place: Place, latents: Sequence[LatentForce]) -> Effect | None:
+    """Regress the recovered force on the terms of the surface along the recovered motion."""
+    reach = MARGIN * max(float(np.abs(one.motion.e).max()) for one in latents)
+    speed = MARGIN * max(float(np.abs(one.motion.v).max()) for one in latents)
+    if not reach > 0 or not speed > 0:
+        return None
+    force = np.concatenate([one.force for one in latents])
+    names = [p.name for p in kind.parameters if p.fitted]
+    found: list[tuple[float, dict[str, float]]] = []
+    for share in MEMORY_SHARES:
+        scales = {"memory_m": share * reach, "e0_m": reach, "v0_m_per_s": speed}
+        terms = np.stack(
+            [
+                np.concatenate(
+                    [force_along(kind, scales | {name: 1.0}, one.motion) for one in latents]
+                )
+                for name in names
+            ],
+            axis=1,
+        )
+        weights = _ridge(terms, force)
+        left = float(np.mean((force - terms @ weights) ** 2))
+        found.append((left, scales | dict(zip(names, weights.tolist(), strict=True))))
+    return Effect(kind.name, place, min(found, key=lambda one: one[0])[1])
+
+
+def _ridge(
+    terms: Float[np.ndarray, "time term"], force: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " term"]:
+    normal = terms.T @ terms
+    normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+    return np.asarray(np.linalg.solve(normal, terms.T @ force))
