@@ -93,7 +93,10 @@ def found_holds(
     def likelihood(described: Description) -> float:
         return told(described)[0]
 
-    found = located(description)
+    try:
+        found = located(description)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
     places = [group.places[0] for group in found.groups[:PLACES]]
     held = [
         describe_holds(description, [entry.hold or hold for entry in description.inputs])

@@ -17,8 +17,9 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Complex, Float
+
+from slowtime.discrepancy.linear_algebra import solve_semidefinite
 
 from .linear_response import ForceSource, LinearModel
 from .perturbed_reference import (
@@ -300,7 +301,7 @@ class LatentForceSolver:
         )
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         inner = matrix * np.outer(scale, scale) + RIDGE * np.eye(size)
-        found = scale * scipy.linalg.solve(inner, scale * right, assume_a="pos")
+        found = scale * solve_semidefinite(inner, scale * right)
         total += float(right @ found) / 2
         return found[:constants], list(found[constants:].reshape(-1, states)), total
 
