@@ -174,5 +174,27 @@ def approximated(
     warnings: tuple[str, ...] = (),
     bounds: tuple[float, float] | None = None,
 ) -> Result:
-    """Make the result of a method whose error is not known: no interval, and why."""
+    """Make the result of a method whose error is not known: it has no interval.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    probability
+        Estimate of the failure probability [1].
+    calls
+        Number of evaluations of the limit state.
+    why
+        Why there is no interval.
+    design_points
+        Design points found, if any.
+    warnings
+        Warnings to the user.
+    bounds
+        Lower and upper bound of the probability [1], if the method has some.
+
+    Returns
+    -------
+    The result.
+    """
     return Result(method, probability, None, why, None, calls, design_points, warnings, bounds)

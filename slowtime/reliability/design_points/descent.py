@@ -46,7 +46,21 @@ class Descent:
 
 
 def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray]:
-    """Value and gradient by forward differences, n + 1 calls."""
+    """Compute value and gradient by forward differences, in n + 1 calls.
+
+    Parameters
+    ----------
+    g
+        Limit state, from points [sample input] to values [sample].
+    u
+        Point in standard normal space [input].
+    step
+        Length of a difference [standard deviations].
+
+    Returns
+    -------
+    Value, and gradient [input].
+    """
     values = g(np.concatenate([u[None], u + step * np.eye(len(u))]))
     return float(values[0]), (values[1:] - values[0]) / step
 

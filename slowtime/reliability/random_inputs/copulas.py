@@ -250,7 +250,23 @@ def nataf(
 
 
 def corrected(one: Marginal, other: Marginal, correlation: float) -> float:
-    """Correlation of normal scores that gives two inputs the one wanted.
+    """Correlation of normal scores that gives two inputs the linear correlation wanted.
+
+    Parameters
+    ----------
+    one, other
+        Distributions of the two inputs.
+    correlation
+        Linear correlation of the inputs [1].
+
+    Returns
+    -------
+    Correlation of their scores [1].
+
+    Raises
+    ------
+    ValueError
+        Where no correlation of the scores gives the one wanted.
 
     Examples
     --------

@@ -61,7 +61,23 @@ class PolarMixture:
 def fit(
     u: Points, weights: Float[np.ndarray, " sample"], components: int, rng: np.random.Generator
 ) -> PolarMixture:
-    """Weighted maximum likelihood by expectation maximisation."""
+    """Fit a mixture to weighted points by expectation maximisation of the likelihood.
+
+    Parameters
+    ----------
+    u
+        Points in standard normal space.
+    weights
+        Importance weights of the points.
+    components
+        Number of components.
+    rng
+        Generator that chooses the first centres.
+
+    Returns
+    -------
+    The mixture after the last iteration.
+    """
     weights = weights / weights.sum()
     ways = u / np.linalg.norm(u, axis=1, keepdims=True)
     centres = _spread_out(ways, weights, components, rng)

@@ -59,7 +59,21 @@ class Independent:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         return {name: rng.random(count) < marginals[name] for name in self.members}
 
 
@@ -99,7 +113,21 @@ class CommonCause:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         least = self.beta * min(marginals[name] for name in self.members)
         event = rng.random(count) < least
         return {
@@ -153,7 +181,21 @@ class Equicorrelated:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         common = math.sqrt(self.rho) * rng.standard_normal(count)
         own = math.sqrt(1.0 - self.rho)
         return {
