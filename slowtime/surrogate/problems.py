@@ -47,7 +47,21 @@ class Problem:
 def ishigami(x: Inputs, a: float = 7.0, b: float = 0.1) -> Outputs:
     r""":math:`\sin x_1 + a \sin^2 x_2 + b x_3^4 \sin x_1` on :math:`[-\pi, \pi]^3`.
 
-    Ishigami and Homma (1990).
+    Parameters
+    ----------
+    x
+        Points [sample, 3].
+    a, b
+        Coefficients of the function [1].
+
+    Returns
+    -------
+    Values [sample].
+
+    References
+    ----------
+    .. [1] T. Ishigami and T. Homma, "An importance quantification technique in uncertainty
+       analysis for computer models", Proc. ISUMA (1990) 398-403.
     """
     return np.asarray(
         np.sin(x[:, 0]) + a * np.sin(x[:, 1]) ** 2 + b * x[:, 2] ** 4 * np.sin(x[:, 0])
@@ -56,6 +70,15 @@ def ishigami(x: Inputs, a: float = 7.0, b: float = 0.1) -> Outputs:
 
 def ishigami_sobol(a: float = 7.0, b: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     """First-order and total Sobol indices of `ishigami`, in closed form.
+
+    Parameters
+    ----------
+    a, b
+        Coefficients of the function [1].
+
+    Returns
+    -------
+    First-order and total index of each input [1].
 
     Examples
     --------
@@ -84,7 +107,19 @@ SOBOL_G = np.array([0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0])
 
 
 def sobol_g(x: Inputs, a: np.ndarray = SOBOL_G) -> Outputs:
-    r""":math:`\prod_i (|4 x_i - 2| + a_i) / (1 + a_i)` on the unit cube: many kinks."""
+    r""":math:`\prod_i (|4 x_i - 2| + a_i) / (1 + a_i)` on the unit cube, which has many kinks.
+
+    Parameters
+    ----------
+    x
+        Points [sample, input].
+    a
+        Coefficient of each input [1]: the larger, the less the input matters.
+
+    Returns
+    -------
+    Values [sample].
+    """
     return np.asarray(np.prod((np.abs(4.0 * x - 2.0) + a) / (1.0 + a), axis=1))
 
 
