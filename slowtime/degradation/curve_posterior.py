@@ -143,7 +143,21 @@ class CurvePosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         owners = rng.choice(len(self.mean), size=count, p=self.weights)
         values, vectors = np.linalg.eigh(self.covariance[owners])
         shocks = rng.standard_normal((count, self.mean.shape[1]))

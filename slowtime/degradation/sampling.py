@@ -81,7 +81,17 @@ def importance_sample(
 
 
 def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
-    """Logarithm of the standard normal density."""
+    """Logarithm of the standard normal density.
+
+    Parameters
+    ----------
+    points
+        Points [point, parameter].
+
+    Returns
+    -------
+    Logarithm of the density at each point.
+    """
     size = points.shape[1]
     return np.asarray(-0.5 * np.sum(points**2, axis=1) - 0.5 * size * np.log(2.0 * np.pi))
 

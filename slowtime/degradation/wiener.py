@@ -150,7 +150,21 @@ class WienerPosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         owners = rng.choice(len(self.sigma), size=count, p=self.weights)
         shocks = rng.standard_normal((count, 2))
         factor = np.linalg.cholesky(self.covariance[owners] + 1e-300 * np.eye(2))
