@@ -50,7 +50,19 @@ class Follow:
     def after_repair(
         self, damage: Float[np.ndarray, " path"], remaining: Int[np.ndarray, " path"]
     ) -> Float[np.ndarray, "path item"]:
-        """V after a repair from each damage [1], with so many steps remaining."""
+        """V after a repair from each damage, with so many steps remaining.
+
+        Parameters
+        ----------
+        damage
+            Damage before the repair [1].
+        remaining
+            Number of steps that remain.
+
+        Returns
+        -------
+        Expected discounted items.
+        """
         share = np.clip(damage, 0.0, 1.0)[:, None]
         mixed = (1.0 - share) * self.new[remaining] + share * self.worn[remaining]
         return np.asarray(mixed)

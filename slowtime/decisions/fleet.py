@@ -48,7 +48,19 @@ class Continuations:
     def at(
         self, rate: Float[np.ndarray, " asset"], remaining: Int[np.ndarray, " time"]
     ) -> Float[np.ndarray, "asset time item"]:
-        """V of each asset with so many epochs remaining, straight between rates."""
+        """V of each asset with so many epochs remaining, interpolated linearly between rates.
+
+        Parameters
+        ----------
+        rate
+            Rate of each asset [1/time].
+        remaining
+            Numbers of epochs that remain.
+
+        Returns
+        -------
+        Expected discounted items.
+        """
         place = np.clip(np.searchsorted(self.rate, rate) - 1, 0, len(self.rate) - 2)
         low, high = self.rate[place], self.rate[place + 1]
         share = np.clip((rate - low) / (high - low), 0.0, 1.0)[:, None, None]

@@ -178,9 +178,19 @@ def of_readings(
 
 
 def linear_loss(mean: float, sd: float) -> float:
-    r"""Perfect information between 0 and a cost x ~ N(mean, sd²): sd L(|mean| / sd).
+    r"""Value of perfect information on a cost x ~ N(mean, sd²) against a cost of 0.
 
-    L is the unit normal loss integral :math:`\varphi(u) - u (1 - \Phi(u))`.
+    It is :math:`\sigma L(|\mu| / \sigma)` with the unit normal loss integral
+    :math:`L(u) = \varphi(u) - u (1 - \Phi(u))`.
+
+    Parameters
+    ----------
+    mean, sd
+        Mean and standard deviation of the cost [currency].
+
+    Returns
+    -------
+    Value of the information [currency].
 
     Examples
     --------

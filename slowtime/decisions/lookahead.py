@@ -51,7 +51,23 @@ def never_items(
     costs: Costs,
     after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path item"]:
-    """Give expected discounted items of planning no repair within the times."""
+    """Compute the expected discounted items where no repair is planned within the times.
+
+    Parameters
+    ----------
+    time
+        Times from now [time].
+    failure_cdf
+        Probability of a failure by each time [1].
+    costs
+        Costs, of which the discount rate and the items of a failure count.
+    after_failure
+        V after a failure at each time.
+
+    Returns
+    -------
+    Items.
+    """
     weight = discount(time, costs.discount_rate)[:, None]
     failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]
     paid = failing * weight * (costs.event(FAILURE) + after_failure)

@@ -95,11 +95,31 @@ class BeliefSolution:
     actions: Int[np.ndarray, " plane"]
 
     def value(self, belief: Float[np.ndarray, " state"]) -> float:
-        """Give the expected discounted cost from a belief on [currency]."""
+        """Upper bound of the expected discounted cost from a belief on.
+
+        Parameters
+        ----------
+        belief
+            Probability of each state [1].
+
+        Returns
+        -------
+        Cost [currency].
+        """
         return float((self.planes @ belief).min())
 
     def action(self, belief: Float[np.ndarray, " state"]) -> int:
-        """Best action at a belief."""
+        """Best action at a belief.
+
+        Parameters
+        ----------
+        belief
+            Probability of each state [1].
+
+        Returns
+        -------
+        Index of the action.
+        """
         return int(self.actions[(self.planes @ belief).argmin()])
 
 
