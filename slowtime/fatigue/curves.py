@@ -76,10 +76,23 @@ class Curve:
 
     @classmethod
     def of_amplitudes(cls, constant: float, slope: float, log10_sd: float = 0.2) -> "Curve":
-        """Make the curve of N = constant × amplitude**(-slope).
+        """Make the curve N = constant × amplitude**(-slope), which is given in amplitudes.
 
         A range is twice an amplitude, so that the constant for ranges is 2**slope times that
         for amplitudes.
+
+        Parameters
+        ----------
+        constant
+            Cycles times unit of stress to the power of `slope`.
+        slope
+            Slope m [1].
+        log10_sd
+            Standard deviation of log10 of the life [1].
+
+        Returns
+        -------
+        The curve in ranges.
         """
         return cls(constant=constant * 2.0**slope, slope=slope, log10_sd=log10_sd)
 

@@ -53,7 +53,19 @@ class Cycles(NamedTuple):
 
 
 def cycles_of(low: Points, high: Points, count: float) -> Cycles:
-    """List the cycles between pairs of points, in any order, each counted `count` times."""
+    """List the cycles between pairs of points, in any order, each counted `count` times.
+
+    Parameters
+    ----------
+    low, high
+        Both turning points of each cycle [unit of stress].
+    count
+        Count of each cycle: 1, or 0.5 for a half cycle.
+
+    Returns
+    -------
+    Ranges and means [unit of stress], and counts.
+    """
     return Cycles(np.abs(high - low), (low + high) / 2, np.full(len(low), count))
 
 
