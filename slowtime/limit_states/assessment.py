@@ -68,9 +68,18 @@ class Assessment:
         return np.asarray(np.maximum(-np.gradient(log, self.slow_time), 0.0))
 
     def when(self, accepted: float) -> float:
-        """Slow time at which the probability of failure so far passes `accepted`; or infinity.
+        """Slow time at which the probability of failure so far reaches an accepted one.
 
-        Straight between the instants.
+        Interpolated linearly between the instants.
+
+        Parameters
+        ----------
+        accepted
+            Accepted probability of failure [1].
+
+        Returns
+        -------
+        Slow time; infinite where the probability is not reached.
         """
         failed = self.failure
         if failed[0] >= accepted:

@@ -222,6 +222,16 @@ def _nodes(law: Marginal | float) -> tuple[Float[np.ndarray, " node"], np.ndarra
 
 
 def normal_index(probability: np.ndarray) -> np.ndarray:
-    r"""Reliability index :math:`\beta = -\Phi^{-1}(P_f)`, at most `FAR` in size."""
+    r"""Reliability index :math:`\beta = -\Phi^{-1}(P_f)`, at most `FAR` in size.
+
+    Parameters
+    ----------
+    probability
+        Failure probabilities, of any shape [1].
+
+    Returns
+    -------
+    Indices, of the same shape [1].
+    """
     clipped = np.clip(probability, float(ndtr(-FAR)), 1.0 - 1e-16)
     return np.asarray(-ndtri(clipped))
