@@ -177,7 +177,18 @@ def _check_window(window: int) -> None:
 
 
 def check_weight(a: float) -> None:
-    """Refuse a weight outside (0, 1]."""
+    """Check that a weight is in (0, 1].
+
+    Parameters
+    ----------
+    a
+        Weight of the newest reading [1].
+
+    Raises
+    ------
+    ValueError
+        Where it is not.
+    """
     if not (0 < a <= 1 and math.isfinite(a)):
         raise ValueError(
             f"{a=} is outside (0, 1]. Give the newest reading's weight, such as 0.3."

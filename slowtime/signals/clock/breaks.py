@@ -128,7 +128,21 @@ def breaks_of(points: Points, line: Line, *, fewest: int, least_s: float) -> tup
 
 
 def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Change | None:
-    """Break that explains the points best, if it is more than `score` deviations from none."""
+    """Find the break that explains the points best, if its score exceeds a threshold.
+
+    Parameters
+    ----------
+    breaks
+        Breaks of each kind, with their scores.
+    points
+        Points of the line.
+    score
+        Threshold of the score [standard deviations].
+
+    Returns
+    -------
+    The change; None where no score exceeds the threshold.
+    """
     ranked = sorted(breaks, key=_highest, reverse=True)
     if not ranked or _highest(ranked[0]) <= score:
         return None

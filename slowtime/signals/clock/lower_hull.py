@@ -50,7 +50,19 @@ def joined(left: Iterable[Point], right: Iterable[Point]) -> tuple[Point, ...]:
 
 
 def lowest(hull: Iterable[Point], slope: float) -> Point:
-    """Vertex that is lowest above a line of the given slope."""
+    """Vertex of a hull that is lowest above a line of the given slope.
+
+    Parameters
+    ----------
+    hull
+        Vertices (sensor time, delay) [s].
+    slope
+        Slope of the line [1].
+
+    Returns
+    -------
+    The vertex [s].
+    """
     return min(hull, key=lambda point: point[1] - slope * point[0])
 
 
