@@ -77,7 +77,17 @@ def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -
 def product(
     first: Float[np.ndarray, "*_a slope _ _"], second: Float[np.ndarray, "*_b slope _ _"]
 ) -> Float[np.ndarray, "*_c slope _ _"]:
-    """Multiply two matrices, and their slopes by the product rule; leading axes alike."""
+    """Multiply two matrices, and their slopes by the product rule.
+
+    Parameters
+    ----------
+    first, second
+        Matrices, each followed by its slopes; leading axes are broadcast.
+
+    Returns
+    -------
+    Product, followed by its slopes.
+    """
     found = first[..., :1, :, :] @ second
     found[..., 1:, :, :] += first[..., 1:, :, :] @ second[..., :1, :, :]
     return np.asarray(found)

@@ -116,7 +116,20 @@ class Springs:
     def rows(
         self, values: Float[np.ndarray, "_ parameter"] | None, count: int
     ) -> Float[np.ndarray, "row parameter"]:
-        """One row of parameters for each of `count` motions."""
+        """Make one row of parameters for each of `count` motions.
+
+        Parameters
+        ----------
+        values
+            Values in SI units, one row for all motions or one for each; None for those of the
+            structure.
+        count
+            Number of motions.
+
+        Returns
+        -------
+        Values, one row for each motion.
+        """
         if values is None:
             values = self.values[None]
         wanted = (count, len(self.names))

@@ -8,12 +8,48 @@ from .parameter_grids import each, levels
 
 
 def drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that grows with the square of speed, against it [N]."""
+    """Force of drag, which grows with the square of speed.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Coefficient of drag [N s^2/m^2].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * abs(v) * v)
 
 
 def van_der_pol(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that feeds small motion and brakes large [N]."""
+    """Force of damping that is negative at small elongations and positive at large ones.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Negative damping at rest [N s/m]; elongation from which damping is positive [m].
+
+    Returns
+    -------
+    Force [N].
+    """
     ratio = e / p[1]
     return float(p[0] * (ratio * ratio - 1.0) * v)
 

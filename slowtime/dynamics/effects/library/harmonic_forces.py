@@ -9,7 +9,25 @@ from .parameter_grids import each, lines_hz
 
 
 def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a machine that turns evenly [N]."""
+    """Harmonic force.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s].
+    z
+        Internal states; none.
+    p
+        Amplitude [N], frequency [Hz], phase at campaign time 0 [rad].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2]))
 
 

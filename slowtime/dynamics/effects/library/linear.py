@@ -56,7 +56,19 @@ def ridden(p: Values) -> tuple[Square, Square, Square]:
 
 
 def rings(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Whether a hidden mass swings by itself rather than lags."""
+    """Tell whether a hidden mass is underdamped enough to oscillate, not only to lag.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Whether the motion shows the effect.
+    """
     critical = 4 * math.pi * parameters["frequency_hz"] * parameters["mass_kg"]
     return parameters["damping_n_s_per_m"] <= RINGS * critical
 
@@ -86,8 +98,19 @@ def resonances(motion: Motion) -> list[Shape]:
 def riders(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
     """Light oscillators a little above each mode, the fastest first.
 
-    One that is too fast is a mass at first, and a refit slows it down; one that is too slow is
-    nothing, and stays so.
+    One that is too fast acts as a mass at first, and a refit slows it down; one that is too
+    slow has no effect, and a refit does not change it.
+
+    Parameters
+    ----------
+    mass_kg
+        Mass of the node [kg].
+    frequencies_hz
+        Undamped natural frequencies of the model [Hz].
+
+    Returns
+    -------
+    Values of all parameters of each oscillator, by name.
     """
     return [
         {

@@ -31,5 +31,19 @@ def lines_hz(series: Series, times: Series, count: int) -> list[float]:
 
 
 def each(name: str, values: list[float], **fixed: float) -> list[Shape]:
-    """One shape for each value of one parameter."""
+    """Make one shape for each value of one parameter.
+
+    Parameters
+    ----------
+    name
+        Name of the parameter.
+    values
+        Its values, in its unit.
+    **fixed
+        Values of other parameters, the same in all shapes.
+
+    Returns
+    -------
+    Parameters by name, for each value.
+    """
     return [{name: value} | fixed for value in values]

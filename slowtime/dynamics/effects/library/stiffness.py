@@ -15,22 +15,94 @@ LEAST_BEND = 0.02
 
 
 def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a cubic spring [N]."""
+    """Force of a cubic spring (Duffing).
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Cubic stiffness [N/m^3].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * e * e * e)
 
 
 def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that does not change sign with the elongation [N]."""
+    """Force of a quadratic spring; it has the same sign at either elongation.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Quadratic stiffness [N/m^2].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * e * e)
 
 
 def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a spring that levels off, less its own straight line [N]."""
+    """Force of a spring that levels off, less its linear force.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness that levels off [N/m]; elongation at which it does [m].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * (p[1] * math.tanh(e / p[1]) - e))
 
 
 def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of stops on both sides [N]."""
+    """Force of stops on both sides, each beyond a gap.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness of the stops [N/m]; gap before them [m].
+
+    Returns
+    -------
+    Force [N].
+    """
     if e > p[1]:
         return float(p[0] * (e - p[1]))
     if e < -p[1]:
@@ -39,13 +111,49 @@ def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def stop(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a stop on one side [N]."""
+    """Force of a stop on one side, beyond a gap.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness of the stop [N/m]; gap before it [m]; side of the stop, 1 or -1 [1].
+
+    Returns
+    -------
+    Force [N].
+    """
     beyond = p[2] * e - p[1]
     return float(p[0] * p[2] * beyond) if beyond > 0 else 0.0
 
 
 def pendulum(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Torque of gravity on a pendulum, less its straight line [N m]."""
+    """Torque of gravity on a pendulum, less its linear part.
+
+    Parameters
+    ----------
+    e
+        Angle [rad].
+    v
+        Its rate [rad/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Torsional stiffness of gravity [N m/rad].
+
+    Returns
+    -------
+    Torque [N m].
+    """
     return float(p[0] * (math.sin(e) - e))
 
 
@@ -67,7 +175,19 @@ def stops(motion: Motion) -> list[Shape]:
 
 
 def levelled(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Whether the motion shows a spring levelling off, and not only what is left beyond."""
+    """Tell whether a motion shows a spring levelling off, and not only its saturated force.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Whether the motion shows the effect.
+    """
     return parameters["es_m"] > LEAST_BEND * float(np.abs(motion.e).max())
 
 

@@ -9,17 +9,71 @@ from .parameter_grids import each, lines_hz, within
 
 
 def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that is lost once stiffness has jumped [N]."""
+    """Force lost by a stiffness that jumps.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s].
+    z
+        Internal states; none.
+    p
+        Stiffness lost [N/m]; campaign time of the jump [s].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(-p[0] * e) if t >= p[1] else 0.0
 
 
 def drift(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that is lost as stiffness falls [N]."""
+    """Force lost by a stiffness that falls linearly in time.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s].
+    z
+        Internal states; none.
+    p
+        Stiffness lost in the end [N/m]; campaign time at which all of it is lost [s].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(-p[0] * e * t / p[1])
 
 
 def parametric(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a stiffness that pulsates [N]."""
+    """Force of a stiffness that oscillates (parametric excitation).
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s].
+    z
+        Internal states; none.
+    p
+        Amplitude of the stiffness [N/m], frequency [Hz], phase at campaign time 0 [rad].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * math.cos(2.0 * math.pi * p[1] * t + p[2]) * e)
 
 
