@@ -40,7 +40,19 @@ class Surrogate(Protocol):
     """What foretells a frequency: mean and standard deviation at changes of the structure."""
 
     def predict(self, X: np.ndarray, return_std: bool = False) -> Any:
-        """Mean, or mean and standard deviation, at points [point change]."""
+        """Predict the frequency at changes of the structure.
+
+        Parameters
+        ----------
+        X
+            Points [point, change].
+        return_std
+            Whether to return the standard deviation as well.
+
+        Returns
+        -------
+        Mean, or mean and standard deviation, at each point [Hz].
+        """
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
