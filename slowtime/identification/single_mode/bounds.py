@@ -50,6 +50,19 @@ def ambient_law(
     :math:`B_\zeta = \tfrac{2}{\pi} (\arctan \kappa + \kappa / (\kappa^2 + 1)
     - 2 \arctan^2 \kappa / \kappa)`.
 
+    Parameters
+    ----------
+    damping_ratio
+        Damping ratio zeta [1].
+    cycles
+        Number :math:`N_c` of natural periods in the record.
+    reach
+        Half width :math:`\kappa` of the band, in half-power half widths [1].
+
+    Returns
+    -------
+    Relative standard deviation of the frequency, and that of the damping ratio [1].
+
     References
     ----------
     .. [1] S.-K. Au, "Uncertainty law in ambient modal identification", MSSP 48 (2014).
