@@ -66,7 +66,7 @@ def strongest_bin(spectra: Spectra, frequency_hz: float) -> int:
 
 
 def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
-    r"""Frequency of a spectral line; its error is that of a tone in noise, or how far it wanders.
+    r"""Frequency of a spectral line; its error is that of a tone, or how far it wanders.
 
     The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
     \mathrm{sinc}(p - k)` over the bins k; the best p has the standard deviation
