@@ -62,9 +62,22 @@ def nees(
     *,
     level: float = 0.95,
 ) -> Consistency:
-    """Normalised errors squared, of beliefs whose errors are independent: one from each run.
+    """Test the normalised squared errors (NEES) of beliefs, one from each independent run.
 
-    Errors at successive times of one run move together; the interval is not for them.
+    Errors at successive times of one run are correlated; the interval does not hold for them.
+
+    Parameters
+    ----------
+    truth
+        True state of each run.
+    beliefs
+        Belief of each run.
+    level
+        Probability of the interval of a consistent filter [1].
+
+    Returns
+    -------
+    Verdict, one entry per twin.
     """
     total, count = np.zeros(truth.shape[1:-1]), 0
     for true, belief in zip(truth, beliefs, strict=True):

@@ -64,13 +64,39 @@ class Stream:
     process: Process
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading, at `time`, no later than the first."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         return self.process.start(time)
 
     def step(
         self, belief: Belief, time: float, value: float, sd: float
     ) -> tuple[Belief, Reading]:
-        """Take in one reading, in constant time; a `value` of NaN only moves on in time."""
+        """Update the belief by one reading, in constant time.
+
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        time
+            Time of the reading.
+        value
+            Reading; NaN only advances the time.
+        sd
+            Its standard deviation, in the unit of the readings.
+
+        Returns
+        -------
+        Belief after the reading, and the reading as the filter met it.
+        """
         move, noise = self.process.advance(np.array([time - belief.time]))
         seen = self.process.seen(np.array([time]))[0]
         return _step(seen, belief, time, value, sd, move[0], noise[0])
@@ -330,7 +356,25 @@ def sample(
     paths: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "path later"]:
-    """Draw futures of the process, each a whole path, from a belief; `times` ascending."""
+    """Draw futures of the process, each a whole path.
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    belief
+        Belief after the last reading.
+    times
+        Future times, ascending.
+    paths
+        Number of paths.
+    rng
+        Generator of the draws.
+
+    Returns
+    -------
+    Paths, in the unit of the readings.
+    """
     apart = np.diff(times, prepend=belief.time)
     scale = max(float(apart.max(initial=0.0)), 1e-300)
     steps, which = np.unique(np.round(apart / scale, 12), return_inverse=True)

@@ -33,7 +33,17 @@ class Startable(Moving, Protocol):
     """A process that can also say what is believed before any reading."""
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         ...
 
 
@@ -64,12 +74,31 @@ class Interventions(NamedTuple):
 
         .. math:: \ln \frac{p(y | i)}{p(y)} =
                   \frac{s_i^2 \tau^2}{2 (1 + \tau^2 S_i)} - \tfrac12 \ln(1 + \tau^2 S_i) .
+
+        Parameters
+        ----------
+        sd
+            Standard deviation of the shift, in the unit of the readings.
+
+        Returns
+        -------
+        Gains [1].
         """
         grown = 1.0 + sd**2 * self.information
         return np.asarray(0.5 * (self.score * sd) ** 2 / grown - 0.5 * np.log(grown))
 
     def loss(self, sd: float) -> Float[np.ndarray, "family time"]:
-        """Loss of log-likelihood by forgetting a shift of this `sd` that is taken for given."""
+        """Loss of log-likelihood by removing a shift that the model holds before each reading.
+
+        Parameters
+        ----------
+        sd
+            Standard deviation of the shift, in the unit of the readings.
+
+        Returns
+        -------
+        Losses [1].
+        """
         left = np.maximum(1.0 - sd**2 * self.information, 1e-12)
         return np.asarray(0.5 * (self.score * sd) ** 2 / left + 0.5 * np.log(left))
 

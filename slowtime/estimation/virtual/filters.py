@@ -72,7 +72,21 @@ def make_filters(
     levels: Levels,
     rate_hz: float,
 ) -> Filters:
-    """Solve for the gain of each model, and unroll its recursion over a block."""
+    """Solve for the steady gain of each model, and unroll its recursion over a block.
+
+    Parameters
+    ----------
+    models
+        Models with their latent forces.
+    levels
+        Covariance of latent forces and noises.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Filters of all models.
+    """
     closed, gains, variances, priors = [], [], [], []
     noise = np.diag(levels.noise)
     for model in models:

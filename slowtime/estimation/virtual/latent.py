@@ -72,7 +72,17 @@ class Latent:
     def response(
         self, frequency_hz: Float[np.ndarray, " f"]
     ) -> Complex[np.ndarray, "f channel both"]:
-        """Transfer from the driving noise of each latent force to the channels."""
+        """Frequency response from the driving noise of each latent force to the channels.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz].
+
+        Returns
+        -------
+        Responses, in SI units.
+        """
         # Not by eigenvectors, which are ill-conditioned where poles come close together.
         size = len(self.drift)
         out = np.empty((len(frequency_hz), len(self.sensing), self.driving.shape[1]), complex)
@@ -231,7 +241,26 @@ BLIND = 0.02
 
 
 def modes_kept(description: Description, rate_hz: float, settings: VirtualSettings) -> int:
-    """Count the modes that the sampling rate can show."""
+    """Count the modes below the highest usable frequency.
+
+    Parameters
+    ----------
+    description
+        Structure.
+    rate_hz
+        Sampling rate [Hz].
+    settings
+        Settings, with the largest number of modes.
+
+    Returns
+    -------
+    Number of modes, at least 1.
+
+    Raises
+    ------
+    ValueError
+        Where the lowest natural frequency is above the usable band.
+    """
     frequency = undamped_modes(assemble(description)).angular_frequency / (2 * np.pi)
     kept = int((frequency < USABLE * rate_hz / 2).sum())
     if not kept:
