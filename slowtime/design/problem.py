@@ -133,7 +133,19 @@ class DesignProblem:
         return np.array([one.begin for one in self.variables.values()])
 
     def reliability(self, name: str, design: Float[np.ndarray, " variable"]) -> Problem:
-        """Give the reliability problem of one constraint at a design."""
+        """Make the reliability problem of one constraint at a design.
+
+        Parameters
+        ----------
+        name
+            Name of the constraint.
+        design
+            Design variables, in their units.
+
+        Returns
+        -------
+        The reliability problem.
+        """
         limit_state = self.constraints[name].limit_state
 
         def at_design(x: np.ndarray) -> np.ndarray:
