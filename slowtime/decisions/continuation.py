@@ -138,6 +138,10 @@ def follow_of(new: Payments, worn: Payments | None) -> Follow:
     new, worn
         What its cycles pay that begin with a new asset, and with one repaired from a damage of
         1; None where repairs restore all.
+
+    Returns
+    -------
+    V by remaining time.
     """
     first = new.from_first_step()
     second = first if worn is None else worn.from_first_step()

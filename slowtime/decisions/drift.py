@@ -153,6 +153,10 @@ def start(shape: tuple[int, ...], rate: float) -> DriftBelief:
         Leading axes, and the count of assets.
     rate
         First guess of M [1/time], which sets the scale of the diffuse rate.
+
+    Returns
+    -------
+    The belief.
     """
     full = (*shape[:-1], len(_Q), shape[-1])
     none = np.zeros(full)
@@ -249,8 +253,14 @@ def pool(belief: DriftBelief, guess: float, guess_sd: float) -> Pooled:
 
     Parameters
     ----------
+    belief
+        Belief about each asset by itself.
     guess, guess_sd
         Of M before any reading [1/time].
+
+    Returns
+    -------
+    Belief about each asset, with the rates of the fleet.
     """
     chosen, variance, acceleration = _chosen(belief.evidence)
     best = chosen[..., None, None]
@@ -351,8 +361,16 @@ def failure_cdf(
     ----------
     pooled
         Gives q, M and what is not known of the rate at a known damage.
+    place
+        Coordinate u of each state [1].
+    rate
+        Rate of each state [1/time].
     time
         From now [time].
+
+    Returns
+    -------
+    Probabilities [1].
     """
     left = np.maximum(pooled.prr - pooled.pdr**2 / np.maximum(pooled.pdd, 1e-12), 0.0)
     fleet = np.maximum(pooled.mean_rate, 1e-12)[..., None, None]

@@ -106,6 +106,10 @@ def from_paths(
     time, damage, weights, renewed
         As of `Ensemble`; equal weights by default. Between times a path is straight.
 
+    Returns
+    -------
+    The ensemble.
+
     Examples
     --------
     >>> from_paths(np.array([0.0, 1.0, 2.0]), np.array([[0.0, 0.8, 1.2]])).failure_time

@@ -83,12 +83,20 @@ def continuations(
 
     Parameters
     ----------
+    costs
+        Costs of all items.
     mean_rate, variance, acceleration
         M and q [1/time], and c [1], of the fleet.
     epochs, step
         Until the end of the horizon, and from one to the next [time].
     error
         Of the estimate by which thresholds act.
+    seed
+        Seed of the simulated assets.
+
+    Returns
+    -------
+    V by rate and remaining number of epochs.
     """
     time = step * np.arange(epochs + 1)
     rng = np.random.default_rng(seed)
@@ -123,12 +131,20 @@ def decide(
     ----------
     pooled
         What is believed of each asset.
+    costs
+        Costs of all items.
+    follow
+        V after a renewal.
     epochs, step
         Until the end of the horizon, and from one to the next [time].
     reading_sd
         Error of the reading of each epoch [1]; None where none come.
     inspection_sd
         Error of an inspection [1]; None where none can be ordered.
+
+    Returns
+    -------
+    Choice for each asset, with its net values.
     """
     ahead = AHEAD[epochs >= AHEAD]
     place, rate = drift.states_of(pooled)
@@ -228,6 +244,8 @@ def dispatch(
 
     Parameters
     ----------
+    candidates
+        Assets that could be inspected, with net value and cost.
     visits
         How many inspections the teams can make.
     budget

@@ -77,6 +77,10 @@ def value_of_information(
     likelihood
         Probability of each outcome in each future; the sum over outcomes is 1.
 
+    Returns
+    -------
+    Value of the observation, and the best actions without and with it.
+
     Examples
     --------
     >>> cost = np.array([[0.0, 1.0], [3.0, 1.0]])  # in two futures: wait, or repair for 1
@@ -106,10 +110,16 @@ def of_a_number(
     ----------
     state
         What is measured, in each future.
+    weights
+        Weight of each future.
     sd
         Standard deviation of the error, in the same unit; 0 for none.
     outcomes
         Count of intervals.
+
+    Returns
+    -------
+    Probability of each interval in each future [1].
     """
     own = np.asarray(sd, dtype=float)[..., None]
     mean = (weights * state).sum(axis=-1, keepdims=True)
@@ -137,6 +147,10 @@ def of_detection(
     slope
         Exponent: POD(d) = d^slope / (half^slope + d^slope).
 
+    Returns
+    -------
+    Probability of both outcomes in each future [1].
+
     References
     ----------
     .. [1] A. P. Berens, "NDE reliability data analysis", Metals Handbook 17 (1989).
@@ -161,8 +175,16 @@ def of_readings(
         Of each future at the time of each reading [1].
     time
         When it is read [time].
+    weights
+        Weight of each future; their sum is 1.
     sd
         Of the error of one reading [1].
+    outcomes
+        Number of intervals of level and of slope.
+
+    Returns
+    -------
+    Probability of each outcome in each future [1].
     """
     count = len(time)
     level = of_a_number(

@@ -31,6 +31,8 @@ def repair_items(
         When a repair may be planned, the first being now; not necessarily equal steps.
     failure_cdf
         Probability of a failure by each time, in each state.
+    costs
+        Costs of all items.
     after_repair, after_failure
         What follows a renewal at each time, until the horizon, not yet discounted to now.
 
@@ -145,6 +147,12 @@ def look_ahead(
         Error of an inspection [1], and what one costs [currency].
     monitored
         Readings that come anyway, and later inspections: waiting may end by what they tell.
+    outcomes
+        Number of intervals of a reading.
+
+    Returns
+    -------
+    Choice for each asset, with its expected costs [currency].
     """
     expected = (weights[..., None] * cost).sum(axis=-2)
     now, later = expected[:, 0], expected[:, 1:].min(axis=-1)

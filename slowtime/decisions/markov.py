@@ -143,10 +143,16 @@ def solve_beliefs(process: Process, *, steps: int = 20, sweeps: int = 2000) -> B
 
     Parameters
     ----------
+    process
+        Partly observed process.
     steps
         Of the grid; beliefs grow as steps^(states - 1).
     sweeps
         At most.
+
+    Returns
+    -------
+    Planes over beliefs, an upper bound of the cost.
 
     References
     ----------

@@ -171,12 +171,28 @@ def worth(
 
     Parameters
     ----------
+    observation
+        Inspection, detection or readings.
+    index
+        Index of the time at which the outcome is in.
+    time
+        Times from now [time].
+    damage
+        Damage of each future [1].
+    weights
+        Weight of each future; their sum is 1.
     actions
         What may be done from then on.
+    prices
+        Mean cost of each item.
     least
         Expected cost of the best option without it [currency].
     weight
         Discount factor of its cost.
+
+    Returns
+    -------
+    Value of the observation [currency], and what it would change.
     """
     likelihood = likelihood_of(observation, index, time, damage, weights)
     found = value_of_information(actions.items @ prices, weights, likelihood)

@@ -118,6 +118,10 @@ def threshold_of_probability(
 
     Parameters
     ----------
+    futures
+        Futures of the asset.
+    estimates
+        Estimate of the damage in each future [1].
     probability
         P_f that calls for a repair [1].
     window

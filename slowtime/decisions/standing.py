@@ -40,9 +40,15 @@ class Starts:
 
         Parameters
         ----------
+        futures
+            Futures of the asset from now on.
         restored
             Share of the damage that a repair takes away [1]; a failure always ends in a new
             asset.
+
+        Returns
+        -------
+        Futures from now, of a new asset, and after a repair.
         """
         worn = None if restored >= 1.0 else futures.after_repair(1.0 - restored)
         return cls(futures, futures.after_repair(0.0), worn)
@@ -74,12 +80,20 @@ def standing_policies(
 
     Parameters
     ----------
+    starts
+        Futures from now, of a new asset, and after a repair.
+    costs
+        Costs of all items.
     error
         Of the estimate by which thresholds act.
     window
         Steps within which a failure counts for the threshold on P_f.
     inspection_sd
         Error of an inspection [1]; None where none can be ordered.
+
+    Returns
+    -------
+    The best policy of each kind.
     """
     count = len(starts.now.time)
     steps = sorted({max(1, round(k * (count - 1) / PARTS)) for k in range(1, PARTS + 1)})

@@ -31,6 +31,10 @@ def wiener_first_passage(
         :math:`\mu` towards the threshold [quantity / time], and :math:`\sigma` [quantity /
         root of time].
 
+    Returns
+    -------
+    Probability [1].
+
     References
     ----------
     .. [1] R. S. Chhikara and J. L. Folks, "The Inverse Gaussian Distribution" (1989).
@@ -66,6 +70,10 @@ def gamma_first_passage(
         z, what is left to the threshold, in the unit of the quantity.
     shape_rate, rate
         :math:`\alpha` [1 / time] and :math:`\beta` [1 / quantity].
+
+    Returns
+    -------
+    Probability [1].
 
     References
     ----------
@@ -103,6 +111,10 @@ def load_survival(
         p, that a load which comes then breaks the structure, for each path [1].
     weights
         Of the paths; equal by default.
+
+    Returns
+    -------
+    Probability of survival [1].
     """
     p = np.asarray(failure_probability, dtype=float)
     if ((p < 0.0) | (p > 1.0)).any():
@@ -129,6 +141,10 @@ def gamma_rate_survival(
         Times from now.
     shape, scale
         k [1] and :math:`\theta` [1 / time] of the rate's gamma law.
+
+    Returns
+    -------
+    Probability of survival [1].
     """
     return np.asarray((1.0 + scale * np.asarray(ahead, dtype=float)) ** -shape)
 
@@ -142,6 +158,10 @@ def rate_given_survival(shape: float, scale: float, survived: float) -> tuple[fl
         Of the rate beforehand [1] and [1 / time].
     survived
         Time without a failure.
+
+    Returns
+    -------
+    Shape [1] and scale [1/time] of the law.
     """
     return shape, scale / (1.0 + scale * survived)
 

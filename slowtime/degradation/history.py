@@ -143,6 +143,10 @@ def history_of(
     origin
         Slow time at which the age is zero; by default that of the first reading.
 
+    Returns
+    -------
+    The readings in ascending order of time, with their scales.
+
     Raises
     ------
     ValueError

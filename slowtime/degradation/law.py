@@ -89,5 +89,9 @@ class Law(Protocol):
             The readings, with their scales and events.
         fleet
             What sister assets say of the parameters; None for the weakly informative prior.
+
+        Returns
+        -------
+        Belief after the readings.
         """
         ...

@@ -182,6 +182,10 @@ class Mixture:
             Probabilities whose times are told.
         points, paths, seed, only
             As for `futures`.
+
+        Returns
+        -------
+        Distribution of the time of the first crossing.
         """
         futures = self.futures(horizon, points=points, paths=paths, seed=seed, only=only)
         return futures.crossing(
@@ -229,6 +233,10 @@ def learn(
         and one for a law that is not named there.
     bound
         Lower bound of the quantity.
+
+    Returns
+    -------
+    The laws with their probabilities.
 
     Examples
     --------

@@ -58,6 +58,10 @@ def importance_sample(
     points, rounds
         Points of each proposal, and how many proposals follow the first.
 
+    Returns
+    -------
+    Points and their weights.
+
     References
     ----------
     .. [1] J.-M. Cornuet et al., "Adaptive multiple importance sampling" (2012).

@@ -147,6 +147,12 @@ def optimise_emulated(
         The slow responses, all positive.
     runs
         Rows of `run` that surrogates may be learnt from.
+    seed
+        Seed of the runs and of the optimisation.
+    effort
+        Effort of the optimisation and of the reliability estimates.
+    say
+        Called with each message of progress.
 
     Returns
     -------

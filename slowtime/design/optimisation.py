@@ -100,6 +100,10 @@ def optimise(
     say
         Called with a line of progress after each round.
 
+    Returns
+    -------
+    The best design, evaluated.
+
     Raises
     ------
     ValueError

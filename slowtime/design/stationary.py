@@ -54,6 +54,10 @@ def stationary_covariance(a: States, noise: States) -> States:
     noise
         Intensity :math:`Q`, with :math:`E[w(t) w(t')^T] = Q\,\delta(t - t')`.
 
+    Returns
+    -------
+    Covariances [row, state, state].
+
     Raises
     ------
     ValueError

@@ -79,6 +79,12 @@ def rayleigh_coefficients(
     ----------
     frequencies
         Of the two modes [rad/s].
+    damping_ratios
+        Of the two modes [1].
+
+    Returns
+    -------
+    Coefficients :math:`a_0` [1/s] and :math:`a_1` [s].
 
     Examples
     --------
@@ -254,8 +260,14 @@ def fit_damping_ratio(
     ----------
     omega
         [rad/s]
+    damping_ratios
+        Measured damping ratios [1].
     sd
         Of the ratios; equal where not given.
+
+    Returns
+    -------
+    Damping ratio at any frequency, with the variance of the misfit.
     """
     spread = np.ones_like(omega) if sd is None else sd
     if not (np.all(omega > 0) and np.all(spread > 0)):

@@ -101,8 +101,14 @@ def coupled_shapes(structure: Structure, frequencies: Frequencies | None = None)
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     frequencies
         :math:`\lambda_j`; those of eq. 3.217 where not given.
+
+    Returns
+    -------
+    Complex shapes, one column each.
     """
     modes = undamped_modes(structure)
     coupling = modal_damping_matrix(structure, modes)

@@ -53,8 +53,10 @@ class Process(abc.ABC):
         time
             Times, in the unit of time.
 
-        Returns ------- Rows [time, family, state]; the same at all times unless the process
-        depends on the clock.
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
         """
         return np.broadcast_to(self.observation, (len(time), self.size))
 
@@ -305,8 +307,10 @@ class Sum(Process):
         time
             Times, in the unit of time.
 
-        Returns ------- Rows [time, family, state]; the same at all times unless the process
-        depends on the clock.
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
         """
         parts = [term.seen(time) for term in self.terms]
         most = max(part.ndim for part in parts)

@@ -50,6 +50,10 @@ def nis(steps: Sequence[Step | ParticleStep], *, level: float = 0.95) -> Consist
         Of one filter, in any order.
     level
         Probability that a right model passes [1].
+
+    Returns
+    -------
+    Verdict, one entry per twin.
     """
     used = np.array([step.used for step in steps])
     surprise = np.where(used > 0, np.array([step.surprise for step in steps]), 0.0)
@@ -114,6 +118,10 @@ def noise_factors(log_likelihood: Objective) -> NoiseFactors:
         From pairs of factors on the covariances of process and reading noise, one pair a row,
         to the sum of `Step.log_likelihood` over a series filtered with them. Filters take
         such a family at once, as twins of different noise.
+
+    Returns
+    -------
+    Factors on both noises, with their uncertainty.
 
     Notes
     -----

@@ -272,6 +272,10 @@ def identify_epoch(
     passes
         How often the record is gone through.
 
+    Returns
+    -------
+    The constants, one entry per twin.
+
     Notes
     -----
     Where the prior is wide, the points of the first readings lie where the structure is not,

@@ -151,6 +151,10 @@ def fit(
     straight
         Whether the mean may slope.
 
+    Returns
+    -------
+    The process, and its log-likelihood.
+
     Notes
     -----
     Maximum of the likelihood with a weak prior (a factor of about four either way) on the

@@ -59,8 +59,10 @@ class Sawtooth(Leaf):
         time
             Times, in the unit of time.
 
-        Returns ------- Rows [time, family, state]; the same at all times unless the process
-        depends on the clock.
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
         """
         family = np.broadcast_shapes(np.shape(self.period), np.shape(self.edge))
         since = time.reshape(-1, *(1,) * len(family)) - self.edge

@@ -237,11 +237,23 @@ def smooth(
 
     Parameters
     ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     part
         What of the state is asked for, as `processes.Sum.part` tells, or at each time; all of
         it if not given.
     jumps
         As for `run`.
+
+    Returns
+    -------
+    Mean and standard deviation at each time.
     """
     readings = run(process, time, value, sd, jumps=jumps)[1]
     all_seen, size = process.seen(time), process.size
@@ -305,11 +317,21 @@ def fit(
     ----------
     process
         Kind of process, and where the search and the prior are centred.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     prior_sd
         Standard deviations of the prior on the logarithms. Give a narrow one for a period: the
         likelihood has a peak for each count of waves.
     starts
         From how many points the search begins: the likeliest of a net over the prior.
+
+    Returns
+    -------
+    The process, and its log-likelihood.
     """
     if np.isfinite(value).sum() < 3:
         raise ValueError(

@@ -121,6 +121,10 @@ def filtered(
         Ascending times, readings and their standard deviations; NaN values are missing.
     jumps
         As for `matern.run`.
+
+    Returns
+    -------
+    Belief after the last reading, and the log-likelihood of each member.
     """
     return carried(process, process.start(float(time[0])), time, value, sd, jumps=jumps)
 
@@ -207,8 +211,20 @@ def interventions(
 
     Parameters
     ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     jumps
         Shifts that are taken for given, as for `matern.run`.
+
+    Returns
+    -------
+    Scores of a shift before each reading.
     """
     return Passes(process, time).interventions(value, sd, jumps=jumps)
 
@@ -224,12 +240,20 @@ def sample(
 
     Parameters
     ----------
+    process
+        Family of processes.
+    belief
+        Belief after the last reading.
     times
         Ascending, none before the belief.
     owners
         Of each path, the number of its member.
     shocks
         Independent standard normal numbers: for the belief, then for each time.
+
+    Returns
+    -------
+    Paths, in the unit of the readings.
     """
     apart = np.diff(times, prepend=belief.time)
     scale = max(float(apart.max(initial=0.0)), 1e-300)

@@ -70,8 +70,14 @@ class Counter:
 
         Parameters
         ----------
+        count
+            State after the samples before.
         series
             Stress at equal steps, in the unit of the curve.
+
+        Returns
+        -------
+        State after the samples.
         """
         finite = np.isfinite(series)
         skipped = len(series) - int(finite.sum())

@@ -106,9 +106,15 @@ class Curve:
         ----------
         category
             Range of 2 million cycles at 95 % survival [MPa], such as 71.
+        log10_sd
+            Standard deviation of log10 of the life [1].
         characteristic
             Whether to keep the curve of 95 % survival; otherwise the median, which is
             ``10**(1.645 log10_sd)`` times as long.
+
+        Returns
+        -------
+        The curve, in MPa.
         """
         _positive("category", category)
         shift = 1.0 if characteristic else 10 ** (EN_CHARACTERISTIC_SD * log10_sd)

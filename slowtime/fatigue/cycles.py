@@ -77,6 +77,10 @@ def turning_points(series: Series) -> Float[np.ndarray, " point"]:
     series
         Finite samples; of samples that repeat, one counts.
 
+    Returns
+    -------
+    Turning points, in the unit of the series.
+
     Examples
     --------
     >>> turning_points(np.array([0.0, 1.0, 2.0, 2.0, -1.0, 0.5]))
@@ -148,6 +152,10 @@ def rainflow(series: Series) -> Cycles:
     ----------
     series
         Samples, such as stress [Pa].
+
+    Returns
+    -------
+    Ranges and means, in the unit of the series, and counts.
 
     Raises
     ------

@@ -111,6 +111,10 @@ class MinerSum:
             Standard deviation of the logarithm of true over estimated stress [1].
         factor
             Median of true over estimated stress [1].
+
+        Returns
+        -------
+        The sum with the error included.
         """
         return dataclasses.replace(
             self,

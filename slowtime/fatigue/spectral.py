@@ -53,6 +53,10 @@ class Moments:
             Ascending [Hz].
         density
             One-sided [unit of stress squared per Hz].
+
+        Returns
+        -------
+        Spectral moments.
         """
         if not (np.isfinite(density).all() and (density >= 0).all() and density.any()):
             raise ValueError(
@@ -96,6 +100,10 @@ def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float
         ``"narrow_band"``: exact for a narrow band, too much otherwise; ``"wirsching_light"``
         corrects it by a factor, ``"tovo_benasciutti"`` between two bounds; ``"dirlik"`` fits
         the distribution of rainflow ranges.
+
+    Returns
+    -------
+    Damage per second [1/s].
 
     Examples
     --------

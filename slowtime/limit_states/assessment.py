@@ -107,6 +107,10 @@ def assess(
     futures
         Quantity → its change along each future; rows of one number belong together.
 
+    Returns
+    -------
+    Failure probability and survival over slow time.
+
     Raises
     ------
     ValueError
@@ -151,8 +155,14 @@ def history(
 
     Parameters
     ----------
+    state
+        Limit state.
     value, sd
         Quantity → its change at each reading, and the standard deviation.
+    paths
+        Number of draws of the changes.
+    seed
+        Seed of the draws.
 
     Returns
     -------

@@ -138,8 +138,26 @@ def sampled(
 
     Parameters
     ----------
+    method
+        Name of the method.
+    probability
+        Estimate of the failure probability [1].
+    variation
+        Its coefficient of variation [1].
+    calls
+        Number of evaluations of the limit state.
+    stopping
+        Targets of the sampling.
+    design_points
+        Design points found, if any.
+    warnings
+        Warnings to the user.
     freedom
         Degrees of freedom of the variance, where few independent runs told it.
+
+    Returns
+    -------
+    The result.
     """
     if probability <= 0.0 or not math.isfinite(variation):
         said = "No sampled point failed. Allow more calls, or use subset simulation."

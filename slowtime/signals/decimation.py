@@ -53,6 +53,10 @@ def decimated(
     factor
         Whole number from 1 up.
 
+    Returns
+    -------
+    Samples at the lower rate, and their delay.
+
     Examples
     --------
     >>> sine = np.sin(2 * np.pi * 3.0 * np.arange(10_000) / 1000.0)[:, None]
@@ -91,6 +95,10 @@ def moved_down(
         Samples per second [Hz].
     centre_hz, half_width_hz
         :math:`f_c` and w [Hz]; what is beyond 1.5 w is gone.
+
+    Returns
+    -------
+    Complex samples at the lower rate, and their delay.
 
     Examples
     --------

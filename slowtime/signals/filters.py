@@ -87,6 +87,10 @@ def ewma(x: Series, a: float) -> Series:
         Readings.
     a
         Weight of the newest, in (0, 1].
+
+    Returns
+    -------
+    Filtered series, in the unit of `x`.
     """
     check_weight(a)
     present = np.isfinite(x)
@@ -139,6 +143,8 @@ def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarr
 
     Parameters
     ----------
+    x
+        Readings; NaN where missing.
     window
         Odd number of readings, the judged one in the middle; fewer at the ends.
     threshold

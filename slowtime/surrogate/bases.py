@@ -113,10 +113,18 @@ def indices(
 
     Parameters
     ----------
+    inputs
+        Number of inputs.
+    degree
+        Largest degree p of a term.
     interaction
         Most inputs in one term; all of them if None.
     q_norm
         Below 1 it drops terms in many inputs (hyperbolic truncation, Blatman and Sudret 2011).
+
+    Returns
+    -------
+    Degree of each input in each term.
 
     Examples
     --------

@@ -49,11 +49,17 @@ class Plant:
 
         Parameters
         ----------
+        description
+            Structure with its effects, inputs and sensors.
         kinds
             Those known, by name; the catalogue where not given.
         hold
             What inputs do between samples of which the description does not say it, see
             `signals.interpolation.polynomials`.
+
+        Returns
+        -------
+        The plant.
         """
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)
@@ -207,8 +213,10 @@ class Plant:
         base
             Acceleration of the base beyond what was measured [m/s^2].
 
-        Returns ------- Place → its motion: elongations of elements; of nodes, displacement and
-        velocity against the base and acceleration in space.
+        Returns
+        -------
+        Place → its motion: elongations of elements; of nodes, displacement and velocity against
+        the base and acceleration in space.
         """
         found = self.run(values, inputs, rate_hz, state0=state0, start_s=start_s, base=base)
         return motions(self.description, self.matrices.names, found)

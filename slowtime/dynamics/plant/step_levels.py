@@ -58,8 +58,16 @@ def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -
     ----------
     a, b
         Matrices of :math:`\dot x = A x + B u`, then their slopes.
+    interval
+        Sample interval [s].
     powers
         Of the polynomials, from 0.
+    deep
+        Whether to halve it as often as events need.
+
+    Returns
+    -------
+    Steps of all lengths.
     """
     fastest = float(np.abs(np.linalg.eigvals(a[0])).max(initial=0.0))
     needed = max(0, math.ceil(math.log2(max(fastest * interval / REACH, 1.0))))

@@ -120,10 +120,18 @@ def state_matrices(
 
     Parameters
     ----------
+    layout
+        Places of laws, inputs and states.
+    names
+        Names of the free coordinates.
     triples
         Mass, damping and stiffness, then their slopes.
     unmeasured
         Whether one more input stands for a motion of the base.
+
+    Returns
+    -------
+    A, B of inputs and B of forces, each followed by its slopes.
     """
     free = len(names)
     whole = np.array(triples)

@@ -190,6 +190,10 @@ def learn_period(
     amplitude_powers
         How many of them.
 
+    Returns
+    -------
+    The law, with the uncertainty of its coefficients.
+
     Raises
     ------
     ValueError

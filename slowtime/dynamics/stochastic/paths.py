@@ -61,6 +61,8 @@ def simulate(
 
     Parameters
     ----------
+    springs
+        Structure.
     forces
         Known forces on the nodes [N] at the samples, straight between them; one series for
         all paths, or one for each.
@@ -68,6 +70,8 @@ def simulate(
         Samples per second; one step of the scheme a sample.
     noise
         White forces beside them.
+    rng
+        Generator of the noise.
     values
         Of the parameters, one row for all paths or one for each.
     start

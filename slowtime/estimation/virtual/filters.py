@@ -54,8 +54,14 @@ class Filters:
 
         Parameters
         ----------
+        state
+            State of each model.
         samples
             As many as a multiple of `BLOCK`, in SI.
+
+        Returns
+        -------
+        State after the samples, and the outputs in their units.
         """
         outputs = self.variance.shape[1]
         blocks = samples.reshape(-1, BLOCK * samples.shape[1])

@@ -101,8 +101,14 @@ class Latent:
 
         Parameters
         ----------
+        rate_hz
+            Sampling rate [Hz].
         covariances
             Of the slow and of the fast latent forces.
+
+        Returns
+        -------
+        Transition, and covariance of the process noise.
         """
         size, step = len(self.drift), 1.0 / rate_hz
         noise = sum(
@@ -134,12 +140,26 @@ def latent_model(
 
     Parameters
     ----------
+    description
+        Structure.
     channels
         Sensors and inputs of the description that are listened to, in order.
+    outputs
+        Quantities to estimate.
+    rate_hz
+        Sampling rate [Hz].
+    settings
+        Settings of the virtual sensor.
+    lowest_hz
+        Lower edge of the band [Hz].
     modes
         How many are kept, the lowest.
     moving_base
         Whether the base moves; absolute accelerations hold its motion.
+
+    Returns
+    -------
+    The model.
 
     Raises
     ------

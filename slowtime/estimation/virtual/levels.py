@@ -194,12 +194,24 @@ def fit_levels(
 
     Parameters
     ----------
+    spectra
+        One-sided cross spectral densities of the channels, by group.
     given
         As of `responses`.
+    sizes
+        Number of bins of each group.
     noise_sd
         Of each channel; NaN to fit it.
+    rate_hz
+        Sampling rate [Hz].
+    iterations
+        Number of steps.
     start
         Levels of the window before.
+
+    Returns
+    -------
+    Covariances of forces, and variances of noises.
     """
     channels, count = spectra.shape[-1], given.shape[-1]
     power = np.einsum("fii->fi", spectra).real

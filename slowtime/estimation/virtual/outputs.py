@@ -53,6 +53,12 @@ class Output:
             Of the new quantity.
         sd
             Relative standard deviation of `factor` [1].
+        name
+            Name of the new output; that of this one where empty.
+
+        Returns
+        -------
+        The scaled output.
         """
         return dataclasses.replace(
             self,

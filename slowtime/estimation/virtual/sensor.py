@@ -151,8 +151,14 @@ class VirtualSensor:
 
         Parameters
         ----------
+        state
+            State after the samples before.
         samples
             Accelerations in SI, all finite.
+
+        Returns
+        -------
+        State after the samples, and the windows that they complete.
         """
         if not np.isfinite(samples).all():
             raise ValueError(

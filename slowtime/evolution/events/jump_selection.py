@@ -229,10 +229,16 @@ def select_jumps(
 
     Parameters
     ----------
+    scored
+        History with the scores of jumps at every place.
     family, log_weights
         Processes, and the logarithms of their probabilities before the readings.
     places
         From which the selection begins.
+
+    Returns
+    -------
+    Places of the jumps, and the log-likelihood with them.
     """
     passes = Passes(family, scored.time)
 

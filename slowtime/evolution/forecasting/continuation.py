@@ -130,6 +130,10 @@ class Continuation:
             Future slow times, ascending or not.
         level
             Probability of the bands [1].
+
+        Returns
+        -------
+        Mean, standard deviation and interval, in the unit of the readings.
         """
         tail = float(ndtr(-check_level(level)))
         if horizon_times.size and not horizon_times.min() >= self.time:
@@ -213,8 +217,20 @@ def begin(
 
     Parameters
     ----------
+    outlook
+        Processes that could have made the history.
+    slow_time
+        Slow time of each reading.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     known
         Events that were told, in any order; those before the first reading say nothing.
+
+    Returns
+    -------
+    History with its processes, ready to be continued.
     """
     time, values, sds = history(slow_time, value, sd)
     readings = time, values, _floored(outlook, sds)

@@ -204,8 +204,16 @@ def members(
 
     Parameters
     ----------
+    base
+        Process without a wave.
+    points
+        Logarithms of the parameters of each member.
     edged
         Harmonics of a wave that may jump and bend; 0 for a smooth one.
+
+    Returns
+    -------
+    The family.
     """
     length, sd, drift, period, size, roughness, memory = np.exp(points.T)
     trend = Trend(level_sd=base.level_sd, slope_sd=base.slope_sd, drift=drift)

@@ -203,12 +203,18 @@ def learn_teeth(
     ----------
     readings, told
         Slow times, values and standard deviations; jumps that are taken for given.
+    base
+        Process without a wave.
     wave_prior
         Of the parameters of a wave without teeth.
     where
         Places from `places`.
     begin
         The best of `trial`.
+
+    Returns
+    -------
+    Processes with teeth, and their evidence.
 
     Notes
     -----

@@ -108,6 +108,10 @@ def inverse_gaussian_cdf(
     mean, shape
         :math:`m` and :math:`\lambda`, in the unit of t.
 
+    Returns
+    -------
+    Probabilities [1].
+
     References
     ----------
     .. [1] R. S. Chhikara and J. L. Folks, "The Inverse Gaussian Distribution" (1989).

@@ -70,6 +70,10 @@ class RemainingLife:
         ----------
         t
             Slow times; NaN is given beyond the horizon, where nothing is known.
+
+        Returns
+        -------
+        Probability [1], of the shape of `t`.
         """
         at = np.asarray(t, dtype=float)
         found = (
@@ -181,6 +185,10 @@ def from_failure_times(
         Slow time of the first crossing of each path; infinite where not by the horizon.
     threshold, now, horizon, shares, weights
         As for `RemainingLife`.
+
+    Returns
+    -------
+    The distribution.
     """
     count = len(failure_time)
     at = np.sort(failure_time[np.isfinite(failure_time)])

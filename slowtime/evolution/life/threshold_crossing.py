@@ -58,6 +58,10 @@ def first_crossing(
         Instants up to the horizon at which a future is looked at, straight between.
     paths, seed
         How many futures, and of which random numbers.
+
+    Returns
+    -------
+    Distribution of the time of the first crossing.
     """
     begun = continuation.begin(outlook, slow_time, value, sd)
     futures = draw_futures(begun, horizon, points=points, paths=paths, seed=seed)

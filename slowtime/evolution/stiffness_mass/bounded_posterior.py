@@ -269,6 +269,10 @@ def posterior(
     level
         Probability of the interval [1].
 
+    Returns
+    -------
+    Posterior of each change [1].
+
     Notes
     -----
     Moments by 64-point Gauss-Legendre quadrature over the part of the window where the

@@ -55,6 +55,10 @@ def propose_measurements(
     ----------
     structure, measured, posterior, limits
         As they were; the same modes are supposed to be measured as well as now.
+
+    Returns
+    -------
+    The best place of each means.
     """
     slope = posterior.optima[0].whitened
     information = slope.T @ slope

@@ -152,6 +152,10 @@ def estimate(
         Points spread over the prior from which the search begins besides the nominal one. A
         posterior with several peaks shows itself by searches that end apart.
 
+    Returns
+    -------
+    Posterior of the parameters.
+
     Examples
     --------
     >>> k = np.array([[[2.0, 0], [0, 0]], [[2.0, -2.0], [-2.0, 2.0]]])

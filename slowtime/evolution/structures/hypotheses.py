@@ -92,6 +92,10 @@ def name_changes(
         Share of the parts expected to have changed [1].
     most
         Largest number of changed parts considered.
+
+    Returns
+    -------
+    Hypotheses about the changed parts, with their probabilities.
     """
     sets = (measured,) if isinstance(measured, MeasuredModes) else tuple(measured)
     slab = check_prior(structure, changed_sd)

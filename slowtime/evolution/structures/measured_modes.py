@@ -152,6 +152,10 @@ def mode_misfit(
     spread
         How far each parameter may still be off, which decides how far a mode may be from its
         partner when modes are paired.
+
+    Returns
+    -------
+    Residuals in standard deviations, their slopes, and the pairs of modes.
     """
     seen = measured.seen_by(structure)
     modes = structure.modes(theta, measured.added_mass)

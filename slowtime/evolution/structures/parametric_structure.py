@@ -147,6 +147,10 @@ class ParametricStructure:
         added_mass
             A known mass put on the structure, whatever the parameters.
 
+        Returns
+        -------
+        Eigenvalues [rad^2/s^2], shapes, and their slopes.
+
         References
         ----------
         .. [1] R. L. Fox, M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors",

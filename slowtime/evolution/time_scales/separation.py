@@ -96,6 +96,10 @@ def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
     slow_time, value, sd
         Slow times, ascending, values, and their known standard deviations.
 
+    Returns
+    -------
+    Both parts, in the unit of the readings.
+
     Examples
     --------
     >>> t = np.arange(60.0)

@@ -41,9 +41,15 @@ def align(
 
     Parameters
     ----------
+    first, second
+        Records of both boards.
     band_hz
         Where to look for modes that both see; by default from a few cycles in the common time
         to 0.43 of the slower rate.
+
+    Returns
+    -------
+    The merged boards where possible, and what was found.
 
     Raises
     ------

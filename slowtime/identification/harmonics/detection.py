@@ -216,8 +216,20 @@ def find_harmonics(
 
     Parameters
     ----------
+    samples
+        Samples of all channels.
+    rate_hz
+        Sampling rate [Hz].
     band_hz
         Where to look [Hz]; by default from four cycles in the record to 0.45 of the rate.
+    known_hz
+        Known speeds of machines [Hz].
+    least_damping
+        Smallest damping ratio of a structural mode [1].
+    false_alarm
+        Probability with which a mode may be called a line [1].
+    seed
+        Seed of the simulated envelopes.
 
     Returns
     -------

@@ -133,8 +133,16 @@ def remove_lines(
 
     Parameters
     ----------
+    samples
+        Samples of all channels.
+    rate_hz
+        Sampling rate [Hz].
     lines
         Frequencies with their errors, as `judge` and `find_harmonics` give them [Hz].
+
+    Returns
+    -------
+    Samples without the lines, in the same unit.
 
     Examples
     --------

@@ -104,11 +104,17 @@ class RecursiveModes:
 
         Parameters
         ----------
+        state
+            State after the block before.
         block
             Samples that follow each other, any units. A row with a NaN counts as lost.
         first_index
             Of the first row in the stream, lost samples counted; by default right after the
             last block. What lies between is lost.
+
+        Returns
+        -------
+        State after the block, and all modes.
         """
         if first_index is not None:
             state = self._after_gap(state, first_index)

@@ -21,6 +21,10 @@ def free_decay_bound(
     snr
         :math:`A^2 / 2 \sigma^2` at t = 0 [1].
 
+    Returns
+    -------
+    Standard deviation [rad/s].
+
     Examples
     --------
     A long record, where the bound tends to :math:`8 \alpha^3 / (\mathrm{SNR}_0 f_s)`:
@@ -101,6 +105,10 @@ def ambient_bound(
         g [1].
     reach
         :math:`\kappa` [1].
+
+    Returns
+    -------
+    Relative standard deviation of the frequency, and that of the damping ratio [1].
     """
     u = np.sinh(np.linspace(-np.arcsinh(reach), np.arcsinh(reach), 20001))
     shape = 1 / (1 + u**2)

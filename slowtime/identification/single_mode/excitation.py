@@ -100,6 +100,10 @@ def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Ex
         Channels in any unit; each counts alike.
     rate_hz
         Samples per second [Hz].
+
+    Returns
+    -------
+    Kind of the force, with the evidence for it.
     """
     columns = detrended(np.asarray(samples, dtype=float))
     scale = columns.std(axis=0)

@@ -53,6 +53,10 @@ def modes_and_machine_lines(
     ----------
     samples, rate_hz, band_hz, method
         As in `all_modes`.
+
+    Returns
+    -------
+    Modes, lines, and families of lines.
     """
     columns = checks.series(samples, rate_hz)
     if _struck(columns):

@@ -70,6 +70,10 @@ def ssi_covariance(
         See `identify_poles`. `both` is the best at orders beyond what there is; it needs all
         channels as references.
 
+    Returns
+    -------
+    Poles of all orders, with their errors.
+
     References
     ----------
     .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996).
@@ -151,6 +155,10 @@ def identify_poles(
         Lags before it are not used, whatever noise and filters do to them.
     shapes
         Whether to compute errors of the shapes as well.
+
+    Returns
+    -------
+    Poles of all orders, with their errors.
 
     References
     ----------

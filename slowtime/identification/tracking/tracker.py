@@ -134,6 +134,10 @@ class ModeTracker:
             that a mode has gone. Harmonics of machines are passed over.
         elapsed
             Time since the epoch before, in usual distances between epochs.
+
+        Returns
+        -------
+        State after the epoch, and the modes with their identities.
         """
         _check(state, modes, elapsed)
         usable = [j for j, mode in enumerate(modes) if mode.kind == "structural"]

@@ -70,10 +70,18 @@ def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> De
 
     Parameters
     ----------
+    g
+        Limit state, from points [sample input] to values [sample].
+    start
+        Point in standard normal space [input].
     scale
         Size of g far from failure, which its tolerance is a share of.
     again
         Try sequential quadratic programming where the iteration does not converge.
+
+    Returns
+    -------
+    The point, with value and gradient; or None.
     """
     u = start
     best: Descent | None = None

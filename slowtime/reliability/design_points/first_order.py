@@ -92,8 +92,18 @@ def form(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the probes.
+    stopping
+        Limit of calls.
     search
         Settings of the search; `Search(rounds=0)` takes the first point that is found.
+
+    Returns
+    -------
+    Probability of failure, and the design points.
     """
     g = Evaluator(problem)
     found = find_design_points(g, rng, search)

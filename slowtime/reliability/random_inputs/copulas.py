@@ -220,6 +220,8 @@ def nataf(
 
     Parameters
     ----------
+    marginals
+        Distribution of each input.
     correlations
         Pair of positions → correlation; 0 for pairs left out.
     kind
@@ -227,6 +229,10 @@ def nataf(
         :math:`\rho_{ij} \sigma_i \sigma_j = E[(x_i(z_i) - \mu_i)(x_j(z_j) - \mu_j)]`;
         ``"spearman"`` and ``"kendall"``: rank correlations, by
         :math:`2 \sin(\pi \rho / 6)` and :math:`\sin(\pi \tau / 2)`; ``"scores"``: as it is.
+
+    Returns
+    -------
+    The copula of the scores.
 
     References
     ----------

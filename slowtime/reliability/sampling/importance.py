@@ -164,10 +164,20 @@ def importance(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the samples.
+    stopping
+        Targets of the sampling.
     search
         Settings of the search for design points.
     points
         Design points that are already known; no others are searched for beforehand.
+
+    Returns
+    -------
+    Probability of failure, with its interval and the design points.
     """
     g = Evaluator(problem)
     found = find_design_points(g, rng, search) if points is None else points

@@ -54,12 +54,22 @@ def band(
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     bands
         Of each member: value, and the ends of its 95 % band. A value of NaN stands for a
         probability that is not known; its band is then 0 to 1.
     rng
         Draws the members' probabilities, from normal halves on both sides of the value that
         have the ends of the band as their 2.5 % and 97.5 % quantiles.
+    groups
+        Members that do not fail independently; each member in one group at most.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Value and ends of the band of the tree's failure probability.
     """
     names = members(tree)
     for name in names:

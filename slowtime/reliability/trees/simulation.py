@@ -22,10 +22,14 @@ def simulate(
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     marginals
         Failure probability of each member [1].
     groups
         As for `analyse`.
+    rng
+        Generator of the draws.
     count
         Cases.
 

@@ -95,8 +95,16 @@ def breaks_of(points: Points, line: Line, *, fewest: int, least_s: float) -> tup
 
     Parameters
     ----------
+    points
+        Points of the line.
+    line
+        Line through them.
     fewest, least_s
         Points, and sensor time between them [s], that must lie on either side.
+
+    Returns
+    -------
+    Breaks of each kind, with their scores; none where there are too few points.
     """
     x, y = points.x, points.y
     free = len(x) - 3
@@ -167,8 +175,16 @@ def doubted(line: Line, breaks: Iterable[Breaks], count: int) -> Line:
 
     Parameters
     ----------
+    line
+        Line through the points.
+    breaks
+        Breaks of each kind, with their scores.
     count
         Points behind the line.
+
+    Returns
+    -------
+    The line, with the slope and its standard deviation averaged.
     """
     scans = tuple(breaks)
     if not scans:

@@ -185,12 +185,18 @@ def fit(
 
     Parameters
     ----------
+    spans
+        Spans of messages.
     limit
         Largest relative error of the rate that is thought possible.
     resolution_s
         Of the stamps; the scatter is never taken to be less.
     slope
         A first guess.
+
+    Returns
+    -------
+    The line; or None.
     """
     if len(spans) < FEWEST:
         return None

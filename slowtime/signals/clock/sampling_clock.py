@@ -128,11 +128,17 @@ class SamplingClock:
 
         Parameters
         ----------
+        state
+            State after the messages before.
         index
             Of the last sample of each message, counting lost samples too. A message whose
             index does not rise is left out.
         arrival_ns
             When each arrived, on the host's clock, or its stamp [ns since 1970-01-01 UTC].
+
+        Returns
+        -------
+        State after the messages.
 
         Raises
         ------

@@ -106,6 +106,10 @@ class GeneralisedAnova(ExpansionSurrogate):
         sample
             Draws of the joint law of the inputs [draw input]; if None, a Gaussian copula with
             the rank correlations of the design and its marginals.
+
+        Returns
+        -------
+        Share of each component [1].
         """
         if sample is None:
             sample = joint(self._design(), self.marginals)
