@@ -92,7 +92,7 @@ def continuations(
     error
         Of the estimate by which thresholds act.
     seed
-        Seed of the simulated assets.
+        Seed of the simulated futures.
 
     Returns
     -------

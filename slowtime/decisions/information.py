@@ -180,7 +180,7 @@ def of_readings(
     sd
         Of the error of one reading [1].
     outcomes
-        Number of intervals of level and of slope.
+        Number of intervals of level and of slope, from three readings on.
 
     Returns
     -------

@@ -148,7 +148,7 @@ def look_ahead(
     monitored
         Readings that come anyway, and later inspections: waiting may end by what they tell.
     outcomes
-        Number of intervals of a reading.
+        Number of intervals of a measured number.
 
     Returns
     -------

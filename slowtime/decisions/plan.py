@@ -124,7 +124,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     costs
         Times in the unit of the futures.
     terms
-        Terms of the decision, such as inspections and readings that can be ordered.
+        Terms besides futures and costs, such as what a repair restores and what can be ordered.
 
     Returns
     -------

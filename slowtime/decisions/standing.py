@@ -48,7 +48,7 @@ class Starts:
 
         Returns
         -------
-        Futures from now, of a new asset, and after a repair.
+        Futures from now, of a new asset, and of one repaired from a damage of 1.
         """
         worn = None if restored >= 1.0 else futures.after_repair(1.0 - restored)
         return cls(futures, futures.after_repair(0.0), worn)
@@ -81,7 +81,7 @@ def standing_policies(
     Parameters
     ----------
     starts
-        Futures from now, of a new asset, and after a repair.
+        Futures from now, of a new asset, and of one repaired from a damage of 1.
     costs
         Costs of all items.
     error

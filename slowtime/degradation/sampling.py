@@ -60,7 +60,7 @@ def importance_sample(
 
     Returns
     -------
-    Points and their weights.
+    Points with importance weights.
 
     References
     ----------

@@ -267,7 +267,7 @@ def fit_damping_ratio(
 
     Returns
     -------
-    Damping ratio at any frequency, with the variance of the misfit.
+    Damping ratio at any frequency, with the mean squared misfit.
     """
     spread = np.ones_like(omega) if sd is None else sd
     if not (np.all(omega > 0) and np.all(spread > 0)):

@@ -55,7 +55,7 @@ def decimated(
 
     Returns
     -------
-    Samples at the lower rate, and their delay.
+    Samples at the lower rate, with the first instant [s].
 
     Examples
     --------
@@ -98,7 +98,7 @@ def moved_down(
 
     Returns
     -------
-    Complex samples at the lower rate, and their delay.
+    Real samples at the lower rate, with the first instant [s] and the frequency shift [Hz].
 
     Examples
     --------

@@ -57,7 +57,7 @@ def kaiser_order(stop_db: float, width: float) -> tuple[int, float]:
 
     Returns
     -------
-    Number of coefficients before rounding up to an odd one, and beta [1].
+    Number of coefficients, and beta [1].
 
     References
     ----------

@@ -59,7 +59,7 @@ def bridge(
 
     Returns
     -------
-    Samples with gaps filled, and the error of the worst.
+    Samples with gaps filled, and the expected error of the worst channel [1].
 
     Raises
     ------

@@ -230,7 +230,7 @@ def select_jumps(
     Parameters
     ----------
     scored
-        History with the scores of jumps at every place.
+        Readings, known jumps, and the standard deviation of a jump's size.
     family, log_weights
         Processes, and the logarithms of their probabilities before the readings.
     places

@@ -167,7 +167,7 @@ class Ageing:
 
         Returns
         -------
-        Mean response with its interval.
+        Mean displacement [m] with its interval.
         """
         check_level(level)
         start = np.zeros((paths, 2 * len(self.springs.nodes)))

@@ -68,7 +68,8 @@ def learn_nominal(
 
     Returns
     -------
-    Nominal frequency [Hz] and damping ratio [1], with their standard deviations.
+    Nominal frequency [unit of `frequency`] and damping ratio [1], with their standard
+    deviations.
 
     Examples
     --------

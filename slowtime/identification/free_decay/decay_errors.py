@@ -60,7 +60,7 @@ def mode_of_fit(
     start_s
         Time of the first sample [s].
     band_hz
-        Band that was fitted [Hz].
+        Band over which the noise is judged [Hz]; the whole spectrum where None.
     shift_hz
         What was taken off all frequencies of the series before [Hz].
 

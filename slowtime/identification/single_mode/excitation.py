@@ -103,7 +103,7 @@ def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Ex
 
     Returns
     -------
-    Kind of the force, with the evidence for it.
+    Duration of an event [s], whether the force sets in, and its period [s].
     """
     columns = detrended(np.asarray(samples, dtype=float))
     scale = columns.std(axis=0)

@@ -81,7 +81,7 @@ def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> De
 
     Returns
     -------
-    The point, with value and gradient; or None.
+    The point, the gradient there, and whether the search converged; or None.
     """
     u = start
     best: Descent | None = None

@@ -97,7 +97,7 @@ def form(
     rng
         Generator of the probes.
     stopping
-        Limit of calls.
+        Targets of sampling; this method does not use them.
     search
         Settings of the search; `Search(rounds=0)` takes the first point that is found.
 

@@ -83,7 +83,7 @@ def outcrossing(
 
     Returns
     -------
-    Rate [1 / unit of times] and probability of failure at each time.
+    Rate [1 / unit of times], index and probability of failure [1], for each time.
 
     References
     ----------
