@@ -112,7 +112,19 @@ class CurvePosterior:
         return float(self.weights @ chdtrc(freedom, self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "CurvePosterior":
-        """See `law.Posterior`; one reading after another, whatever the portions."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Portions do not matter: readings are taken one after another.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         known = np.isfinite(value) & np.isfinite(sd)
         time, value, sd = time[known], value[known], sd[known]
         if not len(time):

@@ -115,7 +115,17 @@ class GammaPosterior:
         return np.asarray(weight / weight.sum())
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GammaPosterior":
-        """See `law.Posterior`."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         parts = tuple(_followed(self.history, one, time, value, sd) for one in self.parts)
         return dataclasses.replace(self, parts=parts)
 

@@ -59,7 +59,19 @@ class GaussianPosterior:
     p_value: float
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GaussianPosterior":
-        """See `law.Posterior`: evidence grows by what the members foretold together."""
+        """Update the belief by further readings, at a constant cost each.
+
+        The evidence grows by what the members predicted together.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         gained = self.log_evidence
         begun = self.begun
         for i in range(len(time)):

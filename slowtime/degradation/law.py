@@ -43,7 +43,17 @@ class Posterior(Protocol):
         ...
 
     def follow(self, time: Series, value: Series, sd: Series) -> "Posterior":
-        """Take in further readings, at a constant cost each."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         ...
 
     def draw(

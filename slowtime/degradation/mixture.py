@@ -81,7 +81,16 @@ class Mixture:
         )
 
     def follow(self, time: Series, value: Series, sd: Series) -> "Mixture":
-        """Take in further readings, at a constant cost each.
+        """Update every law by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        The laws after the readings.
 
         Raises
         ------

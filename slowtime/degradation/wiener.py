@@ -95,7 +95,17 @@ class WienerPosterior:
         return float(self.weights @ chdtrc(max(self.count - 2, 1), self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "WienerPosterior":
-        """See `law.Posterior`."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         mean, covariance = self.mean.copy(), self.covariance.copy()
         total, misfit, now = self.log_likelihood.copy(), self.misfit.copy(), self.time
         count, floor = self.count, 1e-6 * self.history.scatter

@@ -157,7 +157,22 @@ class DesignProblem:
 def values_of(
     function: Function, d: Variables, x: Inputs, what: str
 ) -> Float[np.ndarray, " sample"]:
-    """Values of a function of design and inputs, refused where they are no numbers.
+    """Evaluate a function of design and inputs, and check its values.
+
+    Parameters
+    ----------
+    function
+        Function of design variables and inputs.
+    d
+        Design variables of each row, in their units.
+    x
+        Inputs of each row, in their units.
+    what
+        Name of the function in messages.
+
+    Returns
+    -------
+    Values, in the unit of the function.
 
     Raises
     ------

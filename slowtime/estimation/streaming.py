@@ -102,7 +102,21 @@ class Stream:
         return _step(seen, belief, time, value, sd, move[0], noise[0])
 
     def resume(self, time: Series, value: Series, sd: Series) -> Belief:
-        """Belief after a series of readings, `time` ascending."""
+        """Belief after a series of readings.
+
+        Parameters
+        ----------
+        time
+            Times of the readings, ascending.
+        value
+            Readings; NaN where missing.
+        sd
+            Their standard deviations, in the unit of the readings.
+
+        Returns
+        -------
+        Belief after the last reading.
+        """
         return run(self.process, time, value, sd)[0]
 
 
@@ -148,9 +162,25 @@ def run(
     *,
     jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, list[Reading]]:
-    """Filter a whole series; `time` ascending, NaN values missing.
+    """Filter a whole series.
 
-    With `jumps` the first number of the state, a level, goes elsewhere between readings.
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Belief after the last reading, and each reading as the filter met it.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
@@ -173,7 +203,26 @@ def log_likelihood(
     *,
     jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes."""
+    """Log-likelihood of the series, one entry per member of a family of processes.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Log-likelihoods.
+    """
     each = [reading.log_likelihood for reading in run(process, time, value, sd, jumps=jumps)[1]]
     return np.asarray(np.sum(each, axis=0))
 
@@ -184,6 +233,21 @@ def likelihood_and_slopes(
     """Log-likelihood, and its slopes to the logarithms of the free parameters, exact.
 
     The sensitivities of mean and covariance are carried along with them.
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+
+    Returns
+    -------
+    Log-likelihood, and its slopes.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, of_moves = process.moves(steps)
@@ -275,9 +339,24 @@ def smooth(
 def leave_one_out(
     process: Process, time: Series, value: Series, sd: Series
 ) -> tuple[Series, Series]:
-    """Tell what all other readings say of each: mean and sd of the process there.
+    """Predict the process at each reading from all other readings.
 
-    In one pass there and back (de Jong, 1988); NaN values are left out anyhow.
+    In one pass there and back (de Jong, 1988).
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+
+    Returns
+    -------
+    Mean and standard deviation of the process, in the unit of the readings.
     """
     readings = run(process, time, value, sd)[1]
     all_seen, size = process.seen(time), process.size

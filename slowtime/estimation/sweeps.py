@@ -138,9 +138,29 @@ def carried(
     *,
     jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, Float[np.ndarray, "*family"]]:
-    """Go on from a belief with further readings, as `filtered` does from none.
+    """Continue from a belief with further readings, as `filtered` does from none.
 
     Where a series is cut changes nothing, to the last bit.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    belief
+        Belief before the readings.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Belief after the last reading, and the log-likelihood of the readings.
     """
     steps, which = _steps(belief.time, time)
     known = _Known(process, belief, steps, time)
@@ -165,7 +185,26 @@ def carried(
 def log_likelihood(
     process: Startable, time: Series, value: Series, sd: Series, *, jumps: Sequence[Jump] = ()
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes."""
+    """Log-likelihood of the series, one entry per member of a family of processes.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Log-likelihoods.
+    """
     return filtered(process, time, value, sd, jumps=jumps)[1]
 
 
@@ -189,7 +228,22 @@ class Passes:
     def interventions(
         self, value: Series, sd: Series, *, jumps: Sequence[Jump] = ()
     ) -> Interventions:
-        """Score a shift of the level before every reading, as the function of this name."""
+        """Score a shift of the level before every reading, as the function of this name.
+
+        Parameters
+        ----------
+        value
+            Readings; NaN where missing.
+        sd
+            Their standard deviations, in the unit of the readings.
+        jumps
+            Instants between readings at which the level, the first number of the state, jumps,
+            each with its standard deviation.
+
+        Returns
+        -------
+        Scores of a shift before each reading.
+        """
         mean, covariance = self._start()
         total = np.zeros(len(mean))
         shape = (len(mean), len(self._time))

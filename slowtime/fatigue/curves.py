@@ -129,7 +129,17 @@ class Curve:
         )
 
     def damage(self, ranges: Values) -> Values:
-        """Damage of one cycle of each range, 1 / N [1]."""
+        """Damage of one cycle of each range, 1 / N.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Damage [1]; 0 below the cut-off.
+        """
         with np.errstate(over="ignore", under="ignore"):
             damage = ranges**self.slope / self.constant
             if self.lower_slope is not None:
@@ -139,12 +149,32 @@ class Curve:
         return np.asarray(np.where(ranges < self.cut_off, 0.0, damage))
 
     def life(self, ranges: Values) -> Values:
-        """Cycles of each range that are borne at the median; infinite below the cut-off."""
+        """Compute the number of cycles of each range that the median specimen bears.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Cycles [1]; infinite below the cut-off.
+        """
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / self.damage(ranges))
 
     def slopes(self, ranges: Values) -> Values:
-        """Slope that holds at each range [1]."""
+        """Slope of the curve at each range.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Slopes [1].
+        """
         lower = self.slope if self.lower_slope is None else self.lower_slope
         return np.asarray(np.where(ranges < self.knee, lower, self.slope))
 

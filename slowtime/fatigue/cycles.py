@@ -141,7 +141,17 @@ def extract(points: Points) -> tuple[Cycles, Float[np.ndarray, " left"]]:
 
 
 def residue_cycles(residue: Points) -> Cycles:
-    """Count what was left over: half a cycle for each range."""
+    """Count half a cycle for each range that is left over.
+
+    Parameters
+    ----------
+    residue
+        Turning points whose ranges are not closed [unit of stress].
+
+    Returns
+    -------
+    The half cycles.
+    """
     return cycles_of(residue[:-1], residue[1:], 0.5)
 
 

@@ -143,7 +143,19 @@ def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
 
 
 def dirlik_density(moments: Moments, amplitude: Densities) -> Densities:
-    """Density of rainflow amplitudes over amplitude in standard deviations (Dirlik)."""
+    """Density of rainflow amplitudes by Dirlik's formula.
+
+    Parameters
+    ----------
+    moments
+        Spectral moments of the stress.
+    amplitude
+        Amplitudes, in standard deviations of the stress [1].
+
+    Returns
+    -------
+    Densities over the amplitude in standard deviations [1].
+    """
     gamma = moments.alpha2
     x = moments.m1 / moments.m0 * math.sqrt(moments.m2 / moments.m4)
     if gamma > 1 - 1e-9:

@@ -93,7 +93,24 @@ def ishigami_sobol(a: float = 7.0, b: float = 0.1) -> tuple[np.ndarray, np.ndarr
 
 
 def borehole(x: Inputs) -> Outputs:
-    """Flow of water through a borehole [m³/yr], eight inputs (Morris et al. 1993)."""
+    """Flow of water through a borehole.
+
+    Parameters
+    ----------
+    x
+        Radius of the borehole [m], radius of influence [m], transmissivity [m²/yr] and head [m]
+        of the upper aquifer, the same of the lower one, length [m] and conductivity [m/yr] of
+        the borehole [sample, 8].
+
+    Returns
+    -------
+    Flow [m³/yr].
+
+    References
+    ----------
+    .. [1] M. D. Morris, T. J. Mitchell and D. Ylvisaker, "Bayesian design and analysis of
+       computer experiments", Technometrics 35 (1993) 243-255.
+    """
     radius, reach, upper, upper_head, lower, lower_head, length, conductivity = x.T
     log = np.log(reach / radius)
     leak = 2.0 * length * upper / (log * radius**2 * conductivity)
@@ -124,10 +141,17 @@ def sobol_g(x: Inputs, a: np.ndarray = SOBOL_G) -> Outputs:
 
 
 def frame_frequency(x: Inputs) -> Outputs:
-    """First natural frequency [Hz] of a shear frame of five storeys.
+    """First natural frequency of a shear frame of five storeys.
 
-    Inputs are the relative changes of the stiffness of each storey, then of the mass of each
-    floor, from the lowest upwards: as built, 100 MN/m and 50 t each.
+    Parameters
+    ----------
+    x
+        Relative changes of the stiffness of each storey, then of the mass of each floor, from
+        the lowest upwards [sample, 10]; as built, 100 MN/m and 50 t each.
+
+    Returns
+    -------
+    Frequencies [Hz].
     """
     storeys, floors = 1e8 * (1.0 + x[:, :5]), 5e4 * (1.0 + x[:, 5:])
     found = []

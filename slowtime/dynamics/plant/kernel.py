@@ -184,7 +184,19 @@ def plain(number: int) -> int:
 
 @compiled
 def address(matrix: Reals, row: int, column: int) -> int:
-    """Where a number of a matrix stands in memory."""
+    """Memory address of an entry of a matrix.
+
+    Parameters
+    ----------
+    matrix
+        Matrix, stored row by row.
+    row, column
+        Indices of the entry.
+
+    Returns
+    -------
+    Address [bytes].
+    """
     return int(matrix.ctypes.data + 8 * (row * matrix.shape[1] + column))
 
 

@@ -151,7 +151,24 @@ class PeriodLaw:
     def predict(
         self, quantities: Mapping[str, Samples], amplitude: Samples | None = None
     ) -> tuple[Samples, Bool[np.ndarray, " sample"]]:
-        """Periods, and whether each lies within what was seen: elsewhere the law is a guess."""
+        """Predict periods, and tell whether each lies within the range of the data.
+
+        Parameters
+        ----------
+        quantities
+            Values of each quantity by name, in the units that the law was learnt in.
+        amplitude
+            Amplitudes, where the law depends on them.
+
+        Returns
+        -------
+        Periods, in the unit they were learnt in, and True where none is extrapolated.
+
+        Raises
+        ------
+        ValueError
+            Where other quantities are given than the law was learnt from.
+        """
         given = dict(quantities) | ({} if amplitude is None else {"amplitude": amplitude})
         if set(given) != set(self.seen):
             raise ValueError(

@@ -42,7 +42,17 @@ def extend(hull: list[Point], point: Point) -> None:
 
 
 def joined(left: Iterable[Point], right: Iterable[Point]) -> tuple[Point, ...]:
-    """Hull of two hulls, the second right of the first."""
+    """Lower hull of two hulls, the second right of the first.
+
+    Parameters
+    ----------
+    left, right
+        Vertices (sensor time, delay) of both hulls [s].
+
+    Returns
+    -------
+    Vertices of the joined hull [s].
+    """
     hull = list(left)
     for point in right:
         extend(hull, point)

@@ -55,7 +55,17 @@ def van_der_pol(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def amplitudes(motion: Motion) -> list[Shape]:
-    """Elongations at which damping may change its sign."""
+    """List elongations at which damping may change its sign.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     top = levels(motion.e, 0.98)
     return each("e0_m", [share * level for level in top for share in (0.25, 0.5, 0.8, 1.2)])
 

@@ -63,9 +63,19 @@ def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def speeds(motion: Motion) -> list[Shape]:
-    """Speeds at which friction may have fallen, and how much higher it may have been.
+    """List Stribeck speeds, and ratios of sticking to sliding friction.
 
-    Parts of the highest: what sticks most of the time has no speed in the middle.
+    The speeds are shares of the highest one: a place that sticks most of the time has no
+    meaningful median speed.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
     """
     return [
         {"static_n": ratio, "vs_m_per_s": part * highest}

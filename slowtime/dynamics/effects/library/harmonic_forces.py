@@ -32,7 +32,17 @@ def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def tones(motion: Motion) -> list[Shape]:
-    """Frequencies at which the place moves."""
+    """List frequencies at which the place moves.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("frequency_hz", lines_hz(motion.a, motion.times, 6), phase_rad=0.0)
 
 

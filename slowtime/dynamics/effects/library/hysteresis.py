@@ -56,7 +56,17 @@ def yielding(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def yields(motion: Motion) -> list[Shape]:
-    """Elongations at which the spring may yield, and how sharply."""
+    """List elongations at which the spring may yield, and how sharply.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return [
         {"zy_m": share * top, "n": n}
         for top in levels(motion.e, 0.99)

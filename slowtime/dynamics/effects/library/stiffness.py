@@ -158,18 +158,48 @@ def pendulum(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def saturations(motion: Motion) -> list[Shape]:
-    """Elongations at which a spring may level off."""
+    """List elongations at which a spring may level off.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     top = levels(motion.e, 0.999)
     return each("es_m", [share * level for level in top for share in (0.15, 0.3, 0.6, 1.2)])
 
 
 def gaps(motion: Motion) -> list[Shape]:
-    """Gaps that the motion closes now and then."""
+    """List gaps that the motion closes now and then.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("gap_m", levels(motion.e, 0.25, 0.45, 0.6, 0.75, 0.87, 0.95))
 
 
 def stops(motion: Motion) -> list[Shape]:
-    """Gaps on either side, and none."""
+    """List gaps on either side, and none.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     gaps = [0.0, *levels(motion.e, 0.25, 0.5, 0.7, 0.85, 0.95)]
     return [{"gap_m": gap, "side": side} for side in (1.0, -1.0) for gap in gaps]
 

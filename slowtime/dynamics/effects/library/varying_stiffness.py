@@ -78,17 +78,47 @@ def parametric(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def instants(motion: Motion) -> list[Shape]:
-    """Instants all over the record."""
+    """List instants all over the record.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("t_jump_s", within(motion, 24))
 
 
 def spans(motion: Motion) -> list[Shape]:
-    """One drift, over the whole of the campaign so far."""
+    """List one drift, over the whole of the campaign so far.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("span_s", [float(motion.times[-1])] if motion.times[-1] > 0 else [])
 
 
 def beats(motion: Motion) -> list[Shape]:
-    """Twice the frequencies at which the place moves, and their sums and differences."""
+    """List twice the frequencies at which the place moves, and their sums and differences.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     lines = lines_hz(motion.e, motion.times, 3)
     pairs = {a + b for a in lines for b in lines} | {abs(a - b) for a in lines for b in lines}
     return each("frequency_hz", sorted(pair for pair in pairs if pair > 0), phase_rad=0.0)
