@@ -145,7 +145,7 @@ def slope_at(
 
 
 def start(shape: tuple[int, ...], rate: float) -> DriftBelief:
-    """Begin with new assets.
+    """Make the belief about new assets.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def renew(belief: DriftBelief, renewed: Bool[np.ndarray, "*row asset"]) -> Drift
 
 
 def pool(belief: DriftBelief, guess: float, guess_sd: float) -> Pooled:
-    """Give each asset what its sisters tell.
+    """Combine the belief about each asset with the rates of its sister assets.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ def continuations(
     error: EstimateError,
     seed: int = 0,
 ) -> Continuations:
-    """Give V of new assets of several rates, each under its best threshold on the estimate.
+    """Compute V of new assets of several rates, each under its best threshold on the estimate.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def value_of_information(
     weights: Float[np.ndarray, "*asset path"],
     likelihood: Float[np.ndarray, "*asset path outcome"],
 ) -> Information:
-    """Give the value of an observation among actions, of one asset or of many at once.
+    """Value of an observation among actions, of one asset or of many at once.
 
     Parameters
     ----------

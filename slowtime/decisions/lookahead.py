@@ -23,7 +23,7 @@ def repair_items(
     after_repair: Float[np.ndarray, "*#asset #path time item"],
     after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path time item"]:
-    """Give expected discounted items of "repair at each of the times, unless it fails before".
+    """Compute expected discounted items of a repair at each time, unless the asset fails first.
 
     Parameters
     ----------

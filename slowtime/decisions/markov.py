@@ -139,7 +139,7 @@ def beliefs_on_grid(states: int, steps: int) -> Float[np.ndarray, "belief state"
 
 
 def solve_beliefs(process: Process, *, steps: int = 20, sweeps: int = 2000) -> BeliefSolution:
-    """Solve a partly seen process by point-based value iteration on a grid of beliefs.
+    """Solve a partially observed process by point-based value iteration on a grid of beliefs.
 
     Parameters
     ----------

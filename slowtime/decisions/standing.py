@@ -36,7 +36,7 @@ class Starts:
 
     @classmethod
     def of(cls, futures: Ensemble, restored: float) -> "Starts":
-        """Ask an ensemble for what repairs lead to.
+        """Make the futures that repairs lead to.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ def standing_policies(
     window: int,
     inspection_sd: float | None,
 ) -> list[Standing]:
-    """Give the best of each kind: run to failure, age, fixed interval, thresholds, inspections.
+    """Best standing policy of each kind, such as by age, by interval or by threshold.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ Values = float | Float[np.ndarray, "..."]
 def wiener_first_passage(
     ahead: Values, *, distance: Values, drift: Values, sigma: Values
 ) -> Float[np.ndarray, "..."]:
-    r"""Give the probability that a Wiener process with drift has passed a threshold.
+    r"""Probability that a Wiener process with drift has passed a threshold.
 
     For :math:`\mu > 0` the time is inverse Gaussian with mean :math:`z / \mu` and shape
     :math:`z^2 / \sigma^2`. With a drift away from the threshold it may never be reached.
@@ -58,7 +58,7 @@ def wiener_first_passage(
 def gamma_first_passage(
     ahead: Values, *, distance: Values, shape_rate: Values, rate: Values
 ) -> Float[np.ndarray, "..."]:
-    r"""Give the probability that a gamma process has passed a threshold.
+    r"""Probability that a gamma process has passed a threshold.
 
     .. math:: P(T \le t) = \Gamma(\alpha t, \beta z) / \Gamma(\alpha t)
 
@@ -94,7 +94,7 @@ def load_survival(
     *,
     weights: Float[np.ndarray, " path"] | None = None,
 ) -> Float[np.ndarray, " later"]:
-    r"""Give survival under load events that come as a Poisson process.
+    r"""Probability of survival under load events that come as a Poisson process.
 
     .. math:: S(t) = \mathrm{E} \exp\left(-\lambda \int_0^t p(s)\,ds\right)
 
@@ -131,7 +131,7 @@ def load_survival(
 def gamma_rate_survival(
     ahead: Values, *, shape: float, scale: float
 ) -> Float[np.ndarray, "..."]:
-    r"""Give survival under failures at a constant rate that is unknown: a gamma law.
+    r"""Probability of survival under failures at a constant rate whose law is a gamma law.
 
     .. math:: S(t) = (1 + \theta t)^{-k}
 
@@ -150,7 +150,7 @@ def gamma_rate_survival(
 
 
 def rate_given_survival(shape: float, scale: float, survived: float) -> tuple[float, float]:
-    """Give the gamma law of a failure rate, once no failure came for so long.
+    """Gamma law of a failure rate after a time without failures.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def history_of(
     events: Sequence[Event] = (),
     origin: float | None = None,
 ) -> History:
-    """Give the usable readings in order, with their scales.
+    """Sort the usable readings by time, and compute their scales.
 
     Parameters
     ----------

@@ -175,7 +175,7 @@ class Mixture:
         seed: int = 0,
         only: str | None = None,
     ) -> RemainingLife:
-        """Give the distribution of the first crossing of a threshold.
+        """Distribution of the time of the first crossing of a threshold.
 
         Parameters
         ----------

@@ -94,7 +94,7 @@ def light_shapes(structure: Structure) -> Shapes:
 
 
 def coupled_shapes(structure: Structure, frequencies: Frequencies | None = None) -> Shapes:
-    r"""Shapes for damping that is not light, but lightly non-proportional (eq. 3.221).
+    r"""Shapes for damping that is not light, but nearly proportional (eq. 3.221).
 
     .. math:: z_j \approx x_j - \sum_{k \ne j}
         \frac{i \lambda_j C'_{kj}}{\omega_k^2 - \lambda_j^2 + i \lambda_j C'_{kk}} x_k

@@ -42,7 +42,7 @@ class Consistency:
 
 
 def nis(steps: Sequence[Step | ParticleStep], *, level: float = 0.95) -> Consistency:
-    """Normalised innovations squared: needs no truth. Rejected readings are left out.
+    """Test the normalised squared innovations (NIS) of a filter, without rejected readings.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Counter:
     mean_stress: MeanStress = dataclasses.field(default_factory=MeanStress)
 
     def step(self, count: Count, series: Series) -> Count:
-        """Take samples; those that are not finite are skipped and counted.
+        """Process samples; those that are not finite are skipped and counted.
 
         Parameters
         ----------

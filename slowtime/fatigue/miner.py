@@ -103,7 +103,7 @@ class MinerSum:
         return cls.of(curve, float(each.sum()), float(each[ranges >= curve.knee].sum()))
 
     def with_stress_error(self, ln_sd: float, factor: float = 1.0) -> "MinerSum":
-        """Take in an error of all stresses by one lognormal factor.
+        """Include an error of all stresses by one lognormal factor.
 
         Parameters
         ----------

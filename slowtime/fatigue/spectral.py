@@ -45,7 +45,7 @@ class Moments:
     def of(
         cls, frequency_hz: Float[np.ndarray, " f"], density: Float[np.ndarray, " f"]
     ) -> "Moments":
-        """Integrate a density by trapezoids.
+        """Integrate a spectral density by the trapezoidal rule.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Moments:
 
 
 def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float:
-    """Estimate the damage a second of Gaussian stress of zero mean [1/s].
+    """Damage per second by Gaussian stress of zero mean.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class Assessment:
 def assess(
     state: LimitState, slow_time: Times, futures: Mapping[str, Float[np.ndarray, "path time"]]
 ) -> Assessment:
-    """Assess a limit state.
+    """Assess a limit state over slow time, from futures of the changes.
 
     Parameters
     ----------

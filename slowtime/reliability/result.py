@@ -134,7 +134,7 @@ def sampled(
     warnings: tuple[str, ...] = (),
     freedom: float = math.inf,
 ) -> Result:
-    """Make the result of a sampling method, its interval even in the logarithm.
+    """Make the result of a sampling method; its interval is symmetric in the logarithm.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ def decimated(
 def moved_down(
     series: Float[np.ndarray, " time"], rate_hz: float, centre_hz: float, half_width_hz: float
 ) -> Decimated:
-    r"""Move a band of a series down, to a rate of about six times half its width.
+    r"""Shift a band of a series down, to a rate of about six times half its width.
 
     The band :math:`f_c \pm w` comes to lie about a quarter of the lower rate: with the complex
     filter h of that band,

@@ -135,9 +135,9 @@ def median(x: Series, window: int) -> Series:
 
 
 def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarray, " time"]:
-    r"""Which readings are outliers among their neighbours.
+    r"""Tell which readings are outliers among their neighbours.
 
-    A reading is one where :math:`|x - \mathrm{med}| > 3 \cdot 1.4826 \, \mathrm{MAD}`, with
+    An outlier has :math:`|x - \mathrm{med}| > 3 \cdot 1.4826 \, \mathrm{MAD}`, with
     median and median absolute deviation over the `window` readings around it (Hampel, 1974).
     Looks to both sides, so it is for series at rest, not for streams.
 

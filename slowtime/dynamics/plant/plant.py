@@ -118,7 +118,7 @@ class Plant:
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
     ) -> Outputs:
-        """Run, and tell what the sensors do.
+        """Simulate the outputs of the sensors.
 
         Parameters
         ----------

@@ -52,7 +52,7 @@ class Steps:
 
 
 def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -> Steps:
-    r"""Make steps of a sample interval [s], its half and so on: `deep`, as events need, or one.
+    r"""Compute the propagators over a sample interval and, if `deep`, over its half and so on.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def layout_of(
 def state_matrices(
     layout: Layout, names: Sequence[str], triples: Sequence[Triple], *, unmeasured: bool
 ) -> tuple[Stack, Stack, Stack]:
-    """Make A, B of inputs and B of forces, each with its slopes behind it.
+    """Compute A, B of inputs and B of forces, each followed by its slopes.
 
     Parameters
     ----------

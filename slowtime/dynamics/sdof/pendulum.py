@@ -194,7 +194,7 @@ def learn_period(
     *,
     amplitude_powers: int = 2,
 ) -> PeriodLaw:
-    """Learn how a period depends on whatever was written down beside it.
+    """Fit a power law of a period in the quantities that were recorded with it.
 
     Parameters
     ----------

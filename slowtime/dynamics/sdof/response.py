@@ -102,7 +102,7 @@ def harmonic_response(
     *,
     force: float = 1.0,
 ) -> tuple[Series, Series]:
-    r"""Total motion under :math:`F \cos \omega t`: the steady state and what dies away of it.
+    r"""Total motion under :math:`F \cos \omega t`: steady state and transient.
 
     Section 3.2.2 calls this the steady-state response; it is the total one.
 

@@ -50,7 +50,7 @@ class Filters:
         state: Float[np.ndarray, "model state"],
         samples: Float[np.ndarray, "time channel"],
     ) -> tuple[Float[np.ndarray, "model state"], Float[np.ndarray, "model time output"]]:
-        """Take whole blocks of samples.
+        """Filter whole blocks of samples.
 
         Parameters
         ----------

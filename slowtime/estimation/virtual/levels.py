@@ -190,7 +190,7 @@ def fit_levels(
     iterations: int,
     start: Levels | None = None,
 ) -> Levels:
-    """Fit covariances of forces, and variances of noises that nobody knows.
+    """Fit covariances of forces, and variances of unknown noises.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class Output:
     factor_sd: float = 0.0
 
     def scaled(self, factor: float, unit: str, *, sd: float = 0.0, name: str = "") -> "Output":
-        """Multiply the values, as by stress for one newton of force.
+        """Scale the output, such as from force to stress.
 
         Parameters
         ----------

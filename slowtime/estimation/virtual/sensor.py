@@ -147,7 +147,7 @@ class VirtualSensor:
     def step(
         self, state: VirtualState, samples: Float[np.ndarray, "time channel"]
     ) -> tuple[VirtualState, tuple[Window, ...]]:
-        """Take samples; give the windows that they complete.
+        """Process samples; return the windows that they complete.
 
         Parameters
         ----------

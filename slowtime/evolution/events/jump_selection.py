@@ -225,7 +225,7 @@ def select_jumps(
     log_weights: Float[np.ndarray, " family"],
     places: Sequence[int] = (),
 ) -> tuple[Places, float]:
-    """Add jumps and take them away until nothing is gained; and the log-likelihood then.
+    """Select jumps by adding and removing them until nothing is gained.
 
     Parameters
     ----------

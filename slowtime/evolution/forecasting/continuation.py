@@ -122,7 +122,7 @@ class Continuation:
     def predict(
         self, horizon_times: Float[np.ndarray, " later"], *, level: float = 0.95
     ) -> Forecast:
-        """Tell what is expected at future slow times, none before the last reading.
+        """Forecast the quantity at future slow times, none before the last reading.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ def begin(
     *,
     known: Sequence[KnownEvent] = (),
 ) -> Continuation:
-    """Take in a history, in any order, from before its first reading on.
+    """Filter a history, in any order, from before its first reading on.
 
     Parameters
     ----------

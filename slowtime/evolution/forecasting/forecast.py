@@ -103,7 +103,7 @@ def fit(
     suspected: Sequence[float] = (),
     known: Sequence[KnownEvent] = (),
 ) -> Outlook:
-    """Learn from a history which processes could have made it.
+    """Learn which processes could have made a history.
 
     Parameters
     ----------

@@ -197,7 +197,7 @@ def learn_teeth(
     where: Places,
     begin: Float[np.ndarray, " parameter"],
 ) -> Repeating:
-    """Learn what teeth a history has.
+    """Fit sawtooth processes to a history.
 
     Parameters
     ----------

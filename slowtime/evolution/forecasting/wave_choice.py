@@ -33,7 +33,7 @@ def learn_periodic_process(
     beaten: float = -np.inf,
     edges: bool = True,
 ) -> Repeating | None:
-    """Learn processes with a wave; None where least squares find no period.
+    """Fit processes with a wave; None where least squares find no period.
 
     Of smooth waves, waves with edges and teeth, that one is learnt of which a few trials are
     likelier. Its evidence counts how many periods were looked at.

@@ -64,7 +64,7 @@ class RemainingLife:
         return np.asarray(self.quantile(np.array(self.shares)))
 
     def cdf(self, t: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Give the probability that the threshold has been crossed by slow time t.
+        """Probability that the threshold has been crossed by slow time t.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class RemainingLife:
         return np.asarray(np.where(at > self.horizon, np.nan, rate))
 
     def quantile(self, p: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Give the slow time by which the threshold has been crossed with probability p.
+        """Slow time by which the threshold has been crossed with probability p.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ def from_failure_times(
     shares: tuple[float, ...] = SHARES,
     weights: Mapping[str, float] | None = None,
 ) -> RemainingLife:
-    """Give the distribution of sampled failure times, each as probable as the others.
+    """Distribution of sampled failure times, each as probable as the others.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def first_crossing(
     paths: int = 4000,
     seed: int = 0,
 ) -> RemainingLife:
-    """Draw futures, and see when each first crosses the threshold.
+    """Distribution of the time at which the future of a history first crosses a threshold.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ class Ageing:
         paths: int = 400,
         level: float = 0.95,
     ) -> Response:
-        """Response from rest at a slow time to come, by simulation.
+        """Simulate the response from rest at a future slow time.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ def learn_ageing(
     *,
     of: tuple[str, ...] = ("stiffness", "damping"),
 ) -> Ageing:
-    """Learn how the constants of some kinds age, from what each epoch told of them.
+    """Learn how constants of some kinds age, from their estimates at each epoch.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def response_runs(
     draws: int = 400,
     rng: np.random.Generator,
 ) -> Runs:
-    """Run drawn structures from rest under a load that is straight between its samples.
+    """Simulate drawn structures from rest under a load that is linear between its samples.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ def changes_from_frequencies(
     level: float = 0.95,
     draws: int = DRAWS,
 ) -> Changes:
-    r"""Turn readings of frequencies round, by Bayes' rule.
+    r"""Estimate changes of a structure from readings of its frequencies, by Bayes' rule.
 
     .. math:: p(\Delta \mid f) \propto p(\Delta) \prod_j
               N(f_j; m_j(\Delta), s_j(\Delta)^2 + \sigma_j^2)

@@ -49,7 +49,7 @@ def propose_measurements(
     posterior: StructurePosterior,
     limits: tuple[Limit, ...],
 ) -> tuple[Remedy, ...]:
-    """For each means, the place that lifts most of the limits; none for means that lift none.
+    """Propose, for each means, the place that lifts most of the limits; none if it lifts none.
 
     Parameters
     ----------

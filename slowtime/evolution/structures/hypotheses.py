@@ -77,7 +77,7 @@ def name_changes(
     changed_share: float = 0.1,
     most: int = 4,
 ) -> NamedChanges:
-    """Name the changed parts, or say between which the data cannot decide.
+    """Find the changed parts, or the parts between which the data cannot decide.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class SeparationChoice:
 
 
 def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
-    """Take a series apart into a long and a short scale.
+    """Split a series into a long and a short scale by an additive process.
 
     Parameters
     ----------

@@ -209,7 +209,7 @@ def find_harmonics(
     false_alarm: float = FALSE_ALARM,
     seed: int = 0,
 ) -> tuple[tuple[PeakClass, ...], tuple[HarmonicFamily, ...]]:
-    """Find the lines of machines in a record, and the speeds that they are multiples of.
+    """Find the lines of machines in a record, and the base frequencies of their harmonics.
 
     Every sharp peak is judged as `classify_peaks` would; where the lines found are multiples
     of a base, the other peaks on its multiples are judged again as at a known speed.

@@ -125,7 +125,7 @@ def remove_lines(
     rate_hz: float,
     lines: tuple[Measured, ...],
 ) -> Float[np.ndarray, "time channel"]:
-    r"""Take lines out of a record by least squares, each with the bins that it wanders over.
+    r"""Remove lines from a record by least squares, each with the bins that it wanders over.
 
     A steady line takes its tone and one bin either side, for slow changes of its amplitude; one
     that wanders with standard deviation s takes :math:`\lceil 2 s T \rceil` bins. Unlike a band

@@ -100,7 +100,7 @@ class RecursiveModes:
         *,
         first_index: int | None = None,
     ) -> tuple[RecursiveState, tuple[Mode, ...]]:
-        """Take in one block, however long; give all modes as they are known by then.
+        """Process one block of any length; return all modes as they are known by then.
 
         Parameters
         ----------

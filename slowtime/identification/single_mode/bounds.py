@@ -91,7 +91,7 @@ def ambient_law(
 def ambient_bound(
     damping_ratio: float, cycles: float, *, snr: float, reach: float
 ) -> tuple[float, float]:
-    r"""Give the law for unknown level and noise floor: sd of f over f, of ln zeta.
+    r"""Cramér-Rao bounds for unknown level and noise floor: sd of f over f, and of ln zeta.
 
     Inverse Fisher information of :math:`S \propto 1 / (1 + u^2) + 1 / g` in frequency,
     damping, level and floor, over :math:`|u| < \kappa`; g is the density of the peak over

@@ -92,7 +92,7 @@ class Excitation:
 
 
 def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Excitation:
-    """Say of a record whether its force was an event, or periodic.
+    """Tell whether the force of a record was an event, or periodic.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def modes_and_machine_lines(
     band_hz: tuple[float, float] | None = None,
     method: Method = "auto",
 ) -> ModesAndLines:
-    """Separate modes as `all_modes` gives them, in what lines of machines leave of a record.
+    """Find separate modes after the removal of machine lines; see `all_modes`.
 
     A record that begins with a blow is left as it is: its decays are no lines, however slow.
 

@@ -103,7 +103,7 @@ def identify_windows(
     method: Method = "auto",
     follow: bool = False,
 ) -> list[Epoch]:
-    """First mode of every window of `window_s` seconds, one every `hop_s`.
+    """Identify the first mode of every window of `window_s` seconds, one every `hop_s`.
 
     Parameters
     ----------

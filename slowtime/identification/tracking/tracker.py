@@ -123,7 +123,7 @@ class ModeTracker:
     def step(
         self, state: Tracks, modes: Sequence[Mode], *, elapsed: float = 1.0
     ) -> tuple[Tracks, Tracked]:
-        """Take in the modes of one epoch.
+        """Assign the modes of one epoch to tracks.
 
         Parameters
         ----------

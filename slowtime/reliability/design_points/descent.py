@@ -66,7 +66,7 @@ def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray
 
 
 def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> Descent | None:
-    """Nearest point of the limit state from a start; None where there is none to be found.
+    """Find the nearest point of the limit state from a start; None where the search fails.
 
     Parameters
     ----------

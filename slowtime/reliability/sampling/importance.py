@@ -157,7 +157,7 @@ def importance(
     search: Search | None = None,
     points: Found | None = None,
 ) -> Result:
-    """Sample from a mixture about all design points, and weight back.
+    """Sample by importance from a mixture about all design points.
 
     Broad components look everywhere else; a point that fails there, and that no design point
     explains, starts a further search. Where few weights make up the estimate, it warns.

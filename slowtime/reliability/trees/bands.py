@@ -47,7 +47,7 @@ def band(
     *,
     draws: int = DRAWS,
 ) -> Band:
-    """Carry what is not known of the members' probabilities through a tree.
+    """Propagate the uncertainty of the members' probabilities through a tree.
 
     The failure probability of a tree rises with that of each member, so that the ends of all
     bands together bound it.

@@ -18,7 +18,7 @@ def simulate(
     rng: np.random.Generator,
     count: int,
 ) -> tuple[float, float]:
-    """Draw which members have failed, and see in how many cases the tree fails.
+    """Simulate which members fail, and count the cases in which the tree fails.
 
     Parameters
     ----------

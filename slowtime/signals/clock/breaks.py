@@ -171,7 +171,7 @@ def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Chan
 
 
 def doubted(line: Line, breaks: Iterable[Breaks], count: int) -> Line:
-    """Average the slope over the breaks that are possible, each by its weight.
+    """Average the slope over the possible breaks, each by its weight.
 
     Parameters
     ----------

@@ -181,7 +181,7 @@ def _within(points: Float[np.ndarray, "span 2"], limit: float) -> Points:
 def fit(
     spans: Sequence[Span], limit: float, resolution_s: float, slope: float = 0.0
 ) -> Line | None:
-    """Line of the clock; None where the spans are too few to know how good it is.
+    """Fit the line of a clock; None where the spans are too few to know its error.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ class SamplingClock:
         index: Int[np.ndarray, " message"],
         arrival_ns: Int[np.ndarray, " arrival"],
     ) -> ClockState:
-        """Take messages in the order they came; how they are cut into calls does not matter.
+        """Process messages in order of arrival; how they are cut into calls does not matter.
 
         Parameters
         ----------
