@@ -72,7 +72,7 @@ class Problem:
 
     Examples
     --------
-    >>> from .marginals import marginal
+    >>> from slowtime.reliability.random_inputs.marginals import marginal
     >>> problem = Problem(
     ...     {"r": marginal("normal", mean=10.0, sd=1.0),
     ...      "s": marginal("normal", mean=5.0, sd=1.0)},
@@ -210,7 +210,7 @@ def correlated(
 
     Examples
     --------
-    >>> from .marginals import marginal
+    >>> from slowtime.reliability.random_inputs.marginals import marginal
     >>> inputs = {name: marginal("normal", mean=0.0, sd=1.0) for name in "ab"}
     >>> correlated(inputs, {("a", "b"): 0.5})[("a", "b")].correlation.round(6)
     array([[1. , 0.5],

@@ -73,7 +73,7 @@ def find_design_points(
 
     Examples
     --------
-    >>> from .problem import Problem, unknowns
+    >>> from slowtime.reliability.problem import Problem, unknowns
     >>> two_sided = Problem(unknowns(2), lambda u: 3.0 - np.abs(u[:, 0]))
     >>> found = find_design_points(Evaluator(two_sided), np.random.default_rng(0))
     >>> sorted(round(float(point.u[0]), 3) for point in found.points)
