@@ -1182,7 +1182,7 @@ def march(
 
     Returns
     -------
-    Number of steps; negative where the motion grew beyond bounds.
+    Number of steps; negative where the run was given up.
     """
     laws, jumps = whole_line(store, LAWS), line(store, JUMPS)
     matrix, big = grid(store, MATRIX), cube(store, BIG)
