@@ -45,39 +45,63 @@ from slowtime.dynamics.plant import Name
 
 from .switching_instant import refine_switching_instant
 
-KEPT = 6
-"""How many labels are refitted."""
-A_PLACE, A_KIND, FEW = 4, 2, 4
-"""How many of them sit at one place, where there are more places than few; and are of one
-kind."""
+MAX_CANDIDATES = 6
+"""[candidates] Refitted in one round at most. Source: docs/decisions/0023."""
+MAX_PER_PLACE = 4
+"""[candidates] Refitted at one place at most, where there are more than `FEW_PLACES`. Source:
+judgement; no study is recorded."""
+MAX_PER_KIND = 2
+"""[candidates] Of one kind that are refitted at most. Source: judgement; no study is
+recorded."""
+FEW_PLACES = 4
+"""[places] Up to which none of the refits is reserved for other places. Source:
+docs/decisions/0019 for the rule; the value is judgement."""
 
-BEHIND, LITTLE = 5.0, 0.01
-"""Times its chi squared along the force, and share of that without any, from which others are
-then given up."""
-MAIN, LESS = 0.5, 1.5
-"""Share of chi squared that one leaves which explains half of what is missing; times that from
-which others are given up that leave more along the force: the rest is another effect's."""
-NEARLY = 0.1
-"""Share of what was missing below which the best, as wrong as it is, may be right and in a
-minimum of its own: it is fitted anew, to ever longer parts."""
-LOUDER = 4.0
-"""Standard deviations of chi squared about 1 from which the noise is listened to again."""
+RIVAL_COST_RATIO = 5.0
+"""[1] Times the chi squared along the force of a candidate that explains all, up to which
+others are still refitted. Source: judgement; no study is recorded."""
+RIVAL_COST_SHARE = 0.01
+"""[share of chi squared without a law] Along the force, up to which others are still refitted
+then. Source: judgement; no study is recorded."""
+MAIN_EFFECT_SHARE = 0.5
+"""[share of chi squared without a law] Below which a fit explains the greater part of what is
+missing. Source: docs/decisions/0021."""
+OTHER_EFFECT_RATIO = 1.5
+"""[1] Times what such a fit leaves, from which others are given up along the force: the rest is
+the force of another effect. Source: docs/decisions/0021."""
+LOCAL_MINIMUM_SHARE = 0.1
+"""[share of the mean square in band without a law] Below which the best law, if it leaves more
+than noise, may be in a local minimum, and is fitted again to growing parts of the records.
+Source: docs/decisions/0021."""
+NOISE_UPDATE_SDS = 4.0
+"""[standard deviations of chi squared] Of the mean square in band from 1, from which the noise
+is estimated again. Source: judgement; no study is recorded."""
 
 
-SWIFTLY, GRADUALLY = (0.4, 1.0), (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-"""Growing shares of the records to which a label is fitted: from where its force has put all
-else, and from where the model stood without it."""
-SLOWLY = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
-"""Those over which friction is followed from stick to stick."""
+COARSE_HORIZONS = (0.4, 1.0)
+"""[share of each record] Fitted one after the other from the motion recovered along the force,
+which is close to the minimum. Source: docs/decisions/0017 for the rule; the value is
+judgement."""
+GROWING_HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""[share of each record] Fitted one after the other from the model without the law. Source:
+docs/decisions/0026."""
+STICK_SLIP_HORIZONS = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
+"""[share of each record] Fitted one after the other for friction, from one sticking phase to
+the next. Source: docs/decisions/0030 for the rule; the value is judgement."""
 
-FAR, HALF_WAY = 40.0, 0.3
-"""Log evidence behind the best, also relative to the worst, from which a label is given up."""
+GIVE_UP_MARGIN = 40.0
+"""[nats; of chi squared 1] Log evidence behind the best from which a candidate is not refitted;
+also chi squared that any rival may leave more. Source: judgement; no study is recorded."""
+GIVE_UP_SHARE = 0.3
+"""[share of the range of log evidence] Behind the best, up to which a candidate is refitted in
+any case. Source: judgement; no study is recorded."""
 
 Tick = Callable[[Effect, int], bool | None]
 """Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
 
-REARED = {"extra_dof": 6.0}
-"""Log odds against kinds that explain almost anything weakly."""
+KIND_PENALTIES = {"extra_dof": 6.0}
+"""[nats] Log odds against kinds that explain almost anything weakly. Source: judgement; no
+study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -100,20 +124,24 @@ class FittedCandidate:
     shot: Fit | None = None
 
 
-def best_of_each_place(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
+def best_of_each_place(
+    found: Sequence[Candidate], most: int = MAX_CANDIDATES
+) -> list[Candidate]:
     """Take the best, of several kinds at several places."""
     if not found:
         return []
     kept: list[Candidate] = []
     best = found[0]
-    at_one = A_PLACE if len({one.effect.place for one in found}) > FEW else most
-    enough = best.score - max(FAR, HALF_WAY * (best.score - found[-1].score), 2 * best.cost)
+    at_one = MAX_PER_PLACE if len({one.effect.place for one in found}) > FEW_PLACES else most
+    enough = best.score - max(
+        GIVE_UP_MARGIN, GIVE_UP_SHARE * (best.score - found[-1].score), 2 * best.cost
+    )
     for one in found:
         if one.score < enough:
             break
         place = sum(k.effect.place == one.effect.place for k in kept)
         kind = sum(k.effect.kind == one.effect.kind for k in kept)
-        if place < at_one and kind < A_KIND:
+        if place < at_one and kind < MAX_PER_KIND:
             kept.append(one)
         if len(kept) == most:
             break
@@ -128,7 +156,7 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
         undetermined_parameters(fit)
     )
-    against = sum(REARED.get(effect.kind, 0.0) for effect in fit.plant.effects)
+    against = sum(KIND_PENALTIES.get(effect.kind, 0.0) for effect in fit.plant.effects)
     against += numbers / 2 * math.log(fit.data)
     for number, effect in enumerate(fit.plant.effects):
         if is_constant_change(kinds[effect.kind]):
@@ -171,7 +199,7 @@ def fit_candidate(
     *,
     start: FitStart | None = None,
     shooting: bool = False,
-    horizons: Sequence[float] = SWIFTLY,
+    horizons: Sequence[float] = COARSE_HORIZONS,
     late: Callable[[], bool] | None = None,
 ) -> FittedCandidate | None:
     """Add one effect to the model of a fit, and fit all of it to the free run again.
@@ -203,7 +231,7 @@ def fit_candidate(
             control=FitControl(cost_to_beat=beat, is_late=late),
         )
         fit = refine_switching_instant(
-            fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late
+            fit, trials, kinds, beat, MAIN_EFFECT_SHARE * before.chi2_in_band, late=late
         )
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
@@ -218,9 +246,9 @@ def fit_candidate(
 def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
     """Give the shares of the records to which a law is fitted one after the other."""
     if shooting or (label.start is not None and not label.start.from_segments):
-        return SWIFTLY
+        return COARSE_HORIZONS
     sticks = label.start is not None and isinstance(kind.action, Friction)
-    return SLOWLY if sticks else GRADUALLY
+    return STICK_SLIP_HORIZONS if sticks else GROWING_HORIZONS
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -301,7 +329,10 @@ class Fitting:
         seen = dataclasses.replace(self, count=number + 1)
         if isinstance(kind.action, Unmeasured) or candidate.cost > self.give_up:
             return seen
-        if _straight(kind) and candidate.cost > BEHIND * self.reached + FAR:
+        if (
+            _straight(kind)
+            and candidate.cost > RIVAL_COST_RATIO * self.reached + GIVE_UP_MARGIN
+        ):
             return seen
         if self.tick(candidate.effect, number):
             return dataclasses.replace(seen, stopped=True)
@@ -330,15 +361,25 @@ class Fitting:
         give_up, reached = self.give_up, self.reached
         fits = [fit for fit in (named.fit, named.shot) if fit is not None]
         if any(chi2_p_value(fit) > LIMITS.white_p_value for fit in fits):
-            little = max(BEHIND * candidate.cost, LITTLE * candidate.cost_without) + FAR
+            little = (
+                max(
+                    RIVAL_COST_RATIO * candidate.cost, RIVAL_COST_SHARE * candidate.cost_without
+                )
+                + GIVE_UP_MARGIN
+            )
             give_up = min(give_up, little)
             cost = min(fit.cost for fit in fits)
-            if not _straight(kind) or candidate.cost <= BEHIND * cost + FAR:
+            if (
+                not _straight(kind)
+                or candidate.cost <= RIVAL_COST_RATIO * cost + GIVE_UP_MARGIN
+            ):
                 reached = min(reached, cost)  # else what is far off is not told by one step
         else:
             left = misfit(named.fit, self.before.noise, self.trials)
-            if left < MAIN * candidate.cost_without:
-                give_up = min(give_up, LESS * max(left, candidate.cost) + FAR)
+            if left < MAIN_EFFECT_SHARE * candidate.cost_without:
+                give_up = min(
+                    give_up, OTHER_EFFECT_RATIO * max(left, candidate.cost) + GIVE_UP_MARGIN
+                )
         return dataclasses.replace(
             self, found=(*self.found, named), give_up=give_up, reached=reached
         )
@@ -445,7 +486,10 @@ def _with_noise_of_best(
     Where that is far from noise, the best is fitted `anew`, from where its model stands. All
     that until it is `over`.
     """
-    if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
+    if (
+        not found
+        or abs(found[0].fit.chi2_in_band - 1) < NOISE_UPDATE_SDS * found[0].fit.in_band_sd
+    ):
         return found
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
@@ -458,7 +502,10 @@ def _with_noise_of_best(
             horizons=(1.0,),
             control=FitControl(is_late=over),
         )
-        if anew and WRONG_MODEL_CHI2 < fit.chi2_in_band < NEARLY * before.chi2_in_band:
+        if (
+            anew
+            and WRONG_MODEL_CHI2 < fit.chi2_in_band < LOCAL_MINIMUM_SHARE * before.chi2_in_band
+        ):
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
     except (FloatingPointError, FitAbandoned):

@@ -24,10 +24,11 @@ from slowtime.dynamics.effects import Kind
 
 from .candidate_fit import FittedCandidate, nothing_of, undetermined_parameters
 
-WIDE = 5.0
-"""Times that a tolerance may have been stated too small."""
-DOUBT = 0.2
-"""How probable that is of each damping, where a label would have it so."""
+TOLERANCE_FACTOR = 5.0
+"""[1] By which a tolerance may have been stated too small. Source: docs/decisions/0024."""
+MISSTATED_PROBABILITY = 0.2
+"""[probability] Prior that the tolerance of a damping was stated too small, where a candidate
+moves it. Source: docs/decisions/0024."""
 
 
 def leniency(
@@ -52,16 +53,18 @@ def leniency(
 def doubted(pulls: Sequence[float]) -> float:
     """Log evidence of constants that are off by so many tolerances, over what these say.
 
-    Each tolerance is true, or too small by the factor `WIDE`.
+    Each tolerance is true, or too small by the factor `TOLERANCE_FACTOR`.
     """
-    either = np.logaddexp(np.log(1 - DOUBT), np.log(DOUBT) + relief(pulls))
+    either = np.logaddexp(
+        np.log(1 - MISSTATED_PROBABILITY), np.log(MISSTATED_PROBABILITY) + relief(pulls)
+    )
     return float(either.sum())
 
 
 def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
-    """Log evidence of each, over what its tolerance says, were that too small by `WIDE`."""
+    """Log evidence of each [nats], were its tolerance too small by `TOLERANCE_FACTOR`."""
     excess = np.square(np.asarray(pulls, dtype=float)) / 2
-    return np.asarray(excess * (1 - WIDE**-2) - np.log(WIDE))
+    return np.asarray(excess * (1 - TOLERANCE_FACTOR**-2) - np.log(TOLERANCE_FACTOR))
 
 
 def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:

@@ -18,10 +18,11 @@ from slowtime.dynamics.effects import Kind
 
 from .candidate_fit import FittedCandidate, Tick, evidence, fit_candidates, misfit, rescored
 
-FOREMOST = 2
-"""Labels of a ranking that are fitted so."""
-SHORT_OF = 2.0
-"""Times the chi squared along the force that a free run leaves which has gone astray."""
+SHOT_CANDIDATES = 2
+"""[candidates] Of each ranking that are fitted to segments. Source: docs/decisions/0029."""
+ASTRAY_RATIO = 2.0
+"""[1] Times its chi squared along the force that a free run leaves which has gone astray.
+Source: judgement; no study is recorded."""
 
 
 def shooting_fits(
@@ -51,7 +52,9 @@ def shooting_fits(
         return [
             one
             for one in labels
-            if left.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost < SHORT_OF * least
+            if left.get(label_of(one.effect), np.inf)
+            > ASTRAY_RATIO * one.cost
+            < ASTRAY_RATIO * least
         ]
 
     anew = [
@@ -69,7 +72,7 @@ def shooting_fits(
 def first_of_each(*ranked: Sequence[Candidate]) -> list[Candidate]:
     """Give the first of several rankings, each label once."""
     found: dict[Label, Candidate] = {}
-    for one in (one for labels in ranked for one in labels[:FOREMOST]):
+    for one in (one for labels in ranked for one in labels[:SHOT_CANDIDATES]):
         found.setdefault(label_of(one.effect), one)
     return list(found.values())
 

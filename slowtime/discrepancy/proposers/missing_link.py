@@ -33,11 +33,13 @@ from slowtime.dynamics.plant import Plant
 
 LINK, LOSS = "a spring not in the model", "stiffness_loss"
 """What the element is called while it is tried; the kind whose negative is its stiffness."""
-BY_ONE = 0.1
+MAX_LINK_REST = 0.1
 """[share of what was missing] That a spring may leave which takes the place of effects. Source:
 chosen on hidden cases."""
-FIRST = (0.1, 0.03, 0.01, 0.003)
-"""Stiffnesses to begin with, in those of the model's own springs: that which leaves least."""
+START_STIFFNESS_RATIOS = (0.1, 0.03, 0.01, 0.003)
+"""[median stiffness of the model's springs] Of a missing spring at the start of its fit: the
+one whose free run leaves least. Source: docs/decisions/0030 for the rule; the value is
+judgement."""
 
 
 def with_missing_link(
@@ -88,7 +90,7 @@ def _explained(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
 def _is_likelier(link: FittedCandidate, found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     """Return whether a spring leaves little of what was missing, and is the likelier."""
     first, last = found.first, found.last
-    if link.fit.chi2_in_band - 1 > BY_ONE * (first.chi2_in_band - 1):
+    if link.fit.chi2_in_band - 1 > MAX_LINK_REST * (first.chi2_in_band - 1):
         return False
     least = min((link.fit, last), key=unexplained_by)
     others = FittedCandidate(link.effect, last.plant.description, last, 0.0)
@@ -174,7 +176,10 @@ def _linked(
     description = fit.plant.description
     springs = [e.stiffness_n_per_m for e in description.elements if isinstance(e, Spring)]
     median = float(np.median(springs))
-    begins = [max(stiffness, FIRST[0] * median), *(share * median for share in FIRST[1:])]
+    begins = [
+        max(stiffness, START_STIFFNESS_RATIOS[0] * median),
+        *(share * median for share in START_STIFFNESS_RATIOS[1:]),
+    ]
     link = Spring(id=LINK, between=pair)
     linked = dataclasses.replace(description, elements=(*description.elements, link))
     plant = Plant.of(linked, kinds=kinds)

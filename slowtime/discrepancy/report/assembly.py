@@ -31,7 +31,11 @@ from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
-from slowtime.discrepancy.selection.probabilities import FLAW, fault_of, verdict_of
+from slowtime.discrepancy.selection.probabilities import (
+    MAX_LOCAL_MINIMUM_REST,
+    fault_of,
+    verdict_of,
+)
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import (
     FreeRunResult,
@@ -47,17 +51,24 @@ from slowtime.discrepancy.validation.holdout import is_confirmed_on_holdout
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
-LEFT, ELSEWHERE = 1e-3, 0.05
-"""Share of the first gain that is still to be had, at its place, once an effect was wrongly
-named; and at another place, once so much is missing there that no name should stand."""
-FORETOLD, BY_ONE = 1.01, 0.1
-"""Error over that of noise alone at which a record that was never seen is met: whatever the
-others leave, what explains this is not unknown; and share of the error of the refitted model
-to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
-HALF = 0.5
-"""Share of what was missing that is left where nothing that was named was near."""
-CLOSED = 0.9
-"""Share to which an error has to fall before it is said to; the floor is met within as much."""
+MAX_REST_HERE = 1e-3
+"""[share of what was missing at first] That is left at the place of an effect at most, if its
+law is right. Source: judgement; no study is recorded."""
+MAX_REST_ELSEWHERE = 0.05
+"""[share of what was missing at first] That is left at another place at most, if the effects
+stand. Source: judgement; no study is recorded."""
+NOISE_ERROR_RATIO = 1.01
+"""[1] Of the error on a held-out record to that of noise alone, up to which the record is
+explained. Source: judgement; no study is recorded."""
+SINGLE_LAW_ERROR_SHARE = 0.1
+"""[share of the error of the refitted model] To which one law must reduce it, where noise is so
+low that no law explains the record within it. Source: judgement; no study is recorded."""
+UNEXPLAINED_SHARE = 0.5
+"""[share of what was missing at first] Above which what was named does not tell where to look.
+Source: judgement; no study is recorded."""
+FALLEN_ERROR_SHARE = 0.9
+"""[1] Of an error to the one before, up to which it has fallen; of the noise floor to an error,
+from which the floor is reached. Source: judgement; no study is recorded."""
 
 NOT_HELD_OUT = (
     "No record was held out: the gap is that of the last third of each record, by numbers "
@@ -68,10 +79,12 @@ LOUD = (
     "What is left is not of the colour that the noise was taken to have, but no record shows "
     "it as an error: it is noise, or far below it."
 )
-AS_WELL = 9.0
-"""Chi squared by which a law may leave more, and do as well."""
-UNLIKELY = 0.05
-"""Chance that any constant is so far within its tolerance, below which it is told."""
+EQUIVALENT_CHI2 = 9.0
+"""[1] Chi squared that a law may leave more than another and explain as much. Source:
+three-sigma rule for one parameter."""
+IMPROBABLE_PULL = 0.05
+"""[probability] That any constant is as far within its tolerance, below which it is reported.
+Source: the 5 % level."""
 FLOATS = (
     "No element holds the structure to the base: as given, it floats. Where it does not, join "
     "a node to `base`."
@@ -189,8 +202,8 @@ def _foretold(
     """Whether records that were never seen are met as by no law but the right one."""
     inside = ("element", "node", "base")
     laws = [a for a in found.effects if kinds[a.effect.kind].where in inside]
-    return errors[-1] <= FORETOLD * floor or (
-        len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
+    return errors[-1] <= NOISE_ERROR_RATIO * floor or (
+        len(laws) == 1 and errors[-1] <= SINGLE_LAW_ERROR_SHARE * errors[0]
     )
 
 
@@ -200,7 +213,7 @@ def _loud(found: Hypothesis, errors: Sequence[float], floor: float) -> bool:
     What is left is then noise of another colour than it was taken to have.
     """
     little = found.fits[-1].chi2_in_band < WRONG_MODEL_CHI2
-    return not found.effects and little and CLOSED * errors[-1] <= floor
+    return not found.effects and little and FALLEN_ERROR_SHARE * errors[-1] <= floor
 
 
 def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
@@ -219,8 +232,8 @@ def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     rest = found.rest.groups[0]
     here = [a for a in found.effects if a.effect.place in (*rest.places, *rest.twins)]
     sticks = any(isinstance(kinds[a.effect.kind].action, Friction) for a in here)
-    most = FLAW if sticks else LEFT
-    return _still_left(found) > (most if here else ELSEWHERE)
+    most = MAX_LOCAL_MINIMUM_REST if sticks else MAX_REST_HERE
+    return _still_left(found) > (most if here else MAX_REST_ELSEWHERE)
 
 
 def _still_left(found: Hypothesis) -> float:
@@ -278,7 +291,7 @@ def _as_well(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
         "well: what sets it apart does not show in these records."
         for name, one in others.items()
         if len(kinds[name].names) > len(answer.effect.parameters)
-        and misfit(one.fit, best.noise, found.trials) < least + AS_WELL
+        and misfit(one.fit, best.noise, found.trials) < least + EQUIVALENT_CHI2
     )
 
 
@@ -293,7 +306,7 @@ def _far(fit: Fit) -> tuple[str, ...]:
         f"The {name[0]} of {name[1]} had to be {abs(pulls[name]):.1f} tolerances off: allowed, "
         f"but so far is any of them by a chance of {_percent(chance)}."
         for name, chance in chances.items()
-        if chance < UNLIKELY
+        if chance < IMPROBABLE_PULL
     )
 
 
@@ -347,7 +360,7 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
         first, rest = found.localized, found.rest
         assert first is not None
         assert rest is not None
-        far = _still_left(found) > HALF
+        far = _still_left(found) > UNEXPLAINED_SHARE
         place, but = (first if far else rest).best_structural, "leaves more than the noise"
         near = "" if far else near
     return (
@@ -361,8 +374,8 @@ def _closing(kept: FreeRunResult, nominal: FreeRunResult, floor: float, held: bo
     """Say how far the gap has closed, and how near it is to the noise."""
     before, after = float(nominal.error.mean()), float(kept.error.mean())
     on = "the record it never saw" if held else "the last third of the records"
-    fell = f"falls from {_percent(before)} to" if after < CLOSED * before else "is"
-    close = after <= floor / CLOSED
+    fell = f"falls from {_percent(before)} to" if after < FALLEN_ERROR_SHARE * before else "is"
+    close = after <= floor / FALLEN_ERROR_SHARE
     rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."
     return f" The error on {on} {fell} {_percent(after)}{rest}"
 

@@ -48,7 +48,12 @@ from slowtime.discrepancy.selection.acceptance import (
     end_with,
     is_second_curve,
 )
-from slowtime.discrepancy.selection.shortlist import LATER, begins, begun_with, shortlist
+from slowtime.discrepancy.selection.shortlist import (
+    LATER_CANDIDATES,
+    begins,
+    begun_with,
+    shortlist,
+)
 from slowtime.discrepancy.selection.trial_order import (
     TrialOrder,
     is_enough,
@@ -60,7 +65,7 @@ from slowtime.dynamics.effects import Effect, Place
 
 from .settings import SearchSettings
 
-LOST = 30.0
+UNTRACKED_CHI2 = 30.0
 """[noise variances] Mean square in band from which what a model with effects leaves of whole
 records tells less than what it leaves of how they begin, or of their segments. Source: chosen
 on hidden cases."""
@@ -345,7 +350,7 @@ def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[
     segments, initial = given.of(Segments().name), given.of(InitialSegments().name)
     if segments is not None and segments.candidates:
         # A law that is right, and loses its way in a whole record, is fitted to all segments.
-        lost = bool(fitted) and fitted[0].fit.chi2_in_band > LOST
+        lost = bool(fitted) and fitted[0].fit.chi2_in_band > UNTRACKED_CHI2
         return segments.shot if lost else ()
     opened = initial.shot if initial is not None else ()
     begins_with = initial.begins if initial is not None else None
@@ -422,7 +427,7 @@ def fit_later_segments(
     more = before.data / max(part.data, 1)
     candidates = [
         dataclasses.replace(one, cost=more * one.cost, cost_without=more * one.cost_without)
-        for one in best_of_each_place(tried, LATER)
+        for one in best_of_each_place(tried, LATER_CANDIDATES)
     ]
     return fit_candidates(
         part, candidates, hypothesis.trials, kinds, tick, over=lambda: monitor.is_over

@@ -24,10 +24,10 @@ from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.thresholds import LIMITS
 
 from .drifting_sensor import end_with_drift
-from .extension import LOST, accept_best, extend, fit_later_segments
+from .extension import UNTRACKED_CHI2, accept_best, extend, fit_later_segments
 from .settings import SearchSettings
 
-SILENT = 0.01
+NOTHING_LEFT_P_VALUE = 0.01
 """[probability] p-value of chi squared above which nothing more is looked for after the first
 effect. Source: the 1 % level."""
 
@@ -88,7 +88,7 @@ def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None 
     """
     before = found.last
     pulled = bool(moved_of(before))
-    if found.effects and chi2_p_value(before) > SILENT:
+    if found.effects and chi2_p_value(before) > NOTHING_LEFT_P_VALUE:
         if pulled:
             # Of parameters told only together, one may have stopped far from its claim.
             found = converge(found, found.given_effects, how.kinds)
@@ -102,7 +102,7 @@ def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None 
         relearnt = relearn_force(found, held, localized, how.kinds, how.monitor)
         if relearnt is not found:
             return _next(relearnt, how, number)
-    lost = number > 0 and held.chi2_in_band > LOST and not how.quick
+    lost = number > 0 and held.chi2_in_band > UNTRACKED_CHI2 and not how.quick
     begun = fit_later_segments(found, held, how) if lost else []
     if begun and begun[0].fit.chi2_in_band < LIMITS.far_off_chi2:
         rest = localized or locate(held, found.trials)

@@ -9,7 +9,7 @@ from slowtime.discrepancy.proposers import PROPOSERS, Proposer
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.dynamics.effects import Kind
 
-MOST = 3
+MAX_EFFECTS = 3
 """[effects] That are looked for, one after the other. Source: a decision of scope; records that
 lack more than three effects are a model to be rebuilt."""
 
@@ -43,4 +43,4 @@ class SearchSettings:
     @property
     def most(self) -> int:
         """Number of effects that are looked for."""
-        return 1 if self.quick else MOST
+        return 1 if self.quick else MAX_EFFECTS

@@ -19,14 +19,14 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-FLAW = 0.003
-"""Share of what was missing that a right model may leave: friction that sticks leaves a little
-wherever its fit ends, for its misfit has many minima."""
+MAX_LOCAL_MINIMUM_REST = 0.003
+"""[share of what was missing] That a right model leaves at most in a local minimum, as where
+friction sticks. Source: docs/decisions/0019."""
 
 
 def hardly_any(last: Fit, first: Fit) -> bool:
     """Whether a fit leaves hardly any of what the first left beyond the noise."""
-    return last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
+    return last.chi2_in_band - 1 < MAX_LOCAL_MINIMUM_REST * (first.chi2_in_band - 1)
 
 
 def probabilities(scores: Sequence[float], excess: float) -> list[float]:

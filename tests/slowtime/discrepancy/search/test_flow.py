@@ -11,7 +11,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.search import SearchSettings, search
-from slowtime.discrepancy.search.extension import LOST
+from slowtime.discrepancy.search.extension import UNTRACKED_CHI2
 from slowtime.discrepancy.search.flow import continue_search
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
@@ -94,7 +94,7 @@ def test_an_effect_that_shows_in_how_records_go_on_is_localized_too():
     """As where a sensor that drifts was left out, and nothing was named before."""
     trials = records_of((STRONG,))
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
-    assert refit_within_tolerances(first, trials).chi2_in_band > LOST
+    assert refit_within_tolerances(first, trials).chi2_in_band > UNTRACKED_CHI2
     found = Hypothesis((first,), trials)
     told = continue_search(found, SearchSettings(KINDS, Monitor()), 1)
     assert [label_of(one.effect) for one in told.effects] == [label_of(CUBIC)]
