@@ -23,6 +23,7 @@ from slowtime.discrepancy.calibration.augmentation import (
     fitted_effects,
 )
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
@@ -189,37 +190,75 @@ def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
     return tuple(found)
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FitSchedule:
+    """Where the fit of a candidate starts, and to what it is fitted in turn.
+
+    Parameters
+    ----------
+    start
+        Constants and initial states; as the model without the candidate has them where not
+        given.
+    shooting
+        Whether it is fitted to short segments of the records first.
+    horizons
+        Growing shares of each record [1], the last of them 1.
+    """
+
+    start: FitStart | None = None
+    shooting: bool = False
+    horizons: Sequence[float] = COARSE_HORIZONS
+
+
+DEFAULT_SCHEDULE = FitSchedule()
+
+
 def fit_candidate(
     before: Fit,
     effect: Effect,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     noise: Noise | None,
-    beat: float | None = None,
     *,
-    start: FitStart | None = None,
-    shooting: bool = False,
-    horizons: Sequence[float] = COARSE_HORIZONS,
-    late: Callable[[], bool] | None = None,
+    control: FitControl = DEFAULT_CONTROL,
+    schedule: FitSchedule = DEFAULT_SCHEDULE,
 ) -> FittedCandidate | None:
-    """Add one effect to the model of a fit, and fit all of it to the free run again.
+    """Add one effect to the model of a fit, and fit all constants to the free run again.
 
-    From what the fit has or, where given, from another `start`, to growing shares of the
-    records. Not to the end where that will not come near a cost to `beat`; by `shooting`, to
-    pieces of the records first.
+    Parameters
+    ----------
+    before
+        Fit of the model without the effect.
+    effect
+        To add, with the parameters to start from.
+    trials
+        Records.
+    kinds
+        Catalogue of effects by name.
+    noise
+        By which residuals are weighted; estimated from the residual where not given.
+    control
+        When the fit ends: where it is late, or will not come near a cost to beat.
+    schedule
+        Where it starts, and to which parts of the records it is fitted in turn.
+
+    Returns
+    -------
+    The refitted model; None where the fit broke down or was abandoned. A law that explains
+    every segment, but no whole record, has the fit of `before` and that of the segments.
     """
-    plant, values, states = augmented_start(before, effect, kinds, start)
+    plant, values, states = augmented_start(before, effect, kinds, schedule.start)
     description = plant.description
     short: Fit | None = None
     try:
-        if shooting:
+        if schedule.shooting:
             # Constants that were bent to do without the effect are no place to start from.
-            if start is None:
+            if schedule.start is None:
                 entries = zip(values, plant.entries.items(), strict=True)
                 values = np.array([
                     v if name[0] == "effect" else entry.value for v, (name, entry) in entries
                 ])  # fmt: skip
-            short, states = shooting_fit(plant, trials, before.noise, values, late)
+            short, states = shooting_fit(plant, trials, before.noise, values, control.is_late)
             values = short.values
         fit = refit(
             plant,
@@ -227,12 +266,13 @@ def fit_candidate(
             noise=noise,
             values=values,
             states=states,
-            horizons=horizons,
-            control=FitControl(cost_to_beat=beat, is_late=late),
+            horizons=schedule.horizons,
+            control=control,
         )
         fit = refine_switching_instant(
-            fit, trials, kinds, beat, MAIN_EFFECT_SHARE * before.chi2_in_band, late=late
-        )
+            fit, trials, kinds, control.cost_to_beat, MAIN_EFFECT_SHARE * before.chi2_in_band,
+            late=control.is_late,
+        )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
             return None
@@ -337,12 +377,21 @@ class Fitting:
         if self.tick(candidate.effect, number):
             return dataclasses.replace(seen, stopped=True)
         named = fit_candidate(
-            self.before, candidate.effect, self.trials, self.kinds, self.noise,
-            min((n.fit.cost for n in self.found), default=None),
-            start=candidate.start, shooting=self.shooting,
-            late=functools.partial(_late, self.tick, candidate.effect, number),
-            horizons=_growing(candidate, kind, shooting=self.shooting),
-        )  # fmt: skip
+            self.before,
+            candidate.effect,
+            self.trials,
+            self.kinds,
+            self.noise,
+            control=FitControl(
+                cost_to_beat=min((n.fit.cost for n in self.found), default=None),
+                is_late=functools.partial(_late, self.tick, candidate.effect, number),
+            ),
+            schedule=FitSchedule(
+                start=candidate.start,
+                shooting=self.shooting,
+                horizons=_growing(candidate, kind, shooting=self.shooting),
+            ),
+        )
         if named is None:
             return seen
         if seen.noise is None:

@@ -5,11 +5,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import (
     GROWING_HORIZONS,
+    FitSchedule,
     FittedCandidate,
     fit_candidate,
     fitted_effect,
@@ -69,8 +70,10 @@ class SensorClocks:
         for sensor in description.sensors:
             begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: CLOCK_START})
             named = fit_candidate(
-                before, begin, given.trials, kinds, None, beat, horizons=GROWING_HORIZONS
-            )
+                before, begin, given.trials, kinds, None,
+                control=FitControl(cost_to_beat=beat),
+                schedule=FitSchedule(horizons=GROWING_HORIZONS),
+            )  # fmt: skip
             if named is not None:
                 fitted.append(named)
         fitted.sort(key=lambda one: one.fit.chi2_in_band)

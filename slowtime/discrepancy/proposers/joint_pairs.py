@@ -7,13 +7,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.calibration import Fit, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.estimation.candidate_fit import (
+    FitSchedule,
     FittedCandidate,
     evidence,
     fit_candidate,
@@ -175,8 +176,9 @@ def _fit_pair(
     noise = good[0][1].fit.noise if good else None
     enough = LIMITS.explained_chi2 * given.before.data
     both = fit_candidate(
-        known, other.effect, given.trials, given.kinds, noise, enough,
-        start=other.start, late=lambda: given.monitor.is_late,
+        known, other.effect, given.trials, given.kinds, noise,
+        control=FitControl(cost_to_beat=enough, is_late=lambda: given.monitor.is_late),
+        schedule=FitSchedule(start=other.start),
     )  # fmt: skip
     if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
         return both

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.calibration.augmentation import free_run_chi2, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
@@ -196,7 +196,8 @@ def _linked(
     def late() -> bool:
         return tell is not None and tell.is_late
 
-    named = fit_candidate(before, effect, trials, kinds, fit.noise, least, late=late)
+    control = FitControl(cost_to_beat=least, is_late=late)
+    named = fit_candidate(before, effect, trials, kinds, fit.noise, control=control)
     if named is None:
         return None
     name = ("effect", len(plant.effects), strength)

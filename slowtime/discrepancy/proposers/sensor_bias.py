@@ -13,7 +13,11 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, lowest_frequency_hz
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
+from slowtime.discrepancy.estimation.candidate_fit import (
+    FitSchedule,
+    FittedCandidate,
+    fit_candidate,
+)
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.records import Trial
@@ -21,6 +25,8 @@ from slowtime.dynamics.effects import Kind, Place
 from slowtime.signals.spectra import transform
 
 KINDS = ("sensor_bias", "sensor_drift")
+WHOLE_RECORDS = FitSchedule(horizons=(1.0,))
+"""An error of a sensor does not change the motion, so that no horizon has to grow."""
 QUASI_STATIC_RATIO = 0.3
 """[lowest natural frequency] Below which a structure follows slow forces without vibrating.
 Source: the dynamic amplification 1 / (1 - 0.3²) is 1.1 there."""
@@ -57,7 +63,7 @@ def sensor_bias_candidate(
     space = ForceSpace(before, located, place)
     laws = [best_effect(kinds[name], space) for name in KINDS if name in kinds]
     every = [
-        fit_candidate(before, law[0], trials, kinds, None, horizons=(1.0,))
+        fit_candidate(before, law[0], trials, kinds, None, schedule=WHOLE_RECORDS)
         for law in laws
         if law
     ]
