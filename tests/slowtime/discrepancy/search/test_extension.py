@@ -10,7 +10,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
-from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search import SearchOptions, SearchSettings
 from slowtime.discrepancy.search.extension import (
     UNTRACKED_CHI2,
     accept_best,
@@ -50,7 +50,7 @@ def lacking():
 
 def extended(lacking, *proposers, monitor=None, **more):
     trials, fit, located = lacking
-    how = SearchSettings(KINDS, monitor or Monitor(), proposers=proposers)
+    how = SearchSettings(KINDS, monitor or Monitor(), SearchOptions(proposers=proposers))
     given = {"pulled": False, "localized": located} | more
     return extend(Hypothesis((fit,), trials), fit, how, 0, **given)
 

@@ -10,7 +10,7 @@ from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
-from slowtime.discrepancy.search import SearchSettings, search
+from slowtime.discrepancy.search import SearchOptions, SearchSettings, search
 from slowtime.discrepancy.search.extension import UNTRACKED_CHI2
 from slowtime.discrepancy.search.flow import continue_search
 from slowtime.dynamics.builders import chain
@@ -58,7 +58,7 @@ def test_both_of_two_effects_are_found(effects):
 @pytest.mark.parametrize("quick", [True, False])
 def test_one_effect_is_found_and_the_search_ends_with_what_it_leaves(quick):
     own = StubProposer("own", candidates=(candidate(CUBIC, cost_without=1e6),))
-    found = searched(records_of((CUBIC,)), quick=quick, proposers=(own,))
+    found = searched(records_of((CUBIC,)), options=SearchOptions(quick=quick, proposers=(own,)))
     assert [label_of(one.effect) for one in found.effects] == [label_of(CUBIC)]
     assert found.last.chi2_in_band < 1.2
     assert not found.exhausted

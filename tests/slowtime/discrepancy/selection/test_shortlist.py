@@ -10,7 +10,7 @@ from slowtime.discrepancy.estimation.candidate_fit import MAX_CANDIDATES
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search import SearchOptions, SearchSettings
 from slowtime.discrepancy.search.extension import extend
 from slowtime.discrepancy.selection.shortlist import (
     LATER_CANDIDATES,
@@ -127,7 +127,7 @@ def test_once_an_effect_stands_out_no_other_proposer_is_asked(lacking, stands_ou
     trials, fit, located = lacking
     first = StubProposer("first", candidates=(candidate(CUBIC, cost_without=fit.cost),))
     second = StubProposer("second")
-    how = SearchSettings(KINDS, Monitor(), proposers=(first, second))
+    how = SearchSettings(KINDS, Monitor(), SearchOptions(proposers=(first, second)))
     shown = ranked(located, 30.0, 100.0 if stands_out else 31.0)
     step = extend(Hypothesis((fit,), trials), fit, how, 0, pulled=False, localized=shown)
     assert [one.effect.kind for one in step.hypothesis.effects] == [CUBIC.kind]
