@@ -128,7 +128,15 @@ class FittedCandidate:
 def best_of_each_place(
     found: Sequence[Candidate], most: int = MAX_CANDIDATES
 ) -> list[Candidate]:
-    """Take the best, of several kinds at several places."""
+    """Choose the best candidates, of several kinds at several places.
+
+    Parameters
+    ----------
+    found
+        Candidates by log evidence along the force [nats], the best first.
+    most
+        Number of candidates at most.
+    """
     if not found:
         return []
     kept: list[Candidate] = []
@@ -152,7 +160,21 @@ def best_of_each_place(
 def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
     """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
 
-    What the records have not narrowed down has cost nothing: an instant that lies between them.
+    Instants that fall between records are not charged for, because the records do not narrow
+    them down.
+
+    Parameters
+    ----------
+    fit
+        Of the model; its `cost` is chi squared with priors [1].
+    kinds
+        Catalogue of effects by name.
+    noise_scale
+        Factor on the variance of the noise [1].
+
+    Returns
+    -------
+    Log evidence up to a constant that is the same for all models of the same records [nats].
     """
     numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
         undetermined_parameters(fit)
@@ -179,7 +201,12 @@ def _spared(fit: Fit, name: Name) -> float:
 
 
 def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
-    """Instants of switches that no record tells of: they fall between two."""
+    """Instants of switches that no record determines, because they fall between two.
+
+    Returns
+    -------
+    Names of these parameters in the plant of the fit.
+    """
     found: list[Name] = []
     for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
         if len(name) != 3:
@@ -446,7 +473,24 @@ def fit_candidates(
 ) -> list[FittedCandidate]:
     """Fit each candidate to the free run; all judged by the noise that the best leaves.
 
-    As `Fitting` does with one batch.
+    Parameters
+    ----------
+    before
+        Fit of the model without them.
+    candidates
+        In the order in which they are fitted.
+    trials, kinds
+        Records, and the catalogue of effects by name.
+    tick
+        As in `Fitting`.
+    shooting
+        Whether each is fitted to segments of the records first.
+    over
+        Once true, the best is left in the minimum in which it is.
+
+    Returns
+    -------
+    One fit for each label, the most probable first.
     """
     fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
     return fitting.fit(candidates).ranked(over)
@@ -485,7 +529,21 @@ def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
 
 
 def sds_of(fit: Fit, name: Name, nothing: float) -> float:
-    """How many standard deviations a number is from another; endless where it is not free."""
+    """How many standard deviations a parameter is from another value.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    name
+        Of the parameter in its plant.
+    nothing
+        The other value, in the unit of the parameter.
+
+    Returns
+    -------
+    Distance [standard deviations], those of `inflated_sd`; infinite where it is not free.
+    """
     if name not in fit.prior.names:
         return math.inf
     at = fit.prior.names.index(name)
@@ -577,7 +635,21 @@ def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit
 
 
 def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
-    """Chi squared of what a fit leaves, under another noise."""
+    """Chi squared of the residual of a fit under another noise.
+
+    Parameters
+    ----------
+    fit
+        Whose residuals are weighted.
+    noise
+        Of the same trials.
+    trials
+        Records that were fitted.
+
+    Returns
+    -------
+    Sum over trials and sensors [1].
+    """
     return sum(
         spectral_weights(trial, noise, i).chi2(left)
         for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
@@ -593,7 +665,20 @@ def rescored(
 
 
 def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
-    """Give the same fit its cost under another noise."""
+    """Give the same fit its cost under another noise.
+
+    Parameters
+    ----------
+    fit, trials
+        The fit, and the records that were fitted.
+    noise
+        Of the same trials.
+
+    Returns
+    -------
+    The fit with that noise, its cost and its chi squared per datum and in band [1]; its
+    parameters are unchanged.
+    """
     before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
     share = after / max(before, 1e-300)
     return dataclasses.replace(

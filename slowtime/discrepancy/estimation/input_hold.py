@@ -193,9 +193,15 @@ def held_as_well(
     before, noise
         The fit without the effect, and the noise that the one with it leaves.
     lead
-        Log evidence that the effect brings.
+        Log evidence that the effect brings [nats].
+    trials, kinds
+        Records, and the catalogue of effects by name.
     stated
-        What the model says of each input.
+        What the model says of each input; None where it says nothing.
+
+    Returns
+    -------
+    The hold of each input; None where every input states its hold, or none explains as much.
     """
     if None not in stated or before.chi2_in_band > HOLD_ERROR_CHI2:
         return None
@@ -266,7 +272,19 @@ def with_holds(
     kinds: Mapping[str, Kind],
     noise: Noise | None = None,
 ) -> Fit:
-    """Fit the same model to the same records with other holds."""
+    """Fit the same model to the same records with other holds.
+
+    Parameters
+    ----------
+    fit
+        Its values and initial states are the start.
+    holds
+        One for each input.
+    trials, kinds
+        Records, and the catalogue of effects by name.
+    noise
+        By which residuals are weighted; estimated again where not given.
+    """
     plant = Plant.of(describe_holds(fit.plant.description, holds), kinds=kinds)
     return refit(
         plant, trials, noise=noise, values=fit.values, states=fit.states, horizons=(1.0,)

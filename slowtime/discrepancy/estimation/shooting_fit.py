@@ -116,6 +116,16 @@ def merge_fits(
 
 
 def unexplained_by(fit: Fit) -> float:
-    """Sum of the logarithms of the power that each sensor has left in each trial."""
+    """Measure of what a fit leaves that needs no model of the noise.
+
+    Parameters
+    ----------
+    fit
+        Its residuals have shape (time, sensor), in the unit of each sensor.
+
+    Returns
+    -------
+    Sum of the logarithms of the mean square of each sensor in each trial [nats].
+    """
     power = [np.mean(residual**2, axis=0) for residual in fit.residual]
     return float(np.sum(np.log(np.maximum(power, np.finfo(float).tiny))))

@@ -139,16 +139,25 @@ def best_link(
     tell: Monitor | None = None,
     stiffness: float = 0.0,
 ) -> Link | None:
-    """Give the spring that, laid into the model of a fit, explains most.
+    """Give the spring that, added to the model of a fit, explains most.
 
     Parameters
     ----------
+    fit
+        Of the model without it.
     pairs
-        Nodes between which one is tried; all that nothing joins where not given.
+        Nodes between which one is tried; all that no element joins where not given.
+    trials, kinds
+        Records, and the catalogue of effects by name.
     tell
         Told what is tried; says whether it is too late for it.
     stiffness
-        To begin with.
+        To start with, in the unit of the model's springs; shares of theirs are tried beside it.
+
+    Returns
+    -------
+    The spring, its stiffness and standard deviation in that unit; None where no fit succeeds
+    or exceeds its standard deviation.
     """
     if LOSS not in kinds:
         return None

@@ -70,8 +70,21 @@ def drifting(
 ) -> NamedEffect:
     """Name the drift of a sensor, whatever its course.
 
-    Where it grows as fast in every record, it is told over the campaign; else what it comes to
-    in a record.
+    Parameters
+    ----------
+    before
+        Fit whose residual is the error of the sensor, in its unit.
+    trials
+        Records.
+    place
+        The sensor.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The drift in the unit of the sensor: over the campaign, with its span [s], if it grows at
+    one rate in every record; otherwise what it comes to in a record.
     """
     channels = [sensor.channel for sensor in before.plant.description.sensors]
     at = channels.index(place.id)

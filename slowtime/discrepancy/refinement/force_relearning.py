@@ -137,14 +137,22 @@ def _recovered(
 
 
 def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:
-    """Give the numbers with which a law follows a force best, beside a spring and a damper.
+    """Fit the parameters of a law to a force, beside a spring, a damper and a constant.
 
     Parameters
     ----------
+    kind
+        Of the law.
     effect
-        The law, with the numbers to begin with: those that are fitted are looked for.
+        The law, with the parameters to start from; those at 0 stay there.
     force
-        Along `motion` [N].
+        At the place of the law, shape (time,) [N].
+    motion
+        At the same place and times: elongation [m], its rate [m/s] and its acceleration [m/s²].
+
+    Returns
+    -------
+    Fitted parameters by name, in their units; none where one of them would not be allowed.
 
     Examples
     --------
