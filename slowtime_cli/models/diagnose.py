@@ -10,6 +10,7 @@ import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.search import SearchOptions
 from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
@@ -66,8 +67,9 @@ def diagnose(
     roles = roles_of(channels)
     with _stages() as progress:
         found, document = diagnose_records(
-            description, learnt, judged, roles=roles, kinds=kinds, quick=quick,
-            unchecked=unchecked, progress=progress, patience_s=patience_s,
+            description, learnt, judged, roles=roles, kinds=kinds,
+            options=SearchOptions(quick=quick), unchecked=unchecked, progress=progress,
+            patience_s=patience_s,
         )  # fmt: skip
     for text in document.notes:
         note(text)
