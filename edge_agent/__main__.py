@@ -45,7 +45,7 @@ def run(
     stop: threading.Event | None = None,
     traces: Traces | None = None,
 ) -> int:
-    """Run an edge agent until its input ends or it is told to stop.
+    """Run an edge agent until its input ends or it is stopped.
 
     Parameters
     ----------

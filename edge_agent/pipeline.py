@@ -66,7 +66,7 @@ class Edge:
         return EdgeState(conditioned, extracting, ready), features
 
     def finish(self, state: EdgeState) -> tuple[EdgeState, tuple[Features, ...]]:
-        """Close the window that was begun: its epoch is complete, or the stream has ended."""
+        """Close the open window: its epoch is complete, or the stream has ended."""
         conditioned, ready = self.condition.finish(state.condition)
         extracting, features = self._extract(state.extract, ready)
         extracting, last = self.extract.finish(extracting)
@@ -114,7 +114,7 @@ class WorkTime:
             self._put("busy", self._total_ns)
 
     def told(self, windows: Sequence[Features]) -> None:
-        """Share what was spent among the windows that have been told now."""
+        """Share the time spent among the windows that have been sent now."""
         if not windows:
             return
         now_ns = self._clock.now_ns()
@@ -133,7 +133,7 @@ class WorkTime:
 
 
 class SourceRun:
-    """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
+    """One pass over a source: admits, processes, publishes; invalid blocks are left out."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class SourceRun:
         """First block of a stream whose time has run back; it has not been worked."""
 
     def take(self, block: Block | None) -> None:
-        """Take what the source gave; None says that an epoch is complete."""
+        """Process a block of the source; None means that an epoch is complete."""
         with self._effort.spent():
             features = self._work(block)
             for message in features:
@@ -176,7 +176,7 @@ class SourceRun:
         return features
 
     def _assess_ready(self, *, last: bool) -> None:
-        """Make virtual quantities and fatigue of what has just been conditioned."""
+        """Compute virtual quantities and fatigue of the conditioned blocks."""
         ready, self._state = self._state.ready, dataclasses.replace(self._state, ready=())
         if self._assess is None or self._assessed is None:
             return

@@ -1,4 +1,4 @@
-"""Composition root of the twin server: settings become a real database, bus, clock and door."""
+"""Composition root of the twin server: creates database, bus, clock and HTTP server."""
 
 import contextlib
 import gc

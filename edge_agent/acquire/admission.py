@@ -23,7 +23,7 @@ class AdmissionState:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a block was not let in: a word to count by, and a sentence."""
+    """Why a block was refused: a word to count by, and a sentence."""
 
     word: str
     sentence: str
@@ -47,7 +47,7 @@ class Admission:
     def step(
         self, state: AdmissionState, block: Block, now_ns: int
     ) -> tuple[AdmissionState, Refusal | None]:
-        """Judge one block; None says that it is let in."""
+        """Check one block; None if it is admitted."""
         unfit = self._unfit(block, now_ns)
         if unfit is not None:
             return state, unfit

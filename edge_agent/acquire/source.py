@@ -30,7 +30,7 @@ class Source(Protocol):
 
 @runtime_checkable
 class CountingSource(Protocol):
-    """A source that counts what happens to it."""
+    """A source that counts its events."""
 
     def counts(self) -> Mapping[str, int]:
         """Counters of `Health`; may be called from any thread."""

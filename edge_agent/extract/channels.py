@@ -17,7 +17,7 @@ def columns_of(settings: ExtractSettings, block: Block) -> tuple[list[int], tupl
 
 
 def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict[str, float]:
-    """Give means of the channels that tell of temperature or load, as far as they are there."""
+    """Return means of the temperature and load channels that are present."""
     found: dict[str, float] = {}
     for name, channel in settings.covariates.items():
         if channel in block.channels and len(rows):
@@ -33,7 +33,7 @@ def units_of(channels: tuple[str, ...], block: Block) -> tuple[str, ...]:
 
 
 def _vibrating(settings: ExtractSettings, block: Block) -> tuple[str, ...]:
-    """Channels to identify from, where the settings do not say."""
+    """Channels to identify from, if the settings name none."""
     taken = settings.covariates.values()
     rest = [
         (name, unit)

@@ -44,7 +44,7 @@ class MultiModeReader:
     settings: ExtractSettings
 
     def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
-        """Read a window; one without modes still ages what is followed."""
+        """Read a window; one without modes still ages the tracked modes."""
         given = self.settings
         if len(window.channels) > given.max_channels:
             return memory, ModeReading(why=("too_many_channels",))
@@ -153,7 +153,7 @@ def _message(
 
 
 def _told(sd: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
-    """Errors no smaller than what rounding hides; 0 where there is none, as of one channel."""
+    """Return standard deviations, at least those of rounding; 0 for one channel."""
     return np.asarray(np.where(sd > 0, np.maximum(sd, 10.0**-DIGITS), 0.0))
 
 

@@ -119,7 +119,7 @@ def clock_sd(frequency: Measured, clock: RateCorrection) -> float:
 
 
 def rescaled(correlation: float, before: Measured, after: Measured) -> float:
-    """Correlation with the damping, within [-1, 1], once a frequency is known less well."""
+    """Correlation with the damping, within [-1, 1], for a frequency that is less certain."""
     if after.sd > before.sd:
         correlation *= before.sd / after.sd
     return min(max(correlation, -1.0), 1.0)

@@ -78,7 +78,7 @@ class Stream:
 
     @property
     def true_modes(self) -> tuple[Mode, ...]:
-        """The modes at the true rate, which is known better the longer a clock was watched."""
+        """The modes at the true rate, whose error falls the longer a clock is observed."""
         true = self.latest.true_rate_hz / self.latest.rate_hz
         return tuple(
             dataclasses.replace(

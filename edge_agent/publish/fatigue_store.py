@@ -46,12 +46,12 @@ class FatigueStore:
             logger.exception("Fatigue of this boot is sent without being kept.")
 
     def all(self) -> Iterator[bytes]:
-        """Read what is kept, of all boots."""
+        """Read the stored messages of all boots."""
         for path in self._paths():
             yield path.read_bytes()
 
     def turn(self) -> bytes | None:
-        """Read what is kept of one boot after the other, so that each is told again in time."""
+        """Read the stored messages of one boot at a time, to publish each again in turn."""
         paths = self._paths()
         if not paths:
             return None

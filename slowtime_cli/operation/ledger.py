@@ -39,7 +39,7 @@ def head(server: str, out: Path) -> None:
 
 
 def verify(recording: Path, key: str | None) -> None:
-    """Hold the features of a recording against what the server signed."""
+    """Compare the features of a recording with the signed ledger."""
     known = None if key is None else public_key_of(key)
     try:
         found = verdicts(recording, known)
@@ -64,7 +64,7 @@ def verify(recording: Path, key: str | None) -> None:
 
 
 def print_audit(found: "Audit", database: Path, key: str | None) -> None:
-    """Say what the ledger says of a database."""
+    """Print the result of comparing a database with its ledger."""
     for note in found.notes:
         click.echo(f"  {note}")
     if found.wrong:

@@ -20,7 +20,7 @@ def add(name: str, scope: str, sites: tuple[str, ...], days: float, path: Path) 
 
 
 def list_(path: Path) -> None:
-    """Show whose tokens there are, and which are good."""
+    """Show all tokens, and which are valid."""
     now = datetime.datetime.now(datetime.UTC)
     table = Table(box=SIMPLE_HEAD)
     for heading in ("number", "name", "scope", "sites", "until", ""):

@@ -178,7 +178,7 @@ def _tell(
     modes: tuple[Mode, ...],
     flags: dict[str, Any],
 ) -> None:
-    """Say what was found, as for a record that is read whole."""
+    """Print the modes as for a record that is read whole."""
     out, geometry, head = flags["out"], flags["geometry"], opened.head
     left_out = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
     said = (*left_out, *opened.end_notes)

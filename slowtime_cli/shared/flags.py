@@ -45,7 +45,7 @@ class Effects(click.Path):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Any:
-        """Leave a name to be looked up where the work is done."""
+        """Keep a name, to be looked up where effects are loaded."""
         if Path(str(value)).suffix or Path(str(value)).exists():
             return super().convert(value, param, ctx)
         return str(value)

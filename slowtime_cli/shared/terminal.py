@@ -61,7 +61,7 @@ def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
 
 @contextlib.contextmanager
 def counting(title: str) -> Iterator[Callable[[str], None]]:
-    """Show a line that changes while work of unknown length goes on; nothing off a terminal."""
+    """Show a changing line during work of unknown length; nothing if not on a terminal."""
     if not shows_progress():
         yield lambda _text: None
         return
@@ -81,7 +81,7 @@ def bar(title: str, total: float) -> Iterator[Callable[[float], None]]:
 
 
 def note(text: str) -> None:
-    """Say on stderr what a person should know of a result, unless told to be quiet."""
+    """Print a note on stderr, unless quiet."""
     if not _is_quiet():
         click.echo(f"note: {text}", err=True)
 
@@ -163,5 +163,5 @@ def _is_quiet() -> bool:
 
 
 def shows_progress() -> bool:
-    """Whether progress is seen by a person who wants to."""
+    """Whether progress is shown: on a terminal, unless quiet."""
     return ERR.is_terminal and not _is_quiet()

@@ -15,7 +15,7 @@ FINAL_STATES = ("delivered", "failed", "dropped")
 
 
 def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> int:
-    """Send a test alarm of TWIN, and say whom it has reached."""
+    """Send a test alarm of TWIN, and print which receivers it reached."""
     client = Client(server)
     try:
         sent = client.test_alarm(twin, receiver)

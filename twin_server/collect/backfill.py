@@ -52,11 +52,11 @@ class Backfill:
         self._thread.start()
 
     def wake(self) -> None:
-        """Look for queries now: where one range was missing, the next may be."""
+        """Check for queries now: after one missing range, another may be missing."""
         self._wake.set()
 
     def stop(self) -> None:
-        """Ask nothing more; wait for what is under way."""
+        """Send no more queries, and wait for those in progress."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
@@ -74,7 +74,7 @@ class Backfill:
             self._wake.clear()
 
     def _ask(self, want: EdgeQuery) -> None:
-        """Ask for features first; where they do not suffice, for what the edge holds."""
+        """Query features first; if they do not suffice, query what the edge holds."""
         self.asked += 1
         listing: list[Holding] | None = None
         try:

@@ -186,7 +186,7 @@ class Composite(Frozen):
 
     @classmethod
     def from_json(cls, text: str) -> "Composite":
-        """Read what `to_json` has written."""
+        """Read the output of `to_json`."""
         return cls.model_validate_json(text, context=AS_STORED)
 
     def to_json(self) -> str:

@@ -1,4 +1,4 @@
-"""A diagnosis in slow time: the twin's history and what was read beside it."""
+"""A diagnosis in slow time: the history of the twin and its covariates."""
 
 import threading
 from collections.abc import Callable

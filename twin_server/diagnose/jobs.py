@@ -99,7 +99,7 @@ class Jobs:
         self._thread.start()
 
     def stop(self) -> None:
-        """End what runs, forget what waits; neither is told of as ended."""
+        """End the running jobs and drop the waiting ones; neither is reported as ended."""
         with self._changed:
             self._stopping = True
             left, self._queue = list(self._queue), collections.deque()
@@ -211,7 +211,7 @@ class Jobs:
         return Ended("failed", said[-1] if said else self._died(process.returncode, log))
 
     def _wait(self, process: subprocess.Popen[bytes], number: int) -> str:
-        """Wait for its end, or bring that about; why, in a word."""
+        """Wait for the end of the process, or end it; return the reason."""
         while process.poll() is None:
             with self._changed:
                 why = (

@@ -10,7 +10,7 @@ from slowtime_services.files import Record, in_si
 
 
 class NoSamplesError(ValueError):
-    """There is nothing to diagnose; the text says what to do."""
+    """No samples to diagnose; the text says what to do."""
 
 
 class Piece(NamedTuple):

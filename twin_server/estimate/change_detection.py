@@ -65,7 +65,7 @@ class DetectedChange:
 
 @dataclasses.dataclass(slots=True)
 class ChangeDetector:
-    """One quantity that is watched; `take` gives what is noticed.
+    """Change detector of one quantity; `take` returns the detected changes.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class ChangeDetector:
         )
 
     def _meet_told(self, until: float) -> None:
-        """Let the level go anywhere at what was told since the last reading."""
+        """Let the level change freely at events reported since the last reading."""
         assert self.watch is not None
         assert self.state is not None
         since = self.state.process.time

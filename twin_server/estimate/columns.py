@@ -18,7 +18,7 @@ _NO_TRUTH = (_NAN,) * len(ESTIMATES)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Columns:
-    """One entry per features message; NaN where it said nothing."""
+    """One entry per features message; NaN for values that it lacks."""
 
     sequence: Int[np.ndarray, " time"]
     t_ns: Int[np.ndarray, " time"]

@@ -55,7 +55,7 @@ EXAMPLES: list[Any] = [
 
 
 class AssetEventOrder(EventContent):
-    """Something that has happened to an asset: what, when, and who says so."""
+    """A report of something that happened to an asset: what, when, and by whom."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", json_schema_extra={"examples": EXAMPLES}
@@ -117,7 +117,7 @@ class AssetEventRow(NamedTuple):
 
 
 def is_same(order: AssetEventOrder, kept: AssetEvent) -> bool:
-    """Whether an order says what is kept already, as far as it says anything."""
+    """Whether an order repeats a stored event, as far as it states values."""
     return (
         all(getattr(order, name) == getattr(kept, name) for name in _CONTENT)
         and (order.at_ns is None or order.at_ns == kept.happened_ns)
@@ -169,7 +169,7 @@ def effective(events: Iterable[AssetEvent]) -> list[AssetEvent]:
 
 
 def sentence(event: AssetEvent) -> str:
-    """Describe an event and who told it."""
+    """Describe an event and its reporter."""
     if event.reverses is not None:
         return f"{event.person} took back the event {event.reverses}.{_text(event)}"
     of = f" of {event.quantity}" if event.quantity is not None else ""

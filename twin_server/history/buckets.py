@@ -125,7 +125,7 @@ class Buckets:
 
     @classmethod
     def from_bytes(cls, rows: Sequence[bytes]) -> Self:
-        """Read what `to_bytes` has written, a bucket each."""
+        """Read the output of `to_bytes`, one item per bucket."""
         parts: dict[int, list[int]] = {}
         for place, row in enumerate(rows):
             parts.setdefault(len(row), []).append(place)

@@ -151,7 +151,7 @@ def _core(row: tuple[Any, ...], unit: str, *, brief: bool = False) -> str:
 
 
 def _rest(row: tuple[Any, ...], body: bytes | None) -> str:
-    """Write what a simulator knows, and the details where there are some."""
+    """Write the true values of a simulation, and the details if there are any."""
     return f'"truth":{_truth(row[8])}' if body is None else body[1:-1].decode()
 
 

@@ -130,7 +130,7 @@ def assumed(notes: int) -> tuple[str, ...]:
 
 
 def blank(count: int) -> States:
-    """`count` states that say nothing yet."""
+    """Return `count` empty states."""
     states: States = np.zeros(count, STATE)
     for name in (*ESTIMATES, "truth"):
         states[name] = np.nan

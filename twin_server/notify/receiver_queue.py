@@ -68,7 +68,7 @@ class ReceiverQueue:
             thread.start()
 
     def stop(self) -> None:
-        """Begin nothing more; what is being sent goes on."""
+        """Begin no more deliveries; those in progress continue."""
         while True:
             try:
                 self._given.get_nowait()
@@ -78,7 +78,7 @@ class ReceiverQueue:
             self._given.put(None)
 
     def join(self, timeout_s: float) -> None:
-        """Wait for what is being sent, but not for a receiver that takes longer."""
+        """Wait for deliveries in progress, but not for a receiver that takes longer."""
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout_s)

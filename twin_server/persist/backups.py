@@ -89,7 +89,7 @@ def _made_whole(path: Path) -> Iterator[Path]:
 
 
 def _set_aside(database: Path) -> Path | None:
-    """Rename a database and what belongs to it; none of it is lost."""
+    """Rename a database and its side files; none of them is lost."""
     if not database.exists():
         for end in _LEFTOVERS:
             database.with_name(database.name + end).unlink(missing_ok=True)

@@ -175,7 +175,7 @@ def all_rows(reader: Any, table: Table) -> Iterable[tuple[Any, ...]]:
 
 
 def _changed(reader: sqlite3.Connection) -> list[str]:
-    """Name what differs from the tables, indices and triggers that there should be."""
+    """Name tables, indices and triggers that differ from the layout."""
     with sqlite3.connect(":memory:") as fresh:
         fresh.executescript(schema())
         # A database of version 3 or older keeps this one for good.
@@ -276,7 +276,7 @@ def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
 
 
 def _statements(script: str) -> Iterable[str]:
-    """Cut a script into statements: `executescript` would commit what it begins in."""
+    """Split a script into statements: `executescript` would commit the open transaction."""
     part = ""
     for line in script.splitlines(keepends=True):
         part += line

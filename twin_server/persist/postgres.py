@@ -32,7 +32,7 @@ LEAVING_S = 5.0
 
 
 class _Connection:
-    """A connection of psycopg that is asked as one of sqlite3 is."""
+    """A psycopg connection with the interface of sqlite3."""
 
     def __init__(self, raw: Any) -> None:
         self.raw = raw

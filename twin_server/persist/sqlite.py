@@ -224,7 +224,7 @@ def audit_file(
     kept: Head | None = None,
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
-    """Hold a sound database against its ledger (see `auditing.audit`)."""
+    """Compare a sound database with its ledger (see `auditing.audit`)."""
     with _told(path), contextlib.closing(open_reader(path)) as reader:
         reader.execute("begin")
         return audit(reader, public=public, kept=kept, tell=tell)
@@ -232,7 +232,7 @@ def audit_file(
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Describe what is wrong with a file, and what to do."""
+    """Describe the fault of a file, and what to do."""
     try:
         yield
     except UnicodeDecodeError as error:  # of a message that quotes the file

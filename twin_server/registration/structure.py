@@ -25,7 +25,7 @@ POWERS: dict[Motion, int] = {"displacement": 0, "velocity": 1, "acceleration": 2
 
 
 class ModelError(ValueError):
-    """A model and parameters that do not go together; the text says what to do."""
+    """A model and parameters that do not match; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ def _tolerance(
 def _channels(
     description: Description, parts: Parts
 ) -> tuple[dict[str, Float[np.ndarray, " dof"]], dict[str, Worth]]:
-    """Return what each channel measures; those on the base are left out: no mode moves it."""
+    """Return the quantity of each channel, except of those on the base, which is at rest."""
     sees, worth = {}, {}
     for sensor in description.sensors:
         if sensor.node not in parts.names:

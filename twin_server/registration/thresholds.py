@@ -94,7 +94,7 @@ class Alarm(Frozen):
 
     @property
     def limit(self) -> tuple[Literal["below", "above"], float]:
-        """On which side of what it is raised."""
+        """Side on which the alarm is raised, and its limit."""
         if self.below is not None:
             return "below", self.below
         assert self.above is not None
@@ -109,7 +109,7 @@ class Threshold(Frozen):
 
 
 class Forecasting(Frozen):
-    """How the future of a twin is looked at.
+    """Settings of the forecast.
 
     The limits of its alarms are thresholds as well.
     """

@@ -156,7 +156,7 @@ def _operations(
     queue: ComputeQueue,
     alarm_service: AlarmService | None,
 ) -> APIRouter:
-    """Make the routes of those who watch the server: none waits for what the others ask."""
+    """Make the health and metrics routes; they share nothing with other routes."""
     api = APIRouter(tags=["operations"])
     troubles = CoalescedCall(knowledge.troubles, "readyz")
     counted = CoalescedCall(

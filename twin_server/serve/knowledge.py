@@ -61,7 +61,7 @@ class TwinForecast:
 
 
 class Knowledge(Protocol):
-    """What REST, live stream and metrics read and change of twins."""
+    """Interface by which REST, live stream and metrics read and change twins."""
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -80,7 +80,7 @@ class Knowledge(Protocol):
         ...
 
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give what is normal under covariates, and what has entered that is not."""
+        """Return the normal behaviour under covariates, and detected departures from it."""
         ...
 
     def alive(self, twin_id: str) -> bool:
@@ -106,7 +106,7 @@ class Knowledge(Protocol):
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
     ) -> HistoryPart:
-        """States between two moments; of too many, those that show what all of them show."""
+        """States between two instants; of too many, a selection with statistics of all."""
         ...
 
     def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
@@ -121,7 +121,7 @@ class Knowledge(Protocol):
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Forecast a twin from now or from an instant; None where too little is known."""
+        """Forecast a twin from now or from an instant; None if there are too few readings."""
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class Knowledge(Protocol):
         ...
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
-        """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
+        """Refuse an invalid simulation by a `ProblemError`, at no cost."""
         ...
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
@@ -170,11 +170,11 @@ class Knowledge(Protocol):
         ...
 
     def troubles(self) -> list[str]:
-        """Return sentences on what keeps this server from working; none where all is well."""
+        """Return sentences on problems of this server; none if all is well."""
         ...
 
     def counts(self) -> Mapping[str, int]:
-        """Give what has been counted."""
+        """Return all counters."""
         ...
 
     def refused(self) -> Mapping[str, int]:

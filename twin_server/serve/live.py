@@ -1,4 +1,4 @@
-"""The live stream: server-sent events, the same for all who watch a twin, none lost unseen.
+"""The live stream: server-sent events, the same for all clients; losses are reported.
 
 Each event carries an id, ``KEY-NUMBER``: the place of the last state and the number of the last
 event that a client has seen. A client that comes back with it is first told what it missed, out
@@ -36,7 +36,7 @@ SHIFT = 40
 
 
 class Item(NamedTuple):
-    """One thing to tell; `key` or `number` say how far a client is after it, 0 as before."""
+    """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged."""
 
     key: int
     number: int
@@ -58,7 +58,7 @@ RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 
 
 class Client:
-    """One who watches a twin; lives in the event loop."""
+    """One client of a twin's stream; used in the event loop."""
 
     def __init__(self, twin_id: str, backlog: int, caller: str | None = None) -> None:
         self.twin_id, self.caller = twin_id, caller
@@ -93,7 +93,7 @@ class Client:
 
 
 class Hub:
-    """Hands what is new to everybody who watches; `tell` and `reset` come from any thread.
+    """Passes updates to all clients; `tell` and `reset` may be called from any thread.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ class LiveResponse(Response):
         await send({"type": "http.response.body", "body": b"", "more_body": False})
 
     def _catch_up(self) -> list[Item]:
-        """Collect what a client missed; for a new one, the latest state."""
+        """Collect events that a client missed; for a new one, the latest state."""
         seen = re.fullmatch(r"(\d{1,19})-(\d{1,18})", self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
         if seen is None:

@@ -203,7 +203,7 @@ def _family(name: str, kind: str, says: str, metrics: Iterable[Metric]) -> list[
 
 
 def _escaped(text: str) -> str:
-    r"""Escape what would end a label's value.
+    r"""Escape characters that would end a label's value.
 
     Examples
     --------

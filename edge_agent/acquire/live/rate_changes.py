@@ -52,7 +52,7 @@ class RateWatch:
         return rounded(middle)
 
     def interrupt(self) -> None:
-        """Begin a new window: a gap or a restart says nothing of the rate."""
+        """Begin a new window, because the rate across a gap or restart is unknown."""
         self._begin = None
 
 

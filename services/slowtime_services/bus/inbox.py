@@ -74,7 +74,7 @@ class Inbox(Generic[T]):
             return [self._items.popleft() for _ in range(count)]
 
     def close(self) -> None:
-        """Accept nothing more; what is inside can still be taken."""
+        """Accept no more messages; those in the queue can still be taken."""
         with self._lock:
             self._closed = True
             self._changed.notify_all()

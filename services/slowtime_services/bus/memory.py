@@ -28,7 +28,7 @@ class _Declared:
 
 
 class _Network:
-    """What the buses of one process share."""
+    """State that the buses of one process share."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -66,7 +66,7 @@ class MemoryBus:
 
     @property
     def watch_delay_s(self) -> float:
-        """None: `watch` tells of those that are alive before it returns."""
+        """None: `watch` reports present processes before it returns."""
         return 0.0
 
     def publish(
@@ -139,7 +139,7 @@ class MemoryBus:
                     declared.close()
 
     def __enter__(self) -> Self:
-        """Give the bus itself."""
+        """Return the bus."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,4 +1,4 @@
-"""A credential's folder → settings of Zenoh, refused where it would not hold what it says."""
+"""A credential's folder → settings of Zenoh; an unsafe folder is refused."""
 
 import dataclasses
 import datetime
@@ -39,7 +39,7 @@ class Credentials:
 
     @classmethod
     def read(cls, folder: Path, *, at_any_time: bool = False) -> Self:
-        """Look at a folder; `at_any_time` only says in the log that it is not valid now.
+        """Read a folder; with `at_any_time`, an invalid date is only logged.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Credentials:
         }
 
     def router_options(self) -> dict[str, Any]:
-        """Give settings of Zenoh for a router: who may connect, and what each may do.
+        """Return settings of Zenoh for a router: who may connect, and the rights of each.
 
         Raises
         ------

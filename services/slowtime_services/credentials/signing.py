@@ -1,4 +1,4 @@
-"""Keys that sign what a server vouches for: Ed25519, the private one in a file of its own.
+"""Ed25519 keys that sign heads of the ledger; the private one has a file of its own.
 
 RFC 8032. A signature shows who wrote some bytes; it says nothing of whether they are true.
 """
@@ -98,7 +98,7 @@ def make_key(path: Path) -> str:
 
 
 def public_key(text: str) -> str:
-    """Read a public key: itself, in base64, or the file that it is in.
+    """Read a public key: itself, in base64, or its file.
 
     Raises
     ------

@@ -54,7 +54,7 @@ def placed(kind: str, name: str) -> str:
 
 
 def rare(chance: float) -> str:
-    """Write a probability, of which nobody needs to know how much less than nothing it is.
+    """Write a probability; very small ones as an upper bound.
 
     Examples
     --------

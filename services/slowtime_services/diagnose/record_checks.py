@@ -1,4 +1,4 @@
-"""Records that cannot be what the model says they are, told before anything is made of them.
+"""Checks that records can be what the model says they are, before the diagnosis.
 
 A factor of a thousand between what a channel says and what the model makes of the inputs is no
 effect that was forgotten: it is a unit, a wire, or a column.
@@ -109,7 +109,7 @@ def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> 
 
 
 def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard: Sizes) -> str:
-    """Say what it looks like: sensors exchanged, a unit of the inputs, or one of a sensor."""
+    """Return the likely cause: exchanged sensors, a unit of the inputs, or of one sensor."""
     sensors = model.sensors
     for i, j in itertools.combinations(range(len(sensors)), 2):
         swapped = measured.copy()

@@ -1,4 +1,4 @@
-"""Diagnosis of records under a budget of work, with its document: what every caller runs."""
+"""Diagnosis of records under a budget of work, with its file model."""
 
 import dataclasses
 import time
@@ -58,7 +58,7 @@ def diagnose_records(
     proposers: tuple[Proposer, ...] = PROPOSERS,
     refiners: tuple[Refiner, ...] = REFINERS,
 ) -> tuple[Diagnosis, DiagnosisFile]:
-    """Say what a model lacks to explain records.
+    """Find the effects that a model lacks to explain records.
 
     Parameters
     ----------

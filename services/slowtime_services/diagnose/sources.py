@@ -16,7 +16,7 @@ SPAN = re.compile(r"(?P<path>.+)@(?P<first>[0-9.]*):(?P<last>[0-9.]*)")
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """One record, and the name by which people know it."""
+    """One record, and its name for people."""
 
     name: str
     record: Record
@@ -59,7 +59,7 @@ def read_any(
     units: Sequence[str] = (),
     sensitivities: Sequence[str] = (),
 ) -> Source:
-    """Read a record of any kind, a recording among them; what is no number is kept as NaN.
+    """Read a record of any kind, recordings included; values that are no numbers become NaN.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _within(record: Record, first: int, last: int) -> Iterator[Gap]:
 
 
 def _clocked(record: Record) -> bool:
-    """Whether the record says by itself when each sample was."""
+    """Whether the record states the time of each sample."""
     count = (len(record.samples),)
     return record.start_ns is not None or any(
         np.shape(value) == count for value in record.aux.values()

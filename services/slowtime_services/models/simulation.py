@@ -1,4 +1,4 @@
-"""A model set in motion: inputs in, what its sensors would have measured out."""
+"""Simulation of a model: inputs in, measured outputs of its sensors out."""
 
 import dataclasses
 import math
@@ -181,7 +181,7 @@ def run_plant(
     start_s: float,
     rng: np.random.Generator | None,
 ) -> dict[str, Series]:
-    """Run a plant as its description has it; motion of the base that nobody measured is drawn.
+    """Run a plant as described; unmeasured motion of the base is drawn at random.
 
     Raises
     ------

@@ -174,7 +174,7 @@ class PluginProcess:
             self._taken += taken
 
     def _end(self) -> str:
-        """End the process; with what exit status it had ended by itself, for a message."""
+        """End the process; return its exit status if it had ended by itself, for a message."""
         process, self._process = self._process, None
         if process is None:
             return ""
@@ -217,7 +217,7 @@ def main(group: str, name: str) -> int:
 
 
 def _requests(into: "queue.SimpleQueue[Any]") -> None:
-    """Take requests; once who asked is gone, end, whatever the part is at."""
+    """Take requests; end when the parent has ended, whatever the part is doing."""
     with contextlib.suppress(EOFError):
         while True:
             into.put(pickle.load(sys.stdin.buffer))

@@ -11,7 +11,7 @@ from slowtime_schemas.streams import Stream
 
 
 class Description(NamedTuple):
-    """What MCAP calls schema and message encoding."""
+    """Schema and message encoding, as MCAP calls them."""
 
     schema_name: str
     schema_encoding: str

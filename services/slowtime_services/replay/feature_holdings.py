@@ -47,7 +47,7 @@ class RunFeatures:
 
 
 def features_by_run(path: Path) -> dict[Run, RunFeatures]:
-    """Read once through a recording for what it holds of each run, in order of appearance."""
+    """Read a recording once for the features of each run, in order of appearance."""
     arrivals: dict[Run, dict[int, int]] = {}
     words: dict[Run, Health] = {}
     for message in read_recording(path, streams=[FEATURES, HEALTH]):

@@ -23,7 +23,7 @@ class Constant(Frozen):
 
 
 class Renewable(Frozen):
-    """What ages until it is renewed, and then begins as built again."""
+    """A structure that ages until a renewal, and then starts again as built."""
 
     renewed_after: Positive | None = None
     """Slow time after which the structure is as built again, and so on; None for never."""

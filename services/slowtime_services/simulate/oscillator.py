@@ -56,7 +56,7 @@ class SimulatedStructure(Simulated):
         return Oscillator.from_modal(self.frequency_hz, self.damping_ratio, self.mass_kg)
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell what the simulator knows of an epoch, and a sensor does not.
+        """Return the true values of an epoch.
 
         With a temperature also ``lasting.stiffness_change``, without what that does.
         """

@@ -126,7 +126,7 @@ def diagnose(
     history: str | None,
     **_given: object,
 ) -> None:
-    """Find what a model lacks, where and how much, from its records.
+    """Find effects that a model lacks, with their place and size.
 
     The model's constants are refitted first, so that plain retuning is never called a
     discovery. Records carry the channels of the model by name, in one clock; each may be

@@ -49,7 +49,7 @@ Examples:
     help="Where the twin server shall find it.",
 )
 def restore(**_given: object) -> None:
-    """Put a backup in the place of a twin's database.
+    """Replace a twin's database by a backup.
 
     End the server first. What was there is kept aside. Features that came after the backup are
     asked from the edges again when the server starts; those that an edge no longer holds are

@@ -28,7 +28,7 @@ Examples:
     help="A head that was kept elsewhere (`slowtime ledger head`): shows a cut end.",
 )
 def check(**_given: object) -> None:
-    """Look through a twin's database for damage.
+    """Check a twin's database for damage.
 
     Every page, every row and the number of rows is compared with what was written. A server
     may go on writing meanwhile. Leaves with 0 where all is sound, with 2 and a sentence where

@@ -56,7 +56,7 @@ def keys() -> None:
 @days_option
 @out_option
 def make(**_given: object) -> None:
-    """Make what is missing: authority, router, server, observer, player, and each edge."""
+    """Make missing credentials: authority, router, server, observer, player, and each edge."""
 
 
 @keys.command(cls=Deferred, work="operation.keys:renew", extra="twin")
@@ -70,7 +70,7 @@ def make(**_given: object) -> None:
 @days_option
 @out_option
 def renew(**_given: object) -> None:
-    """Issue anew what is about to expire; the old one is good until it does."""
+    """Issue expiring certificates again; the old ones are valid until they expire."""
 
 
 @keys.command(cls=Deferred, work="operation.keys:withdraw", extra="twin")
@@ -91,4 +91,4 @@ def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
 @keys.command(cls=Deferred, work="operation.keys:list_", extra="twin", name="list")
 @out_option
 def list_(**_given: object) -> None:
-    """Show what was issued, and until when it is valid."""
+    """Show the certificates issued, with their dates of expiry."""

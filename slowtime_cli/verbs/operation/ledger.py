@@ -23,7 +23,7 @@ the database has to forge those, too.
 """
 )
 def ledger() -> None:
-    """Show that nobody has rewritten a history."""
+    """Verify that a history was not rewritten."""
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:key", extra="twin")
@@ -52,7 +52,7 @@ def head(**_given: object) -> None:
 @click.argument("recording", type=EXISTING)
 @key_option
 def verify(**_given: object) -> None:
-    """Hold the features of a recording against what the server signed.
+    """Compare the features of a recording with the signed ledger.
 
     Leaves with 0 where nothing has been changed, with 2 and a sentence where anything has.
     """

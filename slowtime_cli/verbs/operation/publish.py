@@ -52,7 +52,7 @@ Examples:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Decides what is random.")
 @click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
 def publish(**_given: object) -> None:
-    """Play an acceleration board on a structure in software.
+    """Simulate an acceleration board on a simulated structure.
 
     It sends counts of an ADXL355 at +-2 g, 3.824e-5 m/s^2 each, of three axes, with a counter.
     """

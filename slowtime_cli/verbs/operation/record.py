@@ -67,7 +67,7 @@ Examples:
     help="With --keep: delete the oldest of these files, or end the recording with status 1.",
 )
 def record(out: Path, number: bool, **_given: object) -> None:
-    """Record what travels on the bus into an MCAP file.
+    """Record the messages of the bus into an MCAP file.
 
     What has arrived is on the disk within a second; a file left by a killed recorder is made
     sound again by `slowtime recover`. Foxglove and Lichtblick open the result.

@@ -39,7 +39,7 @@ Examples:
     help="Let anybody who reaches the endpoint read and write everything.",
 )
 def router(**_given: object) -> None:
-    """Run a Zenoh router: what edges, twin and recorder connect to.
+    """Run a Zenoh router that edges, twin and recorder connect to.
 
     With credentials it lets in who holds a certificate of its site, and lets each do what its
     certificate is for. Without, it listens to this machine only.
@@ -66,7 +66,7 @@ Examples:
     help="How long to wait.",
 )
 def status(**_given: object) -> None:
-    """Tell whether the router answers and which edge agents live.
+    """Show whether the router answers, and which edges are online.
 
     Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
     """

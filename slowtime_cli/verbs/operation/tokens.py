@@ -70,7 +70,7 @@ def add(**_given: object) -> None:
 @tokens.command(cls=Deferred, work="operation.tokens:list_", extra="twin", name="list")
 @_file(EXISTING)
 def list_(**_given: object) -> None:
-    """Show whose tokens there are, and which are good."""
+    """Show all tokens, and which are valid."""
 
 
 @tokens.command(cls=Deferred, work="operation.tokens:revoke", extra="twin")

@@ -72,7 +72,7 @@ underscores); flags overrule the environment, which overrules the file.
 @connect_option
 @credentials_option
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:
-    """Run the twin server: features in; knowledge, REST and page out.
+    """Run the twin server: features in; estimates, REST and page out.
 
     Knowledge is the history of stiffness and mass, its forecast, and alarms. Beyond 127.0.0.1
     it listens only with encryption, or a proxy that does it, and with tokens.

@@ -24,7 +24,7 @@ Examples:
     help="Sound file to write; it must not exist yet.",
 )
 def recover(**_given: object) -> None:
-    """Make a recording sound again that was cut short or damaged.
+    """Repair a truncated or damaged recording.
 
     Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
     """

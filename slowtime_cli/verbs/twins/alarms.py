@@ -29,7 +29,7 @@ twin: docs/alarms_out.md.
 """
 )
 def alarms() -> None:
-    """Try whether alarms of a twin reach people and other programs."""
+    """Test the alarms of a twin, and show their deliveries."""
 
 
 @alarms.command(cls=Deferred, work="twins.alarms:send_test", extra="analysis", name="test")
@@ -44,7 +44,7 @@ def alarms() -> None:
 )
 @_server
 def send_test(**_given: object) -> None:
-    """Send a test alarm of TWIN (SITE.ASSET), and say whom it has reached.
+    """Send a test alarm of TWIN (SITE.ASSET), and print which receivers it reached.
 
     The exit status is 1 where a receiver has not accepted it in time.
     """
@@ -54,4 +54,4 @@ def send_test(**_given: object) -> None:
 @click.argument("twin", type=Name(parts=2))
 @_server
 def deliveries(**_given: object) -> None:
-    """Show how the routes of TWIN (SITE.ASSET) fare, and what keeps alarms from them."""
+    """Show deliveries of TWIN (SITE.ASSET) by route, and the reasons of failures."""

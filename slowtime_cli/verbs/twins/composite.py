@@ -31,7 +31,7 @@ parallel and k-out-of-n gates how their failure makes it fail (docs/composites.m
 """
 )
 def composite() -> None:
-    """Join twins to sites, lines and structures of parts."""
+    """Combine twins into sites, lines and structures of parts."""
 
 
 @composite.command(cls=Deferred, work="twins.composite:add", extra="analysis")
@@ -39,7 +39,7 @@ def composite() -> None:
 @click.option("--id", "composite_id", required=True, type=Name(parts=2), help="SITE.NAME.")
 @_SERVER
 def add(**_given: object) -> None:
-    """Register a composite as FILE says, or register it anew.
+    """Register the composite in FILE; an existing one is replaced.
 
     FILE is YAML or JSON with `members`, and if wanted `tree`, `dependence`, `failing`,
     `horizon`, `alike`, `kind` and `name`.
@@ -58,7 +58,7 @@ def list_(**_given: object) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
 @_SERVER
 def show(**_given: object) -> None:
-    """Tell the health, failure probability, importance and pooled rates of a composite."""
+    """Show health, failure probability, importance and pooled rates of a composite."""
 
 
 @composite.command("import", cls=Deferred, work="twins.composite:import_", extra="twin")

@@ -23,7 +23,7 @@ def _server(function: F) -> F:
 
 
 def _said(function: F) -> F:
-    """Add the options that say who tells of it, and under which id."""
+    """Add the options that state who reports an event, and its id."""
     for decorate in reversed(
         [
             click.option(
@@ -99,7 +99,7 @@ def add(kind: str | None, file: object, **given: Any) -> None:
 @click.argument("twin", type=Name(parts=2))
 @_server
 def list_events(**_given: object) -> None:
-    """List the events of TWIN (SITE.ASSET), and questions that nobody has answered."""
+    """List the events of TWIN (SITE.ASSET), and unanswered questions."""
 
 
 @event.command(cls=Deferred, work="twins.event:undo", extra="analysis")
@@ -108,7 +108,7 @@ def list_events(**_given: object) -> None:
 @_said
 @_server
 def undo(**_given: object) -> None:
-    """Take EVENT of TWIN (SITE.ASSET) back: the forecast is as if nobody had told of it.
+    """Withdraw EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
 
     The event stays in the list, with the note that took it back.
     """

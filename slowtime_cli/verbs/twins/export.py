@@ -60,7 +60,7 @@ def export(
     out: Path,
     **_given: object,
 ) -> None:
-    """Write what a twin knows, or the samples of a record.
+    """Export the history of a twin, or the samples of a record.
 
     SOURCE is a twin's database, which a server may go on writing meanwhile, or a record or
     recording as `identify` reads it; the flags from --rate-hz on go with a record.

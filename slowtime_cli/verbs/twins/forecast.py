@@ -50,7 +50,7 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def forecast(**given: Any) -> None:
-    """Tell where a twin is heading, and when a threshold is reached.
+    """Forecast a twin, and when thresholds are reached.
 
     Mean and 95 % interval of each change at future slow times; of a threshold the times by
     which it is reached with 10, 50 and 90 %, or that they are not within the horizon.

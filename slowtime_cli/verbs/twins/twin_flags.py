@@ -9,7 +9,7 @@ from slowtime_cli.shared.options import Name
 
 
 def twin_flags(function: F) -> F:
-    """Add the options that say which twin is asked."""
+    """Add the options that select the twin."""
     for decorate in reversed(
         [
             click.argument("source", required=False, type=EXISTING),

@@ -72,7 +72,7 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) -> None:
-    """Run today's twin under a load, with bands.
+    """Simulate a twin's current structure under a load, with bands.
 
     Stiffness, mass and damping are drawn from what is believed of them now; the bands are of
     what is not known of the structure. The same seed gives the same answer.

@@ -1,4 +1,4 @@
-r"""One frequency under its covariates: what they explain is removed, what is left is watched.
+r"""Removes the effect of covariates from one frequency, and tests the residual for changes.
 
 With the law :math:`\ln f = \bar y + \phi(c)^T \beta + a + \varepsilon` that training has left,
 a frequency as it would have been at the reference is
@@ -36,7 +36,7 @@ _LEAST_SD = 1e-9
 
 
 class NotLearntError(ValueError):
-    """No law could be learnt from what was gathered."""
+    """No law could be learnt from the training readings."""
 
 
 class Removed(NamedTuple):
@@ -155,7 +155,7 @@ class Condition:
         return condition, Verdict(raised, watch.entry(after), judgement.evidence, self.limit)
 
     def entered(self, wanted: Covariates) -> ChangeEstimate | None:
-        """Size and onset of what has entered, by all readings up to now."""
+        """Size and onset of a detected change, from all readings so far."""
         return self._watcher(wanted).entry(self.watch.read()) if self.raised else None
 
     def _watcher(self, wanted: Covariates) -> Watch:
@@ -168,7 +168,7 @@ class Condition:
 
 
 def condition_of(content: dict[str, Any] | None) -> Condition | None:
-    """Read what `dataclasses.asdict` and JSON have made of one."""
+    """Read a condition from the JSON of `dataclasses.asdict`."""
     if content is None:
         return None
     watch = content["watch"]
@@ -187,7 +187,7 @@ def covariates_of(message: Features, wanted: Covariates) -> Float[np.ndarray, " 
 
 
 def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Condition:
-    """Learn what is normal from a span of training.
+    """Learn the normal behaviour from a span of training.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def learnt(row: int, condition: Condition, wanted: Covariates, mode: int | None)
 
 
 def not_learnt(row: int, mode: int | None, why: str) -> Notice:
-    """Make the notice that training failed, and begins anew."""
+    """Make the notice that training failed and starts again."""
     return Notice(
         row,
         "normal_not_learnt",

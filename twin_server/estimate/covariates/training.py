@@ -37,7 +37,7 @@ class Training:
     last: float = -np.inf
 
     def added(self, row: Float[np.ndarray, " number"]) -> "Training":
-        """Offer a reading, all of whose covariates are known."""
+        """Add a reading with all covariates known."""
         time = float(row[0])
         first, last = min(self.first, time), max(self.last, time)
         rows, every = self.rows, self.every
@@ -58,5 +58,5 @@ class Training:
 
 
 def training_of(content: dict[str, Any] | None) -> Training | None:
-    """Read what `dataclasses.asdict` and JSON have made of one."""
+    """Read a training from the JSON of `dataclasses.asdict`."""
     return None if content is None else Training(**{**content, "rows": tuple(content["rows"])})

@@ -1,4 +1,4 @@
-r"""Units of a message's channels in; what makes one shape of displacements of them out.
+r"""Units of the channels of a message in; factors that make displacements of them out.
 
 A mode that rings at :math:`\omega` moves a place by x, at a velocity of
 :math:`i \omega x` and an acceleration of :math:`(i \omega)^2 x`, so that components of
@@ -51,7 +51,7 @@ class ChannelUnits:
 def channel_units(
     model: Model, channels: tuple[str, ...], units: tuple[str, ...]
 ) -> ChannelUnits:
-    """Take the units that the edge tells; the model's where it tells none.
+    """Return the units that the edge states; those of the model if it states none.
 
     What stands in one unit for all channels, even an unknown one, is taken for what the model
     says, since components then compare. Among known units an unstated one is taken from the
@@ -91,7 +91,7 @@ def as_displacement(
 
 
 def told_shape(mode: Mode, features: Features, model: Model) -> dict[str, Any] | None:
-    """Shape of a mode as the twin tells it: as it came, or of displacements.
+    """Return the mode shape that the twin reports: as received, or in displacements.
 
     None where its components stand in several units and one of them is unknown.
     """

@@ -1,4 +1,4 @@
-"""Places events that people told in a history, by the quantity that they change."""
+"""Places reported events in a history, by the quantity that they change."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
@@ -74,7 +74,7 @@ def place(
 
 
 def come_after(states: States, events: Iterable[AssetEvent]) -> bool:
-    """Whether readings come after all events, so that none of these is placed anew."""
+    """Whether readings come after all events, so that no event has to be placed again."""
     if not len(states):
         return True
     first_ns, first = int(states["t_ns"].min()), float(states["slow_time"].min())
@@ -87,7 +87,7 @@ def come_after(states: States, events: Iterable[AssetEvent]) -> bool:
 
 
 def jump_times(known: KnownEvents) -> dict[str, list[float]]:
-    """Slow times after which a quantity was told to have gone elsewhere."""
+    """Slow times after which a quantity was reported to have jumped."""
     return {
         name: [event.time for event in each if is_jump(event)] for name, each in known.items()
     }

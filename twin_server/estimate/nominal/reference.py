@@ -42,7 +42,7 @@ class Nominals:
 
     @classmethod
     def none(cls, count: int) -> "Nominals":
-        """Nothing is known yet."""
+        """No nominal values known yet."""
         f, f_sd, z, z_sd, freed, freed_sd = np.full((6, count), np.nan)
         never, nothing = np.zeros(count, dtype=bool), np.zeros(count, dtype=np.uint32)
         return cls(f, f_sd, z, z_sd, never, freed, freed_sd, nothing)
@@ -60,7 +60,7 @@ def nominals_of(
     owner: Int[np.ndarray, " time"],
     rows_of: Sequence[Int[np.ndarray, " _"]],
 ) -> tuple[Nominals, list[Checkpoint], list[list[Notice]]]:
-    """Find what each reading is compared with; twins without a nominal model learn it here."""
+    """Return the nominal values for each reading; without any, the twin learns them here."""
     nominals = Nominals.none(len(given))
     checkpoints: list[Checkpoint] = []
     notices: list[list[Notice]] = []
@@ -80,7 +80,7 @@ def _plain(
     rows: Int[np.ndarray, " some"],
     nominals: Nominals,
 ) -> tuple[Checkpoint, list[Notice]]:
-    """Fill in what a twin is given or has learnt, from the reading after which it is known."""
+    """Fill in the given or learnt nominal values, from the reading that ends learning."""
     checkpoint, begins, notices = twin.checkpoint, 0, []
     if checkpoint.known is None:
         epochs = np.column_stack(
@@ -111,7 +111,7 @@ def _under_covariates(
     rows: Int[np.ndarray, " some"],
     nominals: Nominals,
 ) -> tuple[Checkpoint, list[Notice]]:
-    """Fill in what the readings of a twin would have been at the reference."""
+    """Fill in the readings as they would have been at the reference of the covariates."""
     freed = remove_covariates(
         twin.registration, twin.checkpoint, [features[row] for row in rows], given.of(rows)
     )

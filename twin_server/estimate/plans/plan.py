@@ -33,7 +33,7 @@ MORE = (1, 3, 10, 30)
 
 
 class NotPlannableError(ValueError):
-    """A plan that cannot be made; the text says why and what to do."""
+    """A plan that cannot be made; the text gives the reason and says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

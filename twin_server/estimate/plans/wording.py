@@ -1,4 +1,4 @@
-"""Writes a plan in words: what to do, by when and why, and what would change it."""
+"""Writes a plan in words: action, date, reasons, and what would change it."""
 
 import dataclasses
 import datetime
@@ -41,7 +41,7 @@ def money(amount: float, currency: str) -> str:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class When:
-    """Says spans and moments for a person, with dates where the calendar is known.
+    """Writes spans and instants for people, with dates if the calendar is known.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _undecided(plan: Plan, currency: str, when: When) -> str:
 
 
 def worth_words(worth: Worth, currency: str, when: When) -> str:
-    """Name an observation, when it is made, and what it is worth beyond its cost."""
+    """Name an observation, its time, and its value beyond its cost."""
     place = "now" if worth.at == 0.0 else f"within {when.moment(worth.at)}"
     if worth.net > 0:
         return f"{worth.observation.name} {place}, worth {money(worth.net, currency)} net"

@@ -37,7 +37,7 @@ _NOTHING = hashlib.sha256().digest()
 
 
 class HeadRow(NamedTuple):
-    """A signed head as it is kept: JSON of itself and of the leaves that had changed."""
+    """A stored signed head: its JSON, and that of the leaves that had changed."""
 
     number: int
     t_ns: int
@@ -52,7 +52,7 @@ class ChainEnds:
         self._whole = False
 
     def forget(self) -> None:
-        """Know nothing: what was written last may not have become durable."""
+        """Drop all ends: the last write may not have become durable."""
         self._known.clear()
         self._whole = False
 
@@ -99,7 +99,7 @@ def of_asset_event(row: AssetEventRow) -> Entry:
 
 
 def of_act(kind: str) -> Entry:
-    """Give the entry of what is done to all of a twin."""
+    """Return the entry of an operation on all of a twin."""
     return Entry(kind, 0, _NOTHING)
 
 
@@ -149,7 +149,7 @@ def heads(reader: Any, after: int, limit: int, newest: bool) -> list[HeadRow]:
 
 
 def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None:
-    """Chain what a database of an older version has, as it stands."""
+    """Chain the rows of a database of an older version."""
     twins = opened(TWINS, writer.execute(f"select {', '.join(TWINS.all_columns)} from twins"))
     if twins:
         tell(f"The histories of {len(twins)} twins are chained into a ledger, once.")
@@ -187,7 +187,7 @@ def _end(reader: Any, twin_id: str) -> Link:
 
 
 def _chained(reader: Any) -> Iterator[str]:
-    """All twins that have a chain, one look into the index for each."""
+    """Return all twins with a chain, by one index look-up each."""
     last = ""
     while row := reader.execute(
         "select twin from ledger where twin > ? order by twin, count limit 1", (last,)

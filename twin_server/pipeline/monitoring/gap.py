@@ -235,7 +235,7 @@ class GapMonitor:
         return mind
 
     def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:
-        """Ask for what has come since, and choose the last record that is long enough."""
+        """Request newer samples, and return the last record that is long enough."""
         seconds = self._settings.seconds
         samples = self._raw_samples(twin_id, seconds)
         pieces = pieces_of(block_of(sample.payload)[1] for sample in samples)

@@ -1,4 +1,4 @@
-"""A site as a graph that twin platforms load: interfaces in DTDL v3, and what is one of them.
+"""A site as a graph for twin platforms: interfaces in DTDL v3, and their instances.
 
 The graph has the form that Azure Digital Twins Explorer imports: models, twins, relationships.
 A site hosts twins; a composite has twins and other composites as members; a twin with a model
@@ -39,7 +39,7 @@ _OF = {
 
 
 class Asset(NamedTuple):
-    """A twin as it is told of: its registration, and its latest state as REST gives it."""
+    """A twin in the graph: its registration, and its latest state as in REST."""
 
     id: str
     registration: Registration

@@ -1,4 +1,4 @@
-"""Routes that give what a twin knows to other tools, as files."""
+"""Routes that export histories and graphs as files."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
@@ -46,7 +46,7 @@ def written_as(whole: dict[str, Any], form: Form) -> dict[str, Any]:
 
 
 def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
-    """Twins as the graph tells of them."""
+    """Return the twins of the graph."""
     for twin_id in twin_ids:
         registration = knowledge.registration(twin_id)
         if registration is not None:

@@ -1,4 +1,4 @@
-"""Computes one answer for all who ask the same question at the same time."""
+"""Computes one answer for all simultaneous equal requests."""
 
 import asyncio
 import concurrent.futures

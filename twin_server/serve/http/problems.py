@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457): what was given, what is allowed, what to do."""
+"""Errors as problem documents (RFC 9457): the value given, the values allowed, advice."""
 
 import logging
 from collections.abc import Mapping
@@ -146,7 +146,7 @@ async def _http(request: Request, error: Exception) -> Response:
 
 
 async def _left(request: Request, error: Exception) -> Response:
-    """Answer nobody: the client has left, which is no fault of anybody."""
+    """Answer nothing: the client has disconnected."""
     logger.debug("%s %s: the client left.", request.method, request.url.path)
     return Response(status_code=CLIENT_LEFT)
 

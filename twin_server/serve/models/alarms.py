@@ -19,7 +19,7 @@ ACKNOWLEDGED_EXAMPLE: dict[str, Any] = {
 
 
 class AcknowledgementOrder(Frozen):
-    """Who has taken note of an alarm, and what they say of it."""
+    """Who acknowledges an alarm, with a comment."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -35,7 +35,7 @@ class AcknowledgementOrder(Frozen):
 
 
 class TrialOrder(Frozen):
-    """Which receiver a test alarm goes to."""
+    """The receiver of a test alarm."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -49,7 +49,7 @@ class TrialOrder(Frozen):
 
 
 class AcknowledgementModel(BaseModel):
-    """Who has taken note of an alarm, and when."""
+    """Who acknowledged an alarm, and when."""
 
     model_config = {"json_schema_extra": {"examples": [ACKNOWLEDGED_EXAMPLE]}}
 

@@ -56,7 +56,7 @@ FORECAST_EXAMPLE: dict[str, Any] = {
 
 
 class ForecastPoint(BaseModel):
-    """What is expected at one slow time; null for what is not estimated."""
+    """Forecast at one slow time; null for quantities that are not estimated."""
 
     slow_time: float
     stiffness_change: Estimate | None

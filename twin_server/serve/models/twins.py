@@ -78,7 +78,7 @@ class SeenModeModel(BaseModel):
 
 
 class OfElements(BaseModel):
-    """What only a twin of many elements has."""
+    """Fields that only twins of many elements have."""
 
     elements: dict[str, Estimate] = Field(
         default={}, description="Relative change of each free stiffness and mass, by name."
@@ -94,7 +94,7 @@ class OfElements(BaseModel):
 
 
 class State(OfElements):
-    """What a twin knew after one features message."""
+    """The state of a twin after one features message."""
 
     model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]}}
 
@@ -149,7 +149,7 @@ class Entered(BaseModel):
 
 
 class NormalModel(BaseModel):
-    """What is normal for one frequency under temperature and load, as learnt in training."""
+    """Normal behaviour of one frequency under temperature and load, as learnt in training."""
 
     model_config = {"json_schema_extra": {"examples": [NORMAL_EXAMPLE]}}
 
@@ -173,7 +173,7 @@ class RaisedModel(BaseModel):
 
 
 class TwinModel(OfElements):
-    """A twin: its latest state, or that at a moment, and what it is."""
+    """A twin: its registration, and its latest state or that at an instant."""
 
     model_config = {
         "json_schema_extra": {

@@ -63,15 +63,15 @@ class DiagnosisService(Protocol):
         ...
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Put what a diagnosis has found into the twin."""
+        """Adopt the result of a diagnosis into the twin."""
         ...
 
     def undo(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Take out again what was adopted last."""
+        """Undo the latest adoption."""
         ...
 
     def gap(self, twin_id: str) -> Mapping[str, Any]:
-        """How far the twin's models are from what arrives."""
+        """Return the free-run errors of the twin's models on current samples."""
         ...
 
 

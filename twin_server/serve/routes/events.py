@@ -28,7 +28,7 @@ _PROBLEMS = problems.answers(
 def routes(
     knowledge: Knowledge, hub: Hub, known: Callable[[str], Awaitable[Registration]]
 ) -> APIRouter:
-    """Make the routes; `known` gives the registration of the twin in the path."""
+    """Make the routes; `known` returns the registration of the twin in the path."""
     api = APIRouter(tags=["twins"])
     Known = Annotated[Registration, Depends(known)]
 

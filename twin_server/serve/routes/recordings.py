@@ -80,7 +80,7 @@ class RecordingModel(BaseModel):
 
 
 class RecordingList(BaseModel):
-    """All recordings that who asks may see, the newest first."""
+    """All recordings that the caller may see, the newest first."""
 
     kept: bool = Field(description="Whether the server keeps recordings at all.")
     max_bytes: int = Field(description="Of one that is given.")
@@ -115,7 +115,7 @@ class RecordingService(Protocol):
         ...
 
     async def take(self, name: str, chunks: AsyncIterator[bytes], reaches: Reaches) -> None:
-        """Take one in, once it was found sound."""
+        """Accept a recording after it was found valid."""
         ...
 
     def delete(self, name: str, reaches: Reaches) -> None:

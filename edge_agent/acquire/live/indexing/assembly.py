@@ -89,7 +89,7 @@ class Assembler:
         self._whole = True
 
     def take(self, *, all_of_it: bool = False) -> list[Run]:
-        """Give runs that nothing will change any more; all, where nothing comes for a while."""
+        """Return runs that no later message can change; all after a time without messages."""
         if all_of_it:
             self._release(self._front)
         elif self._front - self._base >= self._block_rows:

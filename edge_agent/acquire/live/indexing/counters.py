@@ -41,7 +41,7 @@ class ByCounter(Numbered):
         """Counts, wraps undone, of messages that came, and first counts and lengths of gaps."""
 
     def place(self, batch: Batch) -> list[Placement]:
-        """Place a batch, or let it wait until it is known where it belongs."""
+        """Index a batch, or hold it until its index is known."""
         if self._pause is not None and self._may_be_new(batch, self._pause.last_ns):
             return [*self._leave(self._pause.judge(now=True)), *self.place(batch)]
         if self._pause is None:
@@ -65,12 +65,12 @@ class ByCounter(Numbered):
         return self._leave(self._pause.judge())
 
     def finish(self) -> list[Placement]:
-        """Believe what waits."""
+        """Accept batches that wait."""
         placed = [] if self._pause is None else self._leave(self._pause.judge(now=True))
         return [*placed, *super().finish()]
 
     def _leave(self, verdict: PauseVerdict | None) -> list[Placement]:
-        """Place what has waited, as soon as there is a verdict."""
+        """Index the batches that waited, as soon as there is a verdict."""
         pause = self._pause
         if pause is None or verdict is None:
             return []
@@ -99,7 +99,7 @@ class ByCounter(Numbered):
         return placed
 
     def _opens(self, batch: Batch) -> bool:
-        """Whether time must tell what the gap before a batch is."""
+        """Whether arrival times must decide what the gap before a batch is."""
         jump, wrap = self._jump(batch), self._wrap(batch)
         if batch.dropped and (batch.dropped - jump * self._each(batch)) % wrap == 0:
             return False
@@ -132,7 +132,7 @@ class ByCounter(Numbered):
         )
 
     def _may_be_new(self, batch: Batch, since_ns: int) -> bool:
-        """Whether a batch may be the first of a device that has begun anew."""
+        """Whether a batch may be the first after a restart of the device."""
         assert batch.counter is not None
         passed_s = (batch.arrival_ns - since_ns) / 1e9
         is_pause = passed_s > PAUSE_S + 5 * len(batch.rows) / self._rate_hz

@@ -66,12 +66,12 @@ class Device:
         return otherwise
 
     def rate_hz(self) -> float | None:
-        """Give the sampling frequency, where the device says it."""
+        """Return the sampling frequency, if the device states it."""
         path = self._frequency()
         return None if path is None else float(_text(path) or 0) or None
 
     def set_up(self, chosen: Sequence[str], rate_hz: float | None, length: int) -> None:
-        """Enable what was chosen.
+        """Enable the chosen channels.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Buffer:
         self._device, self._scan, self._set_up, self._clock = device, scan, set_up, clock
 
     def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
-        """Give scans as they come; a device that was gone is set up anew."""
+        """Return scans as they arrive; a device that was gone is set up again."""
         self._set_up()
         node = os.open(self._device.node, os.O_RDONLY | os.O_NONBLOCK)
         begun = b""
@@ -140,7 +140,7 @@ class Buffer:
             os.close(node)
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 def opened(settings: LiveInput, around: TransportContext) -> Opened:

@@ -92,7 +92,7 @@ class Mqtt:
             self._client.disconnect()
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
     def _hear(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         if message.retain:

@@ -84,5 +84,5 @@ def pairs_of_time_and_value(
 def unwrap(
     values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
 ) -> Float[np.ndarray, " value"]:
-    """One series, line by line, with what stands on a last line that is not full."""
+    """Join one series line by line, with the values of an incomplete last line."""
     return np.concatenate([values.ravel(), np.asarray(tail, dtype=float)])

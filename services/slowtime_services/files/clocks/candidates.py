@@ -28,7 +28,7 @@ _PARTS = (
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A way to tell when rows were taken.
+    """A clock of the rows.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Clock:
     notes: tuple[str, ...] = ()
 
     def axis(self, first_line: int) -> TimeAxis:
-        """Rate, start and gaps that it tells."""
+        """Rate, start and gaps by this clock."""
         return read_time(
             self.values,
             name=self.name,
@@ -75,7 +75,7 @@ class Clock:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ClockReading:
-    """What the chosen clock tells, and which columns are clocks."""
+    """Rate, start and gaps by the chosen clock, and which columns are clocks."""
 
     clock: Clock | None
     axis: TimeAxis | None

@@ -87,7 +87,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
 def _of_instants(
     rows: list[list[str]], at: int, interval: float, dialect: Dialect, line: int
 ) -> Iterator[Fact]:
-    """Tell the interval that the column of instants implies, where it is another."""
+    """Yield the interval that the column of instants implies, if it is another."""
     texts = [rows[end][at].strip() if at < len(rows[end]) else "" for end in (0, -1)]
     if len(rows) < 3 or not all(map(dialect.is_number, texts)):
         return

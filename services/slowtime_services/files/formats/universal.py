@@ -154,6 +154,6 @@ def _channel(function: Sequence[str], number: int) -> str:
 
 
 def _unit(line: str) -> str:
-    """Find the unit of the ordinate: the last word of its axis, where one is stated."""
+    """Return the unit of the ordinate: the last word of its axis, if it has one."""
     words = line.split()
     return words[-1] if len(words) >= 6 and words[-1].upper() != "NONE" else ""

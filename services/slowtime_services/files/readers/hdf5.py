@@ -1,4 +1,4 @@
-"""HDF5 files of any making, by h5py: datasets, and what their attributes say of them."""
+"""HDF5 files of any program, by h5py: datasets, and the meaning of their attributes."""
 
 from collections.abc import Iterator
 from pathlib import Path
