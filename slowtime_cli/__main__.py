@@ -77,7 +77,7 @@ VERBS = {
         "operation.record:record", "Record the messages of the bus into an MCAP file."
     ),
     "replay": Verb(
-        "operation.replay:replay", "Play a recording again and print the hash of its history."
+        "operation.replay:replay", "Replay a recording and print the hash of its history."
     ),
     "recover": Verb(
         "records.recover:recover",

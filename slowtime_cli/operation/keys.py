@@ -46,7 +46,7 @@ def renew(within_days: int, days: int, home: Path) -> None:
 
 
 def withdraw(asset: str | None, role: str | None, home: Path) -> None:
-    """Refuse, from the router's next start, all that was issued to an edge or a role."""
+    """Withdraw all certificates of an edge or a role, from the router's next start."""
     count = Authority.open(home).withdraw(role or "edge", asset)
     if not count:
         raise click.UsageError(f"Nothing valid was issued to {asset or role}.")

@@ -50,7 +50,7 @@ def replay(
     database: Path | None,
     edge: bool,
 ) -> int:
-    """Play a recording again and print the hash of its history."""
+    """Replay a recording and print the hash of its history."""
     if edge:
         return _through_the_edge(recording)
     if database is not None:

@@ -230,7 +230,7 @@ connect_option = click.option(
 credentials_option = click.option(
     "--credentials",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
+    help="Folder made by `slowtime keys`: use TLS with the certificate in it.",
 )
 
 

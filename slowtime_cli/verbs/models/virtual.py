@@ -51,7 +51,7 @@ MODEL: tuple[Callable[[F], F], ...] = (
         help="Lower edge of the band: accelerations do not show slower motion.  [default: a "
         "quarter of the model's lowest frequency]",
     ),
-    click.option("--moving-base", is_flag=True, help="The base moves, and nobody measures it."),
+    click.option("--moving-base", is_flag=True, help="The base has an unmeasured motion."),
 )
 
 

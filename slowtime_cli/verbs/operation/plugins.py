@@ -28,5 +28,5 @@ A part is an entry point of an installed distribution, in the group slowtime.sou
 def plugins(**_given: object) -> None:
     """List installed plug-ins.
 
-    Leaves with 1 where a part cannot be loaded.
+    The exit status is 1 if a plug-in cannot be loaded.
     """

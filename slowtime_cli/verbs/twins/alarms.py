@@ -13,7 +13,7 @@ def _server(function: F) -> F:
         metavar="URL",
         default="http://127.0.0.1:8000",
         show_default=True,
-        help="Of the twin server; with the token in SLOWTIME_TOKEN, where it wants one.",
+        help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
     )(function)
 
 
@@ -40,13 +40,13 @@ def alarms() -> None:
     type=POSITIVE,
     default=30.0,
     show_default=True,
-    help="How long to wait until it has been delivered.",
+    help="How long to wait for the delivery.",
 )
 @_server
 def send_test(**_given: object) -> None:
     """Send a test alarm of TWIN (SITE.ASSET), and print which receivers it reached.
 
-    The exit status is 1 where a receiver has not accepted it in time.
+    The exit status is 1 if a receiver has not accepted it in time.
     """
 
 

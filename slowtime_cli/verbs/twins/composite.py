@@ -13,7 +13,7 @@ _SERVER = click.option(
     default="http://127.0.0.1:8000",
     show_default=True,
     metavar="URL",
-    help="Of the twin server, with the token in SLOWTIME_TOKEN, where it wants one.",
+    help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
 )
 
 
@@ -54,7 +54,7 @@ def list_(**_given: object) -> None:
 
 @composite.command(cls=Deferred, work="twins.composite:show", extra="analysis")
 @click.argument("composite_id", type=Name(parts=2))
-@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
 @click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
 @_SERVER
 def show(**_given: object) -> None:
@@ -69,9 +69,9 @@ def show(**_given: object) -> None:
     "relationships",
     multiple=True,
     metavar="NAME",
-    help="From a whole to its parts, beside has_member, contains, hasPart and their like.",
+    help="Relationship from a whole to its parts, besides has_member, contains and hasPart.",
 )
-@click.option("--dry-run", is_flag=True, help="Tell what would be registered, and end.")
+@click.option("--dry-run", is_flag=True, help="Print what would be registered, and end.")
 @_SERVER
 def import_(**_given: object) -> None:
     """Register the composites that a graph of digital twins describes.

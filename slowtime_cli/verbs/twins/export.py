@@ -32,7 +32,7 @@ with models in DTDL, which twin platforms load, and .jsonld the same graph as JS
 @click.option(
     "--server",
     metavar="URL",
-    help="Ask a running server instead, with the token in SLOWTIME_TOKEN, where it wants one.",
+    help="Read a running server instead; its token, if it needs one, in SLOWTIME_TOKEN.",
 )
 @click.option("--asset", type=Name(parts=2), help="SITE.ASSET; needed where there are several.")
 @click.option("--site", type=Name(), help="Of .json: this site alone.  [default: all]")

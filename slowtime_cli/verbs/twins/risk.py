@@ -22,7 +22,7 @@ Limit states stand in the registration (`limit_states`): docs/risk.md.
 """,
 )
 @twin_flags
-@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
 @click.option(
     "--out",
     type=OutFile(stdout=True),

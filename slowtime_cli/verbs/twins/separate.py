@@ -30,7 +30,7 @@ def separate(**_given: object) -> None:
     """Separate a history into a drift and a recurring part.
 
     Two slow time scales in one series (Chapter 8 of the book): a trend with a smooth process,
-    and a wave, teeth or an irregular fluctuation, whichever the readings support, each with
-    its standard deviation. A mixture of Gaussian-process experts is compared with it by what
-    each foretells of readings left out.
+    and a wave, a sawtooth or an irregular fluctuation, as the readings support, each with its
+    standard deviation. A mixture of Gaussian-process experts is compared with it by its
+    predictions of readings that were left out.
     """

@@ -16,8 +16,8 @@ def twin_flags(function: F) -> F:
             click.option(
                 "--server",
                 metavar="URL",
-                help="Ask the twin of a running server instead, with the token in "
-                "SLOWTIME_TOKEN, where it wants one.",
+                help="Use the twin of a running server; its token, if it needs one, in "
+                "SLOWTIME_TOKEN.",
             ),
             click.option(
                 "--asset",
