@@ -42,6 +42,17 @@ def usual_deviation(windows: Windows, before: Float[np.ndarray, " channel"] | No
 
     1.4826 times the median absolute deviation; the mean one where that is larger, as in a
     signal that hardly ever moves. A short chunk is not judged calmer than the one before.
+
+    Parameters
+    ----------
+    windows
+        Samples, [chunk, time, channel].
+    before
+        Standard deviation in the chunk before, [channel].
+
+    Returns
+    -------
+    Standard deviation, [chunk, channel], in the unit of the samples.
     """
     size = np.abs(_deviation(windows))
     scales = np.maximum(1.4826 * np.median(size, axis=1), size.mean(axis=1))

@@ -97,7 +97,19 @@ class Stream:
 
 
 def identifier(settings: ExtractSettings, rate_hz: float) -> RecursiveModes:
-    """Recursive identification as the settings ask for it, at a rate [Hz]."""
+    """Recursive identification as the settings ask for it, at a rate [Hz].
+
+    Parameters
+    ----------
+    settings
+        Band, memory and interval of the identification.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    The identifier, without samples.
+    """
     low, high = LOWEST_SHARE * rate_hz, HIGHEST_SHARE * rate_hz
     band = settings.band_hz or (max(low, settings.lowest_remembered_hz), high)
     return RecursiveModes(

@@ -203,7 +203,15 @@ class Publisher:
                 self._send(FATIGUE, payload)
 
     def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
-        """Wait until the twin has everything of this boot; False if `seconds` pass first."""
+        """Wait until the twin has everything of this boot; False if `seconds` pass first.
+
+        Parameters
+        ----------
+        seconds
+            Longest time to wait [s].
+        stop
+            Set to end early.
+        """
         waited = 0.0
         with self._changed:
             while self._acknowledged < self._last_features:

@@ -80,7 +80,17 @@ class Account:
         self._uneasy[site, asset] = line
 
     def take(self, arrivals: Iterable[Arrival], now_s: float, change: Change) -> None:
-        """Sort arriving features: accept, hold or refuse each."""
+        """Sort arriving features: accept, hold or refuse each.
+
+        Parameters
+        ----------
+        arrivals
+            Features with their arrival.
+        now_s
+            Monotonic time [s].
+        change
+            Collects accepted features, held features and notices.
+        """
         for arrival in arrivals:
             features = arrival.features
             run = self._runs.get((features.site, features.asset, features.boot))
@@ -98,7 +108,17 @@ class Account:
     def hear(
         self, healths: Iterable[tuple[Health, bool]], now_s: float, change: Change
     ) -> None:
-        """Take from health messages, replayed or not, the last sequence of each boot."""
+        """Take from health messages, replayed or not, the last sequence of each boot.
+
+        Parameters
+        ----------
+        healths
+            Health messages, and whether each is replayed.
+        now_s
+            Monotonic time [s].
+        change
+            Collects accepted features, held features and notices.
+        """
         for health, replayed in healths:
             key = (health.site, health.asset, health.boot)
             run = self._runs.get(key)
@@ -151,7 +171,17 @@ class Account:
             self._uneasy[site, asset] = line
 
     def wants(self, now_s: float) -> list[EdgeQuery]:
-        """List the requests due now, by edge; each is repeated until `settle` confirms it."""
+        """List the requests due now, by edge; each is repeated until `settle` confirms it.
+
+        Parameters
+        ----------
+        now_s
+            Monotonic time [s].
+
+        Returns
+        -------
+        Queries to send.
+        """
         wants = []
         for key, line in list(self._uneasy.items()):
             want, uneasy = line.want(now_s, self._settings)

@@ -63,7 +63,19 @@ class SensorWatch:
         self._sensors: dict[tuple[str, str], _Sensor] = {}
 
     def hear(self, healths: Iterable[Health], now_s: float) -> list[SensorNotice]:
-        """Take health reports of edges; return the notices they cause."""
+        """Take health reports of edges; return the notices they cause.
+
+        Parameters
+        ----------
+        healths
+            Health messages.
+        now_s
+            Monotonic time [s].
+
+        Returns
+        -------
+        Notices of sensors whose state has changed.
+        """
         notices: list[SensorNotice] = []
         for health in healths:
             if SILENT in health.counters:

@@ -84,7 +84,21 @@ class ChangeDetector:
     state: change_detection.DetectorState | None = None
 
     def take(self, time: float, value: float, sd: float) -> DetectedChange | None:
-        """Take in the next reading; one that is not later than the last is passed over."""
+        """Take in the next reading; one that is not later than the last is passed over.
+
+        Parameters
+        ----------
+        time
+            Slow time of the reading.
+        value
+            Value of the quantity [1].
+        sd
+            Its standard deviation [1].
+
+        Returns
+        -------
+        The change, if this reading confirms one.
+        """
         if self.past and time <= self.past[-1][0]:
             return None
         self.past.append((time, value, max(sd, _NO_NOISE)))

@@ -152,7 +152,17 @@ class Buckets:
         ]
 
     def merged(self, starts: Int[np.ndarray, " group"]) -> "Buckets":
-        """Join consecutive buckets; `starts` are the first of each group, ascending from 0."""
+        """Join consecutive buckets; `starts` are the first of each group, ascending from 0.
+
+        Parameters
+        ----------
+        starts
+            Index of the first bucket of each group, ascending from 0.
+
+        Returns
+        -------
+        One bucket for each group.
+        """
         if not len(starts):
             return Buckets(self.head[:0], self.quantities[:0])
         ends = np.append(starts[1:], len(self)) - 1

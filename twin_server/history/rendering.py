@@ -133,7 +133,17 @@ def event_object(number: int, body: str) -> dict[str, Any]:
 
 
 def estimate_objects(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
-    """Rows of value, sd, lo and hi as objects."""
+    """Rows of value, sd, lo and hi as objects.
+
+    Parameters
+    ----------
+    table
+        Rows of value, sd, lo and hi.
+
+    Returns
+    -------
+    An object for each row.
+    """
     return [dict(zip(("value", "sd", "lo", "hi"), row, strict=True)) for row in table]
 
 

@@ -70,7 +70,17 @@ class Model:
         return np.array(list(self.sees.values())).reshape(len(self.sees), self.whole.size)
 
     def at(self, theta: Sequence[float]) -> ParametricStructure:
-        """Move `whole` by `theta`, which becomes nominal, and let only the free parts vary."""
+        """Move `whole` by `theta`, which becomes nominal, and let only the free parts vary.
+
+        Parameters
+        ----------
+        theta
+            Logarithms of the factors on all parameters of `whole` [1].
+
+        Returns
+        -------
+        The structure about these, with its free parameters.
+        """
         moved = np.asarray(theta, dtype=np.float64)
         mass, stiffness = self.whole.matrices(moved)
         factor = dict(zip(self.whole.names, np.exp(moved).tolist(), strict=True))

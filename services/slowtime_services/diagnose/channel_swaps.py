@@ -90,7 +90,21 @@ def likely_inputs(
 def likely_pair(
     description: Description, trial: Trial, made: Float[np.ndarray, "time sensor"]
 ) -> tuple[int, int] | None:
-    """Return two sensors of a kind whose powers are nearer to the model's if exchanged."""
+    """Return two sensors of a kind whose powers are nearer to the model's if exchanged.
+
+    Parameters
+    ----------
+    description
+        Model with its sensors.
+    trial
+        Measured record.
+    made
+        Outputs of the model, [time, sensor], in SI units.
+
+    Returns
+    -------
+    Indices of the two sensors, or None if no exchange brings them nearer.
+    """
     sensors = description.sensors
     pairs = [
         (i, j)

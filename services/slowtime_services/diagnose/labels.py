@@ -56,6 +56,15 @@ def placed(kind: str, name: str) -> str:
 def rare(chance: float) -> str:
     """Write a probability; very small ones as an upper bound.
 
+    Parameters
+    ----------
+    chance
+        Probability, from 0 to 1.
+
+    Returns
+    -------
+    The probability with two digits.
+
     Examples
     --------
     >>> rare(0.034), rare(0.0)

@@ -100,7 +100,26 @@ def read_any(
 
 
 def part_of(record: Record, first_s: float, last_s: float, *, name: str) -> Record:
-    """Cut the seconds from `first_s` to `last_s` out of a record, its clock with them."""
+    """Cut the seconds from `first_s` to `last_s` out of a record, its clock with them.
+
+    Parameters
+    ----------
+    record
+        The whole record.
+    first_s, last_s
+        Times from its beginning [s].
+    name
+        Name for messages.
+
+    Returns
+    -------
+    The part, with its gaps and its start.
+
+    Raises
+    ------
+    RecordError
+        If the part has fewer than two samples.
+    """
     late = np.zeros(len(record.samples), dtype=int)
     for gap in record.gaps:
         late[gap.row :] += gap.missing

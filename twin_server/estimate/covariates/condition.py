@@ -116,7 +116,17 @@ class Condition:
         return table[:, 1:5]
 
     def remove(self, covariates: Float[np.ndarray, " covariate"]) -> Removed:
-        """Return the effect of covariates on a frequency."""
+        """Return the effect of covariates on a frequency.
+
+        Parameters
+        ----------
+        covariates
+            Value of each covariate, in its own unit; NaN where missing.
+
+        Returns
+        -------
+        Factor on the frequency and relative standard deviations.
+        """
         if not np.isfinite(covariates).all():
             return Removed(math.nan, math.nan, math.nan, math.nan, st.NO_COVARIATE)
         normal = self.normal.read()
@@ -140,7 +150,25 @@ class Condition:
         covariates: Float[np.ndarray, " covariate"],
         wanted: Covariates,
     ) -> tuple["Condition", Verdict | None]:
-        """Watch one more reading; readings from before the last one are not judged."""
+        """Watch one more reading; readings from before the last one are not judged.
+
+        Parameters
+        ----------
+        slow_time
+            Slow time of the reading.
+        frequency
+            Natural frequency [Hz].
+        sd
+            Its standard deviation [Hz].
+        covariates
+            Value of each covariate, in its own unit.
+        wanted
+            Settings of the alarm.
+
+        Returns
+        -------
+        The condition after the reading, and the verdict if the alarm was raised or cleared.
+        """
         state = self.watch.read()
         if not slow_time >= state.belief.time:
             return self, None

@@ -37,7 +37,17 @@ class Training:
     last: float = -np.inf
 
     def added(self, row: Float[np.ndarray, " number"]) -> "Training":
-        """Add a reading with all covariates known."""
+        """Add a reading with all covariates known.
+
+        Parameters
+        ----------
+        row
+            Slow time, then the other numbers of the reading.
+
+        Returns
+        -------
+        The training with it; beyond `MOST` rows every other one is dropped.
+        """
         time = float(row[0])
         first, last = min(self.first, time), max(self.last, time)
         rows, every = self.rows, self.every

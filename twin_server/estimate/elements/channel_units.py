@@ -84,7 +84,21 @@ def units_of(features: Features, model: Model) -> ChannelUnits:
 def as_displacement(
     shape: Complex[np.ndarray, " channel"], worth: Sequence[Worth], frequency_hz: float
 ) -> Complex[np.ndarray, " channel"]:
-    """Shape in metres out of one in the units and quantities of its channels."""
+    """Shape in metres out of one in the units and quantities of its channels.
+
+    Parameters
+    ----------
+    shape
+        Mode shape in the units of its channels.
+    worth
+        Factor to SI and number of time derivatives of each channel.
+    frequency_hz
+        Natural frequency [Hz].
+
+    Returns
+    -------
+    Mode shape in displacements [m].
+    """
     omega = 2.0 * np.pi * frequency_hz
     factors = [factor / (1j * omega) ** power for factor, power in worth]
     return np.asarray(shape * np.array(factors))

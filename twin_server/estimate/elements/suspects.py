@@ -70,6 +70,19 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
 def size(name: str, change: float, sd: float) -> str:
     """Describe the size of a change.
 
+    Parameters
+    ----------
+    name
+        Name of an element, or of a mass with the suffix ``.mass``.
+    change
+        Relative change of its stiffness or mass [1].
+    sd
+        Standard deviation of the change [1].
+
+    Returns
+    -------
+    A clause without full stop.
+
     Examples
     --------
     >>> size("j2", -0.08, 0.01)

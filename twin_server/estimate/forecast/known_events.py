@@ -65,7 +65,21 @@ def place(
     t_ns: Int[np.ndarray, " time"],
     slow_time: Float[np.ndarray, " time"],
 ) -> float | None:
-    """Slow time of the last reading at or before an event; None where there is none."""
+    """Slow time of the last reading at or before an event; None where there is none.
+
+    Parameters
+    ----------
+    event
+        Event with a slow time or a time [ns since 1970].
+    t_ns
+        Times of the readings [ns since 1970].
+    slow_time
+        Slow times of the readings.
+
+    Returns
+    -------
+    The slow time, or None.
+    """
     if event.slow_time is not None:
         before = slow_time <= event.slow_time
     else:

@@ -48,7 +48,15 @@ class Nominals:
         return cls(f, f_sd, z, z_sd, never, freed, freed_sd, nothing)
 
     def put(self, rows: Int[np.ndarray, " some"], numbers: Float[np.ndarray, "some 4"]) -> None:
-        """Fill in the nominal model of some readings."""
+        """Fill in the nominal model of some readings.
+
+        Parameters
+        ----------
+        rows
+            Indices of the readings.
+        numbers
+            Frequency [Hz], its relative sd [1], damping ratio [1] and its relative sd [1].
+        """
         self.frequency[rows], self.relative_sd[rows] = numbers[:, 0], numbers[:, 1]
         self.damping[rows], self.damping_relative_sd[rows] = numbers[:, 2], numbers[:, 3]
 
@@ -60,7 +68,25 @@ def nominals_of(
     owner: Int[np.ndarray, " time"],
     rows_of: Sequence[Int[np.ndarray, " _"]],
 ) -> tuple[Nominals, list[Checkpoint], list[list[Notice]]]:
-    """Return the nominal values for each reading; without any, the twin learns them here."""
+    """Return the nominal values for each reading; without any, the twin learns them here.
+
+    Parameters
+    ----------
+    twins
+        Registrations and checkpoints.
+    features
+        Features messages of all readings.
+    given
+        The same as columns.
+    owner
+        Index into `twins` of each reading.
+    rows_of
+        Indices of the readings of each twin.
+
+    Returns
+    -------
+    Nominal values of each reading; new checkpoint and notices of each twin.
+    """
     nominals = Nominals.none(len(given))
     checkpoints: list[Checkpoint] = []
     notices: list[list[Notice]] = []

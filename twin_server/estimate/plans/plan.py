@@ -77,6 +77,17 @@ class Planned:
 def slow_per_unit(costs: CostTable, pace: float | None) -> float:
     """Slow times in one unit of the owner's times.
 
+    Parameters
+    ----------
+    costs
+        Costs, with the unit of the owner's times.
+    pace
+        Seconds in one slow time; None if unknown.
+
+    Returns
+    -------
+    Slow times in one of the owner's units.
+
     Raises
     ------
     NotPlannableError
@@ -110,7 +121,19 @@ def plan_of(order: PlanOrder) -> Planned:
 
 
 def futures_of(order: PlanOrder, unit: float) -> Ensemble:
-    """Draw futures of the damage: the change over its value at failure."""
+    """Draw futures of the damage: the change over its value at failure.
+
+    Parameters
+    ----------
+    order
+        Input of the plan.
+    unit
+        Slow times in one unit of the owner's times.
+
+    Returns
+    -------
+    Paths of the damage [1] over times in the owner's unit.
+    """
     at, laws = order.decision.failure.at, order.laws
     horizon = laws.now + order.decision.horizon * unit
     drawn = laws.futures(horizon, points=POINTS, paths=PATHS)

@@ -55,7 +55,19 @@ def read_header(layout: PackedLayout, data: bytes) -> dict[str, int | float]:
 
 
 def samples_of(layout: PackedLayout, header: dict[str, int | float]) -> int | None:
-    """Return the number of samples of a frame; None if only its length determines it."""
+    """Return the number of samples of a frame; None if only its length determines it.
+
+    Parameters
+    ----------
+    layout
+        Layout of the frame.
+    header
+        Numbers of its header, by meaning.
+
+    Returns
+    -------
+    Samples of each channel, or None.
+    """
     return _whole(header.get("samples")) if "samples" in header else layout.samples
 
 
