@@ -171,7 +171,7 @@ class SourceRun:
                 self._state, features = self._edge.step(self._state, block)
         except Exception:
             self._publisher.count("failed_blocks")
-            logger.exception("A block could not be worked; the stream goes on after it.")
+            logger.exception("A block could not be processed; the stream continues after it.")
             self._state = self._edge.restart(self._state)
         return features
 
@@ -189,7 +189,7 @@ class SourceRun:
                 self._publisher.assessed(told)
         except Exception:
             self._publisher.count("failed_assessments")
-            logger.exception("Fatigue of a block could not be assessed; the stream goes on.")
+            logger.exception("Fatigue of a block could not be computed; the stream continues.")
             self._assessed = dataclasses.replace(self._assessed, running=None)
 
     def _admit(self, block: Block) -> bool:

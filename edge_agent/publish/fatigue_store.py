@@ -43,7 +43,7 @@ class FatigueStore:
                 old.unlink(missing_ok=True)
         except OSError:
             # Without a disk the structure is still worth listening to.
-            logger.exception("Fatigue of this boot is sent without being kept.")
+            logger.exception("Fatigue of this boot is sent but could not be stored.")
 
     def all(self) -> Iterator[bytes]:
         """Read the stored messages of all boots."""
@@ -59,6 +59,6 @@ class FatigueStore:
         return paths[self._turn].read_bytes()
 
     def _paths(self) -> list[Path]:
-        # Names of boots sort as they began, unless somebody gives them.
+        # Names of boots sort by their beginning, unless a user gives them.
         paths = self._folder.glob(f"*{SUFFIX}")
         return sorted(paths, key=lambda path: (path.stat().st_mtime_ns, path.name))

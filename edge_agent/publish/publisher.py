@@ -158,7 +158,7 @@ class Publisher:
         except SpoolError:
             # Without a disk the structure is still worth listening to.
             self.count("not_spooled")
-            logger.exception("Features %d are sent without being kept.", message.sequence)
+            logger.exception("Features %d are sent but could not be stored.", message.sequence)
         self._last_features = message.sequence
         self.count("features")
         self._send(FEATURES, payload)

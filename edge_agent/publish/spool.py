@@ -336,7 +336,9 @@ class Spool:
             path.with_suffix(".new").write_text(json.dumps(boots))
             path.with_suffix(".new").replace(path)
         except OSError:
-            logger.exception("%s cannot be written; it is remembered until the end.", path)
+            logger.exception(
+                "%s cannot be written; it is kept in memory until the agent ends.", path
+            )
 
     def _remove(self, segment: _Segment) -> None:
         if self._file is not None and segment is self._segments[-1]:
@@ -390,7 +392,7 @@ def _read_dropped(path: Path) -> dict[str, int]:
     except FileNotFoundError:
         return {}
     except (ValueError, TypeError, AttributeError) as error:
-        logger.warning("%s cannot be read and is begun anew: %r", path, error)
+        logger.warning("%s cannot be read and is started again: %r", path, error)
         return {}
 
 

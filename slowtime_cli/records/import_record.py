@@ -73,7 +73,7 @@ def _start_ns(record: Record, start_ns: int | None) -> int:
         return start_ns
     if record.start_ns is not None:
         return record.start_ns
-    note("the file does not say when it began; 2000-01-01 is put there. Give --start.")
+    note("the file does not state its start; 2000-01-01 is assumed. Give --start.")
     return UNDATED_NS
 
 

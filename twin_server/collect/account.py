@@ -141,7 +141,7 @@ class Account:
                     self._worry(run, now_s)
             if 0 <= health.first_held < run.next:
                 run.held_from = health.first_held
-                # The edge still holds what is durable here: our word did not reach it.
+                # The edge still holds durable features: the acknowledgement did not reach it.
                 change.touched[run] = None
 
     def disbelieve(self, refused: Iterable[tuple[Features, str]]) -> None:
@@ -369,7 +369,7 @@ class Account:
             and not self._is_admitted(line.site, line.asset, holding.boot)
         ]
         listed = {boot for boot, _ in new}
-        # One that was heard of and is not held any more is older than those that are.
+        # A known boot that is no longer held is older than those that are.
         later: list[tuple[str, Holding | None]] = [
             *((boot, None) for boot in line.waiting if boot not in listed),
             *new,

@@ -69,7 +69,7 @@ class Backfill:
                 for want in self._wants():
                     self._askers.submit(self._ask, want)
             except Exception:
-                logger.exception("What to ask for could not be found out; going on.")
+                logger.exception("Listing the missing features failed; continuing.")
             self._wake.wait(0.05)
             self._wake.clear()
 
@@ -85,7 +85,7 @@ class Backfill:
         except BusClosedError:
             return
         except Exception:
-            logger.exception("%s.%s could not be asked; trying again.", want.site, want.asset)
+            logger.exception("The query to %s.%s failed; trying again.", want.site, want.asset)
             listing, sound = None, False
         self._settle(want, listing, sound)
 
@@ -123,6 +123,6 @@ def _holding(answer: Sample) -> Holding | None:
             content.get("withheld") is True,
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        logger.warning("An account on %s makes no sense: %r (%s)", answer.key, error, answer)
+        logger.warning("An account on %s is invalid: %r (%s)", answer.key, error, answer)
         return None
     return holding if 0 <= holding.first < SEQUENCES and holding.last < SEQUENCES else None

@@ -38,7 +38,7 @@ class _ProgressReporter:
     def __init__(self) -> None:
         self._told_s = 0.0
         self._out = os.fdopen(os.dup(1), "w")
-        # What an effect of one's own prints is nobody's progress.
+        # Output of a user's effect must not be read as progress.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
     def progress(self, stage: str, share: float) -> None:

@@ -122,7 +122,9 @@ class Notifier:
         try:
             self._settle()
         except Exception:
-            logger.exception("What was sent last could not be kept; it will be sent again.")
+            logger.exception(
+                "Outcomes of the last deliveries could not be stored; they will be sent again."
+            )
 
     def wake(self) -> None:
         """Check for due deliveries at once."""
@@ -139,7 +141,7 @@ class Notifier:
             try:
                 self._turn()
             except Exception:
-                logger.exception("Deliveries could not be looked after; trying again.")
+                logger.exception("Checking for due deliveries failed; trying again.")
                 pause = _AFTER_TROUBLE_S
                 self._stop.wait(pause)
             self._wake.wait(pause)

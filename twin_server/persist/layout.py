@@ -231,7 +231,7 @@ def build_levels(writer: Any) -> None:
     """Make the buckets of all boots out of their features."""
     numbers = [row[0] for row in writer.execute("select number from runs order by number")]
     if numbers:
-        logger.info("Buckets of the histories of %d boots are made, once.", len(numbers))
+        logger.info("Computing the buckets of the histories of %d boots, once.", len(numbers))
     for number in numbers:
         build(writer, number)
 

@@ -326,7 +326,7 @@ class _Chain:
         )
 
     def _history(self, found: Audit) -> None:
-        """Hold the states against the hash of them that the last head vouches for."""
+        """Compare the states with the hash that the last signed head states."""
         if self._leaf is None or found.wrong:
             return
         if self._is_other:

@@ -216,7 +216,7 @@ class Recordings:
                 progress=tell,
             )  # fmt: skip
         except Exception as error:  # whatever it is, the server goes on, and says so
-            logger.warning("%s could not be played: %s", path.name, error)
+            logger.warning("%s could not be replayed: %s", path.name, error)
             one.state, one.sentence = "failed", str(error).replace(str(path), path.name)
             return
         kept = f"{done.acknowledged:,} of {done.features:,} features are in the twins."

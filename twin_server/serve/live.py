@@ -181,7 +181,7 @@ class Hub:
         for client in self._clients.get(twin_id, ()):
             if not client.offer(items):
                 self.dropped += 1
-                logger.warning("A live client of %s is too slow and is cut off.", twin_id)
+                logger.warning("A live client of %s is too slow and is disconnected.", twin_id)
 
 
 class LiveResponse(Response):

@@ -39,7 +39,7 @@ class SampleCounts:
     """
 
     def __init__(self) -> None:
-        # Every name is there from the start: who iterates is never disturbed.
+        # All names exist from the start, so that the mapping never changes while it is iterated.
         self._counts = dict.fromkeys(COUNTERS, 0)
 
     def add(self, what: str, by: int = 1) -> None:

@@ -186,7 +186,7 @@ class LiveSource:
                 yield from self._leave(all_of_it=True)
             self.tally.add("rate_changes")
             logger.warning(
-                "The sensor samples at %g Hz now, not at %g Hz; its blocks say so from here.",
+                "The sensor samples at %g Hz now, not at %g Hz; its blocks state the new rate.",
                 rate_hz, self._timing.rate_hz,
             )  # fmt: skip
             self._timing.begin(rate_hz)

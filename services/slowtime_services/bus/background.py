@@ -145,7 +145,7 @@ class BackgroundBus:
                 if now_s - said_s >= self._say_every_s:
                     said_s = now_s
                     logger.warning(
-                        "No bus yet, after %.0f s; trying on. %s", now_s - began_s, error
+                        "No bus yet, after %.0f s; still trying. %s", now_s - began_s, error
                     )
                 self._over.wait(RETRY_PAUSE_S)
                 continue

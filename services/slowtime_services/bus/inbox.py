@@ -54,7 +54,7 @@ class Inbox(Generic[T]):
             self._items.append(item)
             self._sizes.append(size)
             self._bytes += size
-            # Waking somebody costs more than all the rest, so it is done for who sleeps only.
+            # Waking a thread costs more than all the rest, so only a waiting one is woken.
             if self._waiting:
                 self._changed.notify()
             return True

@@ -177,7 +177,7 @@ class MemoryBus:
             callback(*arguments)
         except Exception:
             self._callback_errors += 1
-            logger.exception("A callback raised on %s; the stream goes on.", arguments[0])
+            logger.exception("A callback failed on %s; the stream continues.", arguments[0])
 
     def _reply(self, handler: object, query: Query) -> Answers:
         assert callable(handler)
@@ -188,7 +188,7 @@ class MemoryBus:
             )
         except Exception as error:
             self._callback_errors += 1
-            logger.exception("A question on %s could not be answered.", query.key)
+            logger.exception("A query on %s could not be answered.", query.key)
             return Answers(errors=[f"{type(error).__name__}: {error}"])
 
 

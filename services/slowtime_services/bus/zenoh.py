@@ -196,7 +196,7 @@ class ZenohBus:
                         query.reply(reply_key, payload, attachment=stamp)
                 except Exception as error:
                     self._callback_errors += 1
-                    logger.exception("A question on %s could not be answered.", query.key_expr)
+                    logger.exception("A query on %s could not be answered.", query.key_expr)
                     query.reply_err(f"{type(error).__name__}: {error}")
 
         self._check_open()
@@ -287,7 +287,7 @@ class ZenohBus:
     def _failed(self, key: str) -> None:
         """Count and log the current exception; the stream continues."""
         self._callback_errors += 1
-        logger.exception("A callback raised on %s; the stream goes on.", key)
+        logger.exception("A callback failed on %s; the stream continues.", key)
 
 
 _WAITING = 2048

@@ -120,7 +120,7 @@ def ambient_model(
         return _ambient_plant(description, samples, rate_hz, seed, force_psd, kinds)
     structure = assemble(description)
     still = np.zeros(samples)
-    # The same seed for each quantity: one set of forces, heard in several ways.
+    # The same seed for each quantity: one set of forces, measured in several ways.
     listened = {sensor.quantity for sensor in description.sensors}
     motion = tuple(
         ambient_structure(

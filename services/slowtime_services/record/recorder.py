@@ -217,8 +217,8 @@ class Recorder:
         recording = self.recording
         if recording.dropped or recording.refused or recording.missing:
             logger.warning(
-                "The recording lacks %d messages that came too fast, %d that were too large "
-                "and %d features that never came.",
+                "The recording lacks %d messages that arrived too fast, %d that were too large "
+                "and %d features that never arrived.",
                 recording.dropped,
                 recording.refused,
                 recording.missing,
@@ -264,7 +264,7 @@ class Recorder:
         try:
             self._healer.heal(at_last=at_last)
         except Exception:
-            logger.exception("What is missing could not be asked for.")
+            logger.exception("Requesting missing features failed.")
 
     def _settle(self) -> None:
         """Wait until messages that have arrived are written, so that they are not requested."""

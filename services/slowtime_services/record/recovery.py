@@ -219,7 +219,7 @@ def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
     except Exception as error:
         salvage.complete = False
         salvage.unread_bytes += piece.end - piece.begin
-        logger.warning("A record is damaged and left out: %s", error)
+        logger.warning("A damaged record is left out: %s", error)
         return []
 
 
@@ -233,7 +233,7 @@ def _inside(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord
             salvage.complete = False
             return _of_fragment(without_zeros(whole), salvage)
         salvage.damaged_chunks += 1
-        logger.warning("A chunk is damaged and left out: %s", error)
+        logger.warning("A damaged chunk is left out: %s", error)
         return []
 
 
@@ -245,7 +245,7 @@ def _of_fragment(data: bytes, salvage: _Salvage) -> list[McapRecord]:
         try:
             records.extend(whole_records(fragment))
         except Exception as error:
-            logger.warning("A chunk that is cut short ends in damage: %s", error)
+            logger.warning("A truncated chunk ends in damage: %s", error)
     if any(isinstance(record, Message) for record in records):
         salvage.torn_chunks += 1
     else:

@@ -99,7 +99,7 @@ class Baseline:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Whether something is believed to have changed, and readings in a row that deny it."""
+    """Whether a change is suspected, and the number of consecutive readings against it."""
 
     word: str
     holds: bool = False

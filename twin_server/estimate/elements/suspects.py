@@ -54,7 +54,7 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
         Suspect(name, (_size(rivals[0], name),))
         for name in sorted(shared, key=place.__getitem__)
     ]
-    # In one order whichever is the likelier today, so that a word lasts from epoch to epoch.
+    # In a fixed order, so that the text does not change while the probabilities vary.
     rivals.sort(key=lambda one: [place[name] for name in one.names])
     rest = [[name for name in one.names if name not in shared] for one in rivals]
     if len(rivals) > 1 and all(rest):

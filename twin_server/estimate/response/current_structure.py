@@ -43,7 +43,7 @@ class UnknownStructureError(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CurrentStructure:
-    """A twin as it is believed to be now.
+    """Current structure of a twin, with its uncertainty.
 
     Parameters
     ----------

@@ -408,7 +408,7 @@ class ForecastCache:
         with kept.lock:
             self._absorb(kept, twin)
             asked = kept.asked
-        # Of a twin that nobody has asked for since it was learnt, nothing is learnt anew.
+        # A twin without requests since it was learnt is not learnt again.
         if asked:
             self._renew(twin_id, kept)
 
@@ -426,7 +426,7 @@ class ForecastCache:
                 self._catch_up(twin_id)
             except Exception:
                 if not self._stop.is_set():
-                    logger.exception("%s could not be learnt anew; going on.", twin_id)
+                    logger.exception("Learning the forecast of %s failed; continuing.", twin_id)
             with self._changed:
                 self._due.pop(twin_id, None)
             self._stop.wait(time.thread_time() - began_s)

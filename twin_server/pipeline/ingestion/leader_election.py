@@ -123,7 +123,7 @@ class LeaderElection:
         if self._told is not None and self._told != before:
             logger.error("%s", self.trouble)
         elif self._told is None and before is not None:
-            logger.warning("The other twin server has gone; this one speaks from now on.")
+            logger.warning("The other twin server has stopped; this one publishes from now on.")
 
 
 def _began(name: str) -> int:

@@ -1,4 +1,4 @@
-"""Runs collect, estimate, persist, acknowledge and publish in this order, and alone knows it.
+"""Runs collect, estimate, persist, acknowledge and publish, in this order.
 
 One thread works. Callbacks of the bus leave samples in its inbox; whoever else wants something
 changed leaves it a call. What a batch leads to becomes durable in one transaction, and only
@@ -131,7 +131,7 @@ class Pipeline:
             functools.partial(acknowledged_range, store),
         )
         self.failing: str = ""
-        # A pipeline without a bus is fed from recordings, of which nobody is told.
+        # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
         self._stale = True
@@ -374,7 +374,7 @@ class Pipeline:
         try:
             function()
         except Exception:
-            logger.exception("Something failed; going on from what is durable.")
+            logger.exception("Processing a batch failed; continuing from the durable state.")
 
     def _durably(self, function: Callable[[Change], None]) -> None:
         """Do something to the account, and conclude; where that fails, it never happened."""
@@ -477,7 +477,7 @@ class Pipeline:
                 self._take_arrivals(arrivals[:middle])
                 self._take_arrivals(arrivals[middle:])
                 return
-            logger.exception("Features could not be worked.")
+            logger.exception("Features could not be processed.")
             features = arrivals[0].features
             self.refusals.refuse(
                 "failed",

@@ -151,7 +151,7 @@ class GapMonitor:
                 except (concurrent.futures.BrokenExecutor, TimeoutError):
                     if self._stop.is_set():
                         return
-                    logger.exception("A comparison of %s was given up.", row.id)
+                    logger.exception("A comparison of %s was abandoned.", row.id)
                     self._drop_workers()
                 except ProblemError as error:
                     logger.debug("%s", error)
@@ -159,7 +159,7 @@ class GapMonitor:
                     logger.warning("%s cannot be compared: %s", row.id, error)
                 except Exception:
                     if not self._stop.is_set():
-                        logger.exception("A comparison of %s failed; going on.", row.id)
+                        logger.exception("A comparison of %s failed; continuing.", row.id)
 
     def _mind(self, twin_id: str) -> None:
         """Compare one twin once, where there is something new."""

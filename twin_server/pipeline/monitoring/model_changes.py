@@ -142,7 +142,7 @@ class ModelChangeMonitor:
             except Exception:
                 if not self._stop.is_set():
                     self._detectors.pop(turn[0], None)
-                    logger.exception("%s could not be watched; going on.", turn[0])
+                    logger.exception("Change detection of %s failed; continuing.", turn[0])
             self._stop.wait(time.thread_time() - began_s)
             while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
                 pass

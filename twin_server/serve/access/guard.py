@@ -97,7 +97,7 @@ def guarded(settings: TwinSettings) -> "Guard":
         tokens.check()
     if settings.access.published_on_loopback and not is_loopback(settings.host):
         logger.warning(
-            "Listening at %s without asking who it is: this is safe only where the port is "
+            "Listening at %s without authentication: this is safe only if the port is "
             "published on loopback alone, as in docker-compose.yml.",
             settings.host,
         )
@@ -187,7 +187,7 @@ class Guard:
             assert self._openid is not None
             return await asyncio.to_thread(self._openid.verify, text)
         except RefusedTokenError as error:
-            # Counted after the look, so that nobody shuts out others of the same address.
+            # Counted after the check, so that one caller cannot block others of its address.
             self._count(self._failures, address)
             raise _Refused(
                 401,

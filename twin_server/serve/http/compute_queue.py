@@ -115,7 +115,7 @@ class ComputeQueue:
         ProblemError
             503 where too many wait already.
         ClientDisconnect
-            Where the client left.
+            Where the client disconnected.
         """
         job = self._joined(work, group, share, light)
         job.waiting += 1

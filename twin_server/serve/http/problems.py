@@ -147,7 +147,7 @@ async def _http(request: Request, error: Exception) -> Response:
 
 async def _left(request: Request, error: Exception) -> Response:
     """Answer nothing: the client has disconnected."""
-    logger.debug("%s %s: the client left.", request.method, request.url.path)
+    logger.debug("%s %s: the client disconnected.", request.method, request.url.path)
     return Response(status_code=CLIENT_LEFT)
 
 

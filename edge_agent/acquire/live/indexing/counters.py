@@ -79,7 +79,7 @@ class ByCounter(Numbered):
         if verdict.unsure:
             logger.warning(
                 "Up to %d samples more than counted may be lost: a counter that wraps every %d "
-                "samples cannot tell a gap so long, or the sensor has begun anew. Give it a "
+                "samples cannot measure so long a gap, or the sensor has restarted. Give it a "
                 "wider counter.",
                 verdict.unsure, self._wrap(pause.held[0][1]),
             )  # fmt: skip

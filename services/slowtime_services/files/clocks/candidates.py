@@ -123,7 +123,7 @@ def read_clock(
                 refusals.pop()
     if not read:
         return ClockReading(None, None, frozenset(times), refusals[0] if refusals else None)
-    # Of several clocks, one with all its digits tells more than one whose times repeat.
+    # Of several clocks, one with all its digits is better than one whose times repeat.
     read.sort(key=lambda pair: (not pair[0].named, bool(pair[1].notes), not pair[0].sure))
     clock, axis = read[0]
     _refuse_other_rates(read)
