@@ -157,7 +157,7 @@ class ConditionSettings(Frozen):
 
 
 class TrackingSettings(Frozen):
-    """How modes are followed from window to window."""
+    """Tracking of modes from window to window."""
 
     confirm: Annotated[int, Field(ge=1)] = 5
     """Windows that must show a mode before it is given an identity."""
@@ -185,7 +185,7 @@ FEWEST_CYCLES = 50
 
 
 class ExtractSettings(Frozen):
-    """How frequency, damping and shapes are read out of conditioned samples."""
+    """Identification of frequency, damping and shapes from conditioned samples."""
 
     channels: tuple[str, ...] | None = None
     """Those to identify from; None for all accelerations, by name or unit, else for all."""

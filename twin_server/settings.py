@@ -44,7 +44,7 @@ class AdmissionSettings(Frozen):
 
 
 class BackfillSettings(Frozen):
-    """How holes in the account are healed."""
+    """Requests for missing features."""
 
     grace_s: NotNegative = 0.25
     """How long a hole may close by itself before the edge is asked."""
@@ -63,7 +63,7 @@ class BackfillSettings(Frozen):
 
 
 class PipelineSettings(Frozen):
-    """How much is done at once."""
+    """Sizes of batches and queues of the pipeline."""
 
     batch_messages: Count = 2_000
     inbox_messages: Count = 200_000

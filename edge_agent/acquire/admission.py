@@ -31,7 +31,7 @@ class Refusal:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Admission:
-    """Let blocks in that continue the stream; refuse, with a reason, those that cannot.
+    """Admits blocks that continue the stream; refuses others with a reason.
 
     A sensor may also have changed for good, after a restart say. So `ADOPT_AFTER` refused
     blocks in a row that continue each other are taken for the stream from then on.

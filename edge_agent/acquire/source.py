@@ -61,7 +61,7 @@ class Pacer:
 
 
 def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block]:
-    """Hand a block over when its last sample would have been taken.
+    """Yield each block when its last sample would have been taken.
 
     Parameters
     ----------

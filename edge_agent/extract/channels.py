@@ -10,7 +10,7 @@ from .windows import Rows
 
 
 def columns_of(settings: ExtractSettings, block: Block) -> tuple[list[int], tuple[str, ...]]:
-    """Give places and names of the channels to identify from."""
+    """Return places and names of the channels to identify from."""
     chosen = settings.channels or _vibrating(settings, block)
     columns = [find_column(name, block.channels) for name in chosen]
     return columns, tuple(block.channels[column] for column in columns)
@@ -27,7 +27,7 @@ def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict
 
 
 def units_of(channels: tuple[str, ...], block: Block) -> tuple[str, ...]:
-    """Give the units of some channels of a block, in their order."""
+    """Return the units of some channels of a block, in their order."""
     unit = dict(zip(block.channels, block.units, strict=True))
     return tuple(unit[name] for name in channels)
 

@@ -60,7 +60,7 @@ class MultiModeReader:
     def told(
         self, memory: Memory, window: Window, result: Sequence[identified.Mode]
     ) -> tuple[Memory, ModeReading]:
-        """Give modes their identities and put them as they travel."""
+        """Assign identities to modes, and convert them to the message's form."""
         given = self.settings
         found = _that_travel(result)
         memory, identities = self._followed(memory, window, found)
@@ -81,7 +81,7 @@ class MultiModeReader:
     def _followed(
         self, memory: Memory, window: Window, found: list[identified.Mode]
     ) -> tuple[Memory, tuple[int | None, ...]]:
-        """Give each mode the identity it has had, if it has one."""
+        """Assign to each mode the identity it had before, if any."""
         given, tracks = self.settings.tracking, memory.tracks
         if window.channels != memory.channels:
             # Shapes over other channels cannot be compared; names are never given twice.

@@ -53,7 +53,7 @@ def pack(sequence: int, payload: bytes) -> bytes:
 
 
 def checksum(sequence: int, payload: bytes) -> int:
-    """Give the CRC-32 of a record."""
+    """Return the CRC-32 of a record."""
     return zlib.crc32(payload, zlib.crc32(sequence.to_bytes(8, "little")))
 
 

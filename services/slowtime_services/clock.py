@@ -44,5 +44,5 @@ class HandClock:
         self._now_ns += round(max(seconds, 0.0) * 1e9)
 
     def set_ns(self, now_ns: int) -> None:
-        """Put the hand on `now_ns`, forwards or backwards."""
+        """Set the time to `now_ns`, forwards or backwards."""
         self._now_ns = now_ns

@@ -10,7 +10,7 @@ MODULUS = 2**64
 
 
 def digest_of(sequence: int, payload: bytes) -> int:
-    """Give the digest of one payload under its sequence.
+    """Return the digest of one payload under its sequence.
 
     Examples
     --------

@@ -26,7 +26,7 @@ def aligned_record(
     clocks: ClockErrors,
     band_hz: tuple[float, float] | None,
 ) -> Record:
-    """Put both records on the clock of the one that samples faster.
+    """Align both records to the clock of the one that samples faster.
 
     Raises
     ------

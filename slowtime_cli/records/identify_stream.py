@@ -155,7 +155,7 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
 
 
 def _guessed_s(opened: RecordStream) -> float:
-    """How long a record lasts, by the size of the file and of its samples [s]."""
+    """Estimate the duration of a record from the sizes of file and samples [s]."""
     row = opened.head.samples.nbytes / max(1, len(opened.head.samples))
     return float(opened.size / row / opened.head.rate_hz)
 

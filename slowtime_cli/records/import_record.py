@@ -60,7 +60,7 @@ def import_(
 
 
 def _metadata(record: Record, path: Path) -> dict[str, str]:
-    """How the file was read, for the recording's own metadata."""
+    """Return notes on how the file was read, for the recording's metadata."""
     said = {"imported_from": path.name}
     for key, texts in (("assumptions", record.assumptions), ("notes", record.notes)):
         if texts:

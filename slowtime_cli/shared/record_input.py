@@ -39,7 +39,7 @@ TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep")
 
 
 def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them, and a second."""
+    """Read the record of the options `verbs.flags.RECORD`, and a second, for a verb."""
 
     @functools.wraps(verb)
     def reading(record_path: Path, **flags: Any) -> Any:

@@ -38,7 +38,7 @@ class Stop(threading.Event):
 
 @contextlib.contextmanager
 def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
-    """Give an event that Ctrl-C, SIGTERM, or the end of `duration_s` sets."""
+    """Yield an event that Ctrl-C, SIGTERM, or the end of `duration_s` sets."""
     stop = Stop()
 
     def end(number: int, _frame: FrameType | None) -> None:
@@ -130,7 +130,7 @@ def write_json(out: Path, body: dict[str, Any]) -> None:
 
 @contextlib.contextmanager
 def removed_unless_finished(out: Path) -> Iterator[None]:
-    """Leave no half of a file behind where writing it fails or is interrupted."""
+    """Remove an incomplete file if writing it fails or is interrupted."""
     existed = out.exists()
     try:
         yield
@@ -141,7 +141,7 @@ def removed_unless_finished(out: Path) -> Iterator[None]:
 
 
 def plural(count: int, noun: str) -> str:
-    """Put a number before a noun.
+    """Return a number with its noun, in the plural if needed.
 
     Examples
     --------

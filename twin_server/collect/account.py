@@ -361,7 +361,7 @@ class Account:
     def _admit(
         self, line: AssetRuns, listing: Sequence[Holding], now_s: float, change: Change
     ) -> None:
-        """Let in every boot that waits, and those the edge holds besides, oldest first."""
+        """Admit every waiting boot, and others that the edge holds, oldest first."""
         new = [
             (holding.boot, holding)
             for holding in listing

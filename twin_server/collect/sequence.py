@@ -22,7 +22,7 @@ DAMAGED = "the edge's spool is damaged there"
 
 
 def accept(run: Run, arrival: Arrival, change: Change) -> None:
-    """Let the next features of a run through; lose them where sensor time does not increase."""
+    """Accept the next features of a run; drop them if sensor time does not increase."""
     features = arrival.features
     run.next = features.sequence + 1
     change.touched[run] = None
@@ -204,7 +204,7 @@ def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | 
 
 
 def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int], str]:
-    """Give the first part of a hole that has one reason, and that reason."""
+    """Return the first part of a hole that has one reason, and that reason."""
     reason = run.disbelieved.get(hole[0])
     until = hole[0]
     while until < hole[1] and run.disbelieved.get(until + 1) == reason:

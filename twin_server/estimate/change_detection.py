@@ -134,7 +134,7 @@ class ChangeDetector:
                 self.state = self.watch.start(belief, self.state.log_weights)
 
     def _go_on_after(self, since: float) -> None:
-        """Let the rival that was right take over."""
+        """Continue with the confirmed rival."""
         assert self.state is not None
         assert self.watch is not None
         self.state = self.watch.taken_over(self.state, since)

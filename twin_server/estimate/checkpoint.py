@@ -130,7 +130,7 @@ class Checkpoint:
         return {name: value for name, value in known.items() if not math.isnan(value)}
 
     def nominal_modes(self) -> list[dict[str, Any]]:
-        """Give the modes of a model as they were learnt."""
+        """Return the modes of a model as they were learnt."""
         return [
             {
                 "model_mode": one.mode,

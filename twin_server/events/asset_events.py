@@ -162,7 +162,7 @@ def accepted(
 
 
 def effective(events: Iterable[AssetEvent]) -> list[AssetEvent]:
-    """Give the events that hold: neither taken back, nor such that take others back."""
+    """Return the events that hold: neither withdrawn nor withdrawals."""
     every = list(events)
     gone = {event.reverses for event in every if event.reverses is not None}
     return [e for e in every if e.reverses is None and e.event not in gone]

@@ -84,7 +84,7 @@ class Buckets:
         changes: Float[np.ndarray, "time parameter 3"] | None = None,
         bodies: Bodies = (),
     ) -> Self:
-        """Give each state a bucket of its own.
+        """Make one bucket for each state.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Buckets:
         return cls(whole.head[order], whole.quantities[order])
 
     def to_bytes(self) -> list[bytes]:
-        """Give each bucket the bytes it is kept as."""
+        """Encode each bucket as it is stored."""
         heads, rest = self.head.tobytes(), np.ascontiguousarray(self.quantities).tobytes()
         long = self.quantities.shape[1] * QUANTITY.itemsize
         return [

@@ -124,7 +124,7 @@ def event_body(event: Event) -> str:
 
 
 def event_object(number: int, body: str) -> dict[str, Any]:
-    """Give an event as REST does: the message, its number and its identity beside it."""
+    """Return an event as REST does: the message, its number and its identity beside it."""
     content: dict[str, Any] = json.loads(body)
     event_id = identity(content)
     content.pop("version")

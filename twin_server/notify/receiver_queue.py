@@ -94,7 +94,7 @@ class ReceiverQueue:
         return self._most - len(self._held)
 
     def give(self, delivery: Delivery) -> None:
-        """Let one be sent, unless it is being sent already."""
+        """Queue a delivery, unless it is in progress."""
         if delivery.id not in self._held and self.room > 0:
             self._held.add(delivery.id)
             self._given.put(delivery)

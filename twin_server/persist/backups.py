@@ -70,7 +70,7 @@ def _must_exist(path: Path) -> None:
 
 @contextlib.contextmanager
 def _made_whole(path: Path) -> Iterator[Path]:
-    """Give a name to write under; `path` is there afterwards, on the disk, or never was."""
+    """Yield a name to write under; `path` is afterwards complete on disk, or absent."""
     if path.exists():
         raise WrongStoreError(f"{path} exists. Give a new file, or take that one away.")
     part = path.with_name(f".{path.name}.part")

@@ -27,7 +27,7 @@ class HistoryHashes:
             self._found.update(found)
 
     def known(self, twin_id: str) -> RollingHash | None:
-        """Give a hash to roll on, where there is one."""
+        """Return a hash to roll on, where there is one."""
         with self._lock:
             found = self._found.get(twin_id)
             return None if found is None else found.copy()

@@ -263,7 +263,7 @@ def _old_rows(writer: sqlite3.Connection, table: Table) -> Iterable[tuple[object
 
 
 def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
-    """Give no number of an event or a diagnosis a second time."""
+    """Keep numbers of events and diagnoses unique."""
     if "sqlite_sequence" not in {
         r[0] for r in writer.execute("select name from sqlite_master")
     }:

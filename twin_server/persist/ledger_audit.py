@@ -71,7 +71,7 @@ def audit(
     kept: Head | None = None,
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
-    """Hold all rows against the ledger, and the ledger against its heads.
+    """Compare all rows with the ledger, and the ledger with its heads.
 
     Parameters
     ----------

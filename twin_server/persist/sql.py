@@ -77,7 +77,7 @@ class SqlStore(abc.ABC):
 
     @abc.abstractmethod
     def _reading(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold a connection that sees one moment of the database."""
+        """Hold a connection that sees one snapshot of the database."""
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""

@@ -160,7 +160,7 @@ class SqliteStore(SqlStore):
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
-        """Hold a connection of this thread that sees one moment of the database."""
+        """Hold a connection of this thread that sees one snapshot of the database."""
         reader: sqlite3.Connection | None = getattr(self._local, "reader", None)
         if reader is None or self._closed:
             reader = self._local.reader = self._open_reader()

@@ -218,7 +218,7 @@ class Alarms:
         return {"event_id": identity(body), "receivers": names}
 
     def deliveries(self, twin_id: str, limit: int) -> dict[str, Any]:
-        """Give how the routes of a twin fare, and its newest deliveries."""
+        """Return the state of a twin's routes, and its newest deliveries."""
         twin = self._pipeline.twin(twin_id)
         allowed = self._settings.of_site(address(twin_id)[0])
         rows = self._store.deliveries(twin=twin_id, limit=limit)
@@ -292,7 +292,7 @@ class NotifierTrigger:
 
 
 def raised_of(twin: Twin | None) -> list[dict[str, Any]]:
-    """Give the alarms of a twin that are raised now: quantity, side and limit of each."""
+    """Return the alarms of a twin that are raised now: quantity, side and limit of each."""
     if twin is None or not twin.registration.alarms:
         return []
     watched = zip(twin.registration.watched(), twin.checkpoint.raised, strict=True)

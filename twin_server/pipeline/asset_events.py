@@ -60,7 +60,7 @@ class AssetEvents:
         )
 
     def listed(self, twin_id: str) -> dict[str, Any]:
-        """Give all events of an asset, the newest first, and the questions about it."""
+        """Return all events of an asset, the newest first, and the questions about it."""
         rows = self._store.asset_events(twin_id)
         events = [row.message for row in rows]
         taken_back = {e.reverses: e.event for e in events if e.reverses is not None}
@@ -159,7 +159,7 @@ class AssetEvents:
     def _told(
         self, twin_id: str, row: AssetEventRow, event: AssetEvent, undone_by: str | None
     ) -> dict[str, Any]:
-        """Give an event as REST does, with both times where the history has them."""
+        """Return an event as REST does, with both times where the history has them."""
         content = event.model_dump(mode="json")
         for name in ("version", "site", "asset", "boot", "sequence", "t_ns", "happened_ns"):
             content.pop(name)

@@ -71,12 +71,12 @@ class TwinKnowledge:
         return None if twin is None else twin.registration
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
-        """Give the nominal model in use; None while it is being learnt."""
+        """Return the nominal model in use; None while it is being learnt."""
         twin = self._pipeline.twin(twin_id)
         return None if twin is None else twin.checkpoint.nominal()
 
     def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        """Return the modes of a twin of elements as learnt; empty while they are not."""
         twin = self._pipeline.twin(twin_id)
         return [] if twin is None else twin.checkpoint.nominal_modes()
 
@@ -96,11 +96,11 @@ class TwinKnowledge:
         return self._pipeline.heard_ns(twin_id)
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
-        """Give counters of the live sensor; None for other inputs."""
+        """Return counters of the live sensor; None for other inputs."""
         return self._pipeline.sensor(twin_id)
 
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the alarms that are raised now: quantity, side and limit of each."""
+        """Return the alarms that are raised now: quantity, side and limit of each."""
         return raised_of(self._pipeline.twin(twin_id))
 
     def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:

@@ -99,7 +99,7 @@ class Recordings:
             self._thread.join(10.0)
 
     def listed(self, reaches: Reaches) -> dict[str, Any]:
-        """Give all that may be seen, the newest first."""
+        """Return all recordings that the caller may see, the newest first."""
         found = [
             self._told(path.name, kept)
             for path in self._paths()
@@ -140,7 +140,7 @@ class Recordings:
             self._coming.pop(name, None)
 
     def _begin(self, name: str) -> None:
-        """Let one more come beside those that are coming; each of a name of its own."""
+        """Begin an upload beside others; each has a name of its own."""
         if name in self._coming:
             raise ProblemError(
                 409, "being-taken-in", f"{name} is being taken in already. Give another name."

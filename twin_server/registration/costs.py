@@ -95,7 +95,7 @@ class CostTable(Frozen):
     ] = 0.0
 
     def costs(self) -> Costs:
-        """Give them as the arithmetic takes them."""
+        """Convert to `slowtime.decisions.Costs`."""
         return Costs(
             failure=_cost(self.failure),
             repair=_cost(self.repair),
@@ -147,7 +147,7 @@ class FailureLimit(Frozen):
 
 
 class Inspecting(Frozen):
-    """How an inspection that may be ordered measures the change."""
+    """Error and cost of an inspection that can be ordered."""
 
     name: Annotated[PlainText, Field(min_length=1, max_length=60)] = "inspection"
     sd: Annotated[

@@ -289,7 +289,7 @@ class Registration(Frozen):
         return self.model_dump_json()
 
     def to_dict(self) -> dict[str, Any]:
-        """Give it as JSON-compatible values."""
+        """Return it as JSON-compatible values."""
         content: dict[str, Any] = self.model_dump(mode="json")
         return content
 

@@ -72,11 +72,11 @@ class Knowledge(Protocol):
         ...
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
-        """Give the nominal model in use; None while it is being learnt."""
+        """Return the nominal model in use; None while it is being learnt."""
         ...
 
     def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        """Return the modes of a twin of elements as learnt; empty while they are not."""
         ...
 
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
@@ -88,7 +88,7 @@ class Knowledge(Protocol):
         ...
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
-        """Give counters of the live sensor; None for other inputs."""
+        """Return counters of the live sensor; None for other inputs."""
         ...
 
     def heard_ns(self, twin_id: str) -> int | None:
@@ -96,7 +96,7 @@ class Knowledge(Protocol):
         ...
 
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the alarms that are raised now: quantity, side and limit of each."""
+        """Return the alarms that are raised now: quantity, side and limit of each."""
         ...
 
     def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:

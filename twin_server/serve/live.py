@@ -68,7 +68,7 @@ class Client:
         self.ended = False
 
     def offer(self, items: Sequence[Item]) -> bool:
-        """Leave something to be sent; False where the client is too far behind."""
+        """Queue an item; False if the client is too far behind."""
         if self.ended:
             return True
         if len(self._items) + len(items) > self._backlog:
@@ -162,7 +162,7 @@ class Hub:
         self._hand_over(twin_id, items)
 
     def reset(self, twin_id: str) -> None:
-        """Tell clients that a twin's history has been rewritten or deleted."""
+        """Notify clients that a twin's history has been rewritten or deleted."""
         if twin_id in self._clients:
             self._hand_over(twin_id, [RESET])
 

@@ -39,7 +39,7 @@ class SampleCounts:
     """
 
     def __init__(self) -> None:
-        # All names exist from the start, so that the mapping never changes while it is iterated.
+        # All names exist from the start, so the mapping never changes during iteration.
         self._counts = dict.fromkeys(COUNTERS, 0)
 
     def add(self, what: str, by: int = 1) -> None:
@@ -54,5 +54,5 @@ class SampleCounts:
         return self._counts[what]
 
     def told(self) -> dict[str, int]:
-        """Give all of them."""
+        """Return all counters."""
         return dict(self._counts)

@@ -57,7 +57,7 @@ class RateWatch:
 
 
 def rounded(rate_hz: float) -> float:
-    """Give the rate that a device would be set to.
+    """Return the rate that a device would be set to.
 
     Parameters
     ----------

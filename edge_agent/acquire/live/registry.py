@@ -164,7 +164,7 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def scheme_of(url: str) -> Scheme:
-    """Give the scheme of a URL.
+    """Return the scheme of a URL.
 
     Raises
     ------

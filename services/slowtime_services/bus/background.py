@@ -70,7 +70,7 @@ class BackgroundBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler raised."""
+        """Number of exceptions raised by callbacks and handlers."""
         return 0 if self._bus is None else self._bus.callback_errors
 
     @property

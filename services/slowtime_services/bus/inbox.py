@@ -43,7 +43,7 @@ class Inbox(Generic[T]):
         self._waiting = 0
 
     def put(self, item: T, size: int = 0) -> bool:
-        """Leave `item` for the worker; False, and counted, where there is no room."""
+        """Queue `item` for the worker; if the queue is full, count it and return False."""
         with self._lock:
             full = (
                 len(self._items) >= self._max_items or self._bytes + size > self._max_bytes
@@ -81,7 +81,7 @@ class Inbox(Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """How many items found no room."""
+        """Number of items dropped."""
         return self._dropped
 
     @property

@@ -61,7 +61,7 @@ class MemoryBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler of this bus raised."""
+        """Number of exceptions raised by callbacks and handlers of this bus."""
         return self._callback_errors
 
     @property
@@ -193,7 +193,7 @@ class MemoryBus:
 
 
 def _gather(questions: list[Callable[[], Answers]], timeout_s: float) -> Answers:
-    """Put the questions at once, each in a thread, and wait for all up to `timeout_s`."""
+    """Send the queries at once, each in a thread, and wait for all up to `timeout_s`."""
     replies: list[Answers] = []
     threads = [
         threading.Thread(target=lambda q=question: replies.append(q()), daemon=True)

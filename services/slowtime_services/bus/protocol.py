@@ -61,7 +61,7 @@ class Bus(Protocol):
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler raised."""
+        """Number of exceptions raised by callbacks and handlers."""
         ...
 
     @property

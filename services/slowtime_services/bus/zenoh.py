@@ -129,7 +129,7 @@ class ZenohBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler of this bus raised."""
+        """Number of exceptions raised by callbacks and handlers of this bus."""
         return self._callback_errors
 
     @property

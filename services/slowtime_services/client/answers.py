@@ -267,7 +267,7 @@ class RiskNow(Answer):
 
 
 class LimitStateRisk(Answer):
-    """How probable failure is by one limit state."""
+    """Probability of failure by one limit state."""
 
     name: str
     kind: str
@@ -281,7 +281,7 @@ class LimitStateRisk(Answer):
 
 
 class Risk(Answer):
-    """How probable failure of a twin is."""
+    """Probability of failure of a twin."""
 
     id: str
     since: float | None

@@ -298,14 +298,14 @@ class Client:
         return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
 
     def dtdl(self, *, site: str | None = None, form: str = "dtdl-3") -> dict[str, Any]:
-        """Give sites, twins, composites and relations as a graph.
+        """Return sites, twins, composites and relations as a graph.
 
         `form` is ``dtdl-3`` or ``dtdl-2``, with models of that version, or ``json-ld``.
         """
         return self.json("GET", "/dtdl", {"site": site, "as": form})
 
     def dtdl_of(self, twin_id: str, *, form: str = "dtdl-3") -> dict[str, Any]:
-        """Give one twin, the parts of its model and their relations, likewise."""
+        """Return one twin, the parts of its model and their relations, likewise."""
         return self.json("GET", f"/twins/{twin_id}/dtdl", {"as": form})
 
     def composites(self) -> list[CompositeBrief]:

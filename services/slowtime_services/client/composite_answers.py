@@ -35,7 +35,7 @@ class CompositeChance(Chance):
 
 
 class Importance(Answer):
-    """How much a twin matters; `docs/composites.md` defines each measure."""
+    """Importance of a twin; `docs/composites.md` defines each measure."""
 
     birnbaum: float
     criticality: float

@@ -54,7 +54,7 @@ class Issued:
         return self.role if self.asset is None else f"{self.role}-{self.asset}"
 
     def left(self, now: datetime.datetime) -> datetime.timedelta:
-        """How long it is still valid."""
+        """Remaining validity."""
         return datetime.datetime.fromisoformat(self.expires) - now
 
 

@@ -116,7 +116,7 @@ class Credentials:
             )
 
     def client_options(self) -> dict[str, Any]:
-        """Give settings of Zenoh for a process that connects."""
+        """Return settings of Zenoh for a process that connects."""
         return {
             f"{TLS}/root_ca_certificate": str(self.folder / TRUSTED),
             f"{TLS}/enable_mtls": True,
@@ -154,7 +154,7 @@ def options_for(
     *,
     at_any_time: bool = False,
 ) -> dict[str, Any]:
-    """Give settings of Zenoh for a process that connects, with credentials or without.
+    """Return settings of Zenoh for a process that connects, with credentials or without.
 
     An edge goes on listening and keeps its features `at_any_time`: its clock may be wrong, and
     an expired certificate is no reason to lose what it was put there to hear.

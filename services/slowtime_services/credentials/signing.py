@@ -130,5 +130,5 @@ def is_signed(said: bytes, signature: str, public: str) -> bool:
 
 
 def fingerprint(public: str) -> str:
-    """Give the first 16 hexadecimal digits of the SHA-256 of a public key: its short name."""
+    """Return the first 16 hexadecimal digits of the SHA-256 of a public key: its short name."""
     return hashlib.sha256(public.encode()).hexdigest()[:16]

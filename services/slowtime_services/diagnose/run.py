@@ -122,5 +122,5 @@ def diagnose_records(
 
 
 def patience_for(description: Description) -> float:
-    """Give the budget [s of the reference machine] that a model gets where none is given."""
+    """Return the budget [s of the reference machine] that a model gets where none is given."""
     return PATIENCE_S * min(max(1.0, len(description.dofs) / MASSES), MORE)

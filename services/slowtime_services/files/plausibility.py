@@ -323,7 +323,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
 
 
 def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
-    """Hold the clock against the heading."""
+    """Compare the clock with the heading."""
     rate = measured.clock_rate_hz
     assert rate is not None
     notes: list[str] = []

@@ -45,7 +45,7 @@ class Link(NamedTuple):
 
 
 def beginning(asset: str) -> Link:
-    """Give the end of a chain that has no entry yet."""
+    """Return the end of a chain that has no entry yet."""
     return Link(0, hashlib.sha256(_BEGIN + asset.encode()).digest())
 
 

@@ -111,7 +111,7 @@ def _values(
 
 
 def _scalar(loader: Any, node: yaml.Node) -> Any:
-    """Give one value; a number of thousands of digits, or a day 32, is none."""
+    """Return one value; refuse numbers of thousands of digits and invalid dates."""
     try:
         return loader.construct_object(node)
     except (ValueError, OverflowError) as error:

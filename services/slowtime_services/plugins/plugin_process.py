@@ -75,7 +75,7 @@ class PluginProcess:
     def stream(
         self, *arguments: Any, stop: threading.Event
     ) -> Generator[bytes | None, None, None]:
-        """Give the packets that the part yields; None now and then where there is none.
+        """Yield the packets of the plug-in; None at intervals without packets.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class PluginProcess:
 
 
 def main(group: str, name: str) -> int:
-    """Hold one part out: a call for each request of stdin, its answer or packets to stdout."""
+    """Serve one plug-in: a call for each request of stdin, its answer or packets to stdout."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the part prints is no answer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends who asked, and that ends this

@@ -76,7 +76,7 @@ class DesignTask:
     structure: AddedStructure | None
 
     def problem(self, responses: Rows | None = None) -> DesignProblem:
-        """Give the design problem, with these responses in place of the model's own."""
+        """Return the design problem, with these responses in place of the model's own."""
         rows = self.responses if responses is None else responses
         return DesignProblem(
             self.variables,
@@ -90,7 +90,7 @@ class DesignTask:
         )
 
     def with_alpha(self, alpha: float) -> "DesignTask":
-        """Give the same task with another weight of the mean."""
+        """Return the same task with another weight of the mean."""
         return dataclasses.replace(self, alpha=alpha)
 
     def _function(

@@ -1,4 +1,4 @@
-"""How each stream is described inside a recording, so that others can read it without us."""
+"""Schemas of the streams inside a recording, so that other programs can read it."""
 
 import functools
 import json

@@ -23,7 +23,7 @@ LIBRARY = "slowtime"
 
 
 def free_path(path: Path) -> Path:
-    """Give `path`, or the first of `name-0001.mcap`, `name-0002.mcap`, … that is free."""
+    """Return `path`, or the first of `name-0001.mcap`, `name-0002.mcap`, … that is free."""
     numbered = (path.with_stem(f"{path.stem}-{number:04d}") for number in itertools.count(1))
     return next(free for free in itertools.chain([path], numbered) if not free.exists())
 
@@ -130,7 +130,7 @@ class RecordingWriter:
         )
 
     def flush(self, *, sync: bool = False) -> None:
-        """Hand everything to the operating system; with `sync`, to the disk.
+        """Write everything to the operating system; with `sync`, to the disk.
 
         What has been flushed survives the end of this process, however it comes, and with
         `sync` the end of the power too.

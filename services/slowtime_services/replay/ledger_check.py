@@ -48,7 +48,7 @@ class Verdict:
 
 
 def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
-    """Hold a recording against the heads in it.
+    """Compare a recording with the signed heads in it.
 
     Parameters
     ----------

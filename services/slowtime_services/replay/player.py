@@ -46,7 +46,7 @@ _REMIND_S = 0.5
 
 
 class Progress(NamedTuple):
-    """How far a replay is."""
+    """Progress of a replay."""
 
     done: int
     total: int
@@ -133,7 +133,7 @@ def replay(
 def _paced(
     messages: Iterator[Recorded], speed: float, clock: Clock, stop: threading.Event
 ) -> Iterator[Recorded]:
-    """Let each message pass when its time has come."""
+    """Yield each message at its time."""
     began_ns, first_ns = clock.now_ns(), None
     for message in messages:
         first_ns = message.log_ns if first_ns is None else first_ns

@@ -112,7 +112,7 @@ class SimulatedFrame(Simulated):
         return known
 
     def renewals(self, epoch: int) -> int | None:
-        """How often storeys and floors were renewed before an epoch."""
+        """Return the number of renewals of storeys and floors before an epoch."""
         parts = (*self.stiffness.values(), *self.mass.values())
         return renewals(parts, epoch * self.slow_time_step)
 

@@ -121,7 +121,7 @@ class Simulated(Frozen, abc.ABC):
         """Return the true values of an epoch."""
 
     def renewals(self, epoch: int) -> int | None:
-        """How often the structure was renewed before an epoch; None where it never is."""
+        """Return the number of renewals before an epoch; None if there are none."""
         return None
 
     @abc.abstractmethod

@@ -75,7 +75,7 @@ class SimulatedStructure(Simulated):
         return known
 
     def renewals(self, epoch: int) -> int | None:
-        """How often stiffness and mass were renewed before an epoch."""
+        """Return the number of renewals of stiffness and mass before an epoch."""
         return renewals((self.stiffness, self.mass), epoch * self.slow_time_step)
 
     def _highest_hz(self) -> float:

@@ -152,7 +152,7 @@ def _renewed(
     age: float,
     start: float,
 ) -> Ensemble:
-    """Give futures of an asset that ages as this one has: its past, then its futures.
+    """Return futures of an asset that ages as this one has: its past, then its futures.
 
     Damage that grows faster with age begins slowly again after a repair. The past is a
     straight line from no damage to today's.

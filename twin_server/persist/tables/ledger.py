@@ -65,7 +65,7 @@ class ChainEnds:
         insert_blocks(writer, [(twin_id, end.length, packed(entries), end.digest)])
 
     def all(self, reader: Any) -> dict[str, Link]:
-        """Give the ends of all chains, those of deleted twins among them."""
+        """Return the ends of all chains, those of deleted twins among them."""
         if not self._whole:
             self._known = {twin_id: _end(reader, twin_id) for twin_id in _chained(reader)}
             self._whole = True
@@ -73,26 +73,26 @@ class ChainEnds:
 
 
 def of_features(rows: Iterable[tuple[int, int, float, bytes]], boot: str) -> Iterator[Entry]:
-    """Give the entries of features of a boot: of ids, sensor times, slow times, messages."""
+    """Return the entries of features of a boot: of ids, sensor times, slow times, messages."""
     for key, t_ns, slow_time, message in rows:
         digest = features_digest(boot, key & _LOW, t_ns, float(slow_time), message)
         yield Entry(kinds.FEATURES, key, digest)
 
 
 def of_registration(registration: str) -> Entry:
-    """Give the entry of a registration as it is kept."""
+    """Return the entry of a registration as it is kept."""
     return Entry(kinds.REGISTRATION, 0, words_digest("r", registration))
 
 
 def of_acknowledgement(row: Sequence[object]) -> Entry:
-    """Give the entry of an acknowledgement as it is kept."""
+    """Return the entry of an acknowledgement as it is kept."""
     event = hashlib.sha256(str(row[0]).encode()).digest()
     digest = words_digest("a", *map(str, row))
     return Entry(kinds.ACKNOWLEDGEMENT, int.from_bytes(event[:7], "big"), digest)
 
 
 def of_asset_event(row: AssetEventRow) -> Entry:
-    """Give the entry of an event of an asset as it is kept."""
+    """Return the entry of an event of an asset as it is kept."""
     event = hashlib.sha256(row.event.encode()).digest()
     digest = words_digest("v", *map(str, row))
     return Entry(kinds.ASSET_EVENT, int.from_bytes(event[:7], "big"), digest)
@@ -104,7 +104,7 @@ def of_act(kind: str) -> Entry:
 
 
 def of_acknowledgements(rows: Iterable[Acknowledgement]) -> Iterator[tuple[str, list[Entry]]]:
-    """Give the entries of acknowledgements, by twin."""
+    """Return the entries of acknowledgements, by twin."""
     for row in rows:
         yield row.twin, [of_acknowledgement(row)]
 

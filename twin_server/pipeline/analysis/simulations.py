@@ -64,7 +64,7 @@ class Simulations:
         now: Mapping[str, tuple[float, float]],
         order: SimulationOrder,
     ) -> bytes:
-        """Give the answer as JSON.
+        """Return the answer as JSON.
 
         Parameters
         ----------

@@ -118,7 +118,7 @@ class Diagnoses:
         return self._told(rows[0]) if rows else None
 
     def file(self, number: int, name: str) -> bytes | None:
-        """Give a file that it has left; None where there is none."""
+        """Return a result file; None if it does not exist."""
         if name in ("report.html", "charts.json"):
             page = self._store.diagnosis_page(number)
             return page if name == "report.html" or page is None else _charts(page)
@@ -450,7 +450,7 @@ class Diagnoses:
 
 
 def _charts(page: bytes) -> bytes:
-    """Give the charts of a report by themselves: without the library that draws them there."""
+    """Return the charts of a report, without the library that draws them."""
     charts = [
         {"heading": heading, **dataclasses.asdict(chart)}
         for heading, chart in charts_in(page.decode())

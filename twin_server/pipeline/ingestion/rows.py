@@ -31,7 +31,7 @@ def decoded(payload: bytes) -> Features:
 
 
 def cut_up(states: States) -> list[bytes]:
-    """Give each state the bytes it is kept as."""
+    """Encode each state as it is stored."""
     raw, size = states.tobytes(), STATE.itemsize
     return [raw[i : i + size] for i in range(0, len(raw), size)]
 

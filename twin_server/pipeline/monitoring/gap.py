@@ -355,7 +355,7 @@ def _one_process() -> concurrent.futures.Executor:
 
 
 def _in_the_background() -> None:
-    """Leave signals to the server, and the processor to whoever needs it."""
+    """Ignore signals, and run at a low priority."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(10)
 

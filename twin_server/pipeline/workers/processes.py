@@ -236,7 +236,7 @@ def _context() -> Any:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let a process that begins here use one thread for its algebra: processors are few."""
+    """Limit linear algebra of new processes to one thread, as processors are few."""
     lacking = [name for name in (*_ONE_THREAD, WARMED) if name not in os.environ]
     os.environ.update(dict.fromkeys(lacking, "1"))
     try:

@@ -288,7 +288,7 @@ def _check_from_here(headers: dict[str, str]) -> None:
 
 
 def _host(authority: str) -> str:
-    """Give the host of an authority, without its port.
+    """Return the host of an authority, without its port.
 
     Examples
     --------

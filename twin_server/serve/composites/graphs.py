@@ -173,7 +173,7 @@ def _of_json_ld(nodes: Sequence[Mapping[str, Any]]) -> dict[str, _Instance]:
 
 
 def _local(iri: str) -> str:
-    """Give the last part of an IRI.
+    """Return the last part of an IRI.
 
     Examples
     --------

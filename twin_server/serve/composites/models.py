@@ -56,7 +56,7 @@ class FailureOfComposite(ChanceWithReasons):
 
 
 class ImportanceOfTwin(BaseModel):
-    """How much a twin matters; see `docs/composites.md`."""
+    """Importance of a twin; see `docs/composites.md`."""
 
     birnbaum: float
     criticality: float

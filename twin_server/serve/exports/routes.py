@@ -111,7 +111,7 @@ def routes(
         start: MomentText = None,
         end: MomentText = None,
     ) -> Response:
-        """Give all states from `start` to `end` as a table: none is left out."""
+        """Return all states from `start` to `end` as a table: none is left out."""
         pages = pages_of(knowledge, twin_id, moment_of("start", start), moment_of("end", end))
         try:
             table = written(pages, columns_of(registration), form, twin_id)
@@ -121,7 +121,7 @@ def routes(
 
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
     def one(twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3") -> Response:
-        """Give a twin, the parts of its model and their relations, with DTDL models."""
+        """Return a twin, the parts of its model and their relations, with DTDL models."""
         return given([twin_id], twin_id, form)
 
     @api.get(
@@ -134,7 +134,7 @@ def routes(
         site: Annotated[Name | None, Query(description="Of this site alone.")] = None,
         form: AsForm = "dtdl-3",
     ) -> Response:
-        """Give sites, twins, composites and all relations as one graph, with DTDL models."""
+        """Return sites, twins, composites and all relations as one graph, with DTDL models."""
 
         def told() -> Response:
             seen = filter(principal_of(request.scope).sees, knowledge.ids())

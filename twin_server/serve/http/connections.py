@@ -63,7 +63,7 @@ class Connections:
         return type("Limited", (Connection,), {"connections_of": self})
 
     def add(self, one: "Connection", address: str) -> bool:
-        """Let one in, if need be in the place of one that waits; False where none does."""
+        """Admit a connection, if need be in place of an idle one; False if none is idle."""
         theirs = self._of.setdefault(address, {})
         limit = self.limits.most_of_one
         if limit is not None and len(theirs) >= limit and not self._cut_off_oldest(theirs):
@@ -121,7 +121,7 @@ class Connection(HttpToolsProtocol):
         self.transport.close()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Let it in, if there is room for it."""
+        """Admit the connection, if the limits allow."""
         super().connection_made(transport)
         self._address = str((self.client or ("",))[0])
         if not self.connections_of.add(self, self._address):

@@ -82,7 +82,7 @@ def respond(request: Request, status: int, slug: str, detail: str, **more: Any) 
 
 
 def install(app: FastAPI) -> None:
-    """Let every error of `app` be a problem document."""
+    """Convert every error of `app` to a problem document."""
     app.add_exception_handler(ProblemError, _ours)
     app.add_exception_handler(RequestValidationError, _not_valid)
     app.add_exception_handler(HTTPException, _http)

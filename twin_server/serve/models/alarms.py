@@ -89,7 +89,7 @@ class AlarmList(BaseModel):
 
 
 class RouteModel(BaseModel):
-    """How a route of a twin fares."""
+    """State of a route of a twin."""
 
     receiver: str
     kind: Literal["webhook", "email", "mqtt", "own"] | None = Field(
@@ -123,7 +123,7 @@ class DeliveryModel(BaseModel):
 
 
 class DeliveryList(BaseModel):
-    """How the routes of a twin fare, and its newest deliveries, the newest first."""
+    """State of the routes of a twin, and its deliveries, the newest first."""
 
     id: str
     routes: list[RouteModel]

@@ -45,7 +45,7 @@ class AlarmService(Protocol):
         ...
 
     def deliveries(self, twin_id: str, limit: int) -> dict[str, Any]:
-        """Give how the routes of a twin fare, and its newest deliveries."""
+        """Return the state of a twin's routes, and its newest deliveries."""
         ...
 
     def tallies(self) -> Sequence[Tally]:

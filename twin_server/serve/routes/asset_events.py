@@ -92,7 +92,7 @@ class AssetEventService(Protocol):
         ...
 
     def listed(self, twin_id: str) -> dict[str, Any]:
-        """Give all events of an asset, the newest first, and the questions about it."""
+        """Return all events of an asset, the newest first, and the questions about it."""
         ...
 
 

@@ -55,7 +55,7 @@ class DiagnosisService(Protocol):
         ...
 
     def file(self, number: int, name: str) -> bytes | None:
-        """Give a file that it has left; None where there is none."""
+        """Return a result file; None if it does not exist."""
         ...
 
     def cancel(self, number: int) -> bool:
@@ -164,7 +164,7 @@ def routes(
         responses=_PROBLEMS,
     )
     def file(twin_id: TwinId, number: Number, name: str, registration: Known) -> Response:
-        """Give a file of one that is done.
+        """Return a file of one that is done.
 
         `report.html`, `report.json`, `augmented.yaml`, or `charts.json`: the charts of the
         report, each with its heading and what it shows in words, as Plotly takes them.

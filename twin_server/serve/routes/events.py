@@ -37,7 +37,7 @@ def routes(
         after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
         limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
     ) -> Response:
-        """Give the newest signed head of the ledger; with `after`, those that follow."""
+        """Return the newest signed head of the ledger; with `after`, those that follow."""
         return json_response({"heads": knowledge.heads(after, limit)})
 
     @api.get("/twins/{twin_id}/events", response_model=EventList, responses=_PROBLEMS)

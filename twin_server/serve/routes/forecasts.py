@@ -139,7 +139,7 @@ def foretell(
     toward: Side | None = None,
     at: Moment | None = None,
 ) -> dict[str, Any]:
-    """Give the forecast as REST does.
+    """Return the forecast as REST does.
 
     Raises
     ------

@@ -55,7 +55,7 @@ RECORDING_EXAMPLE: dict[str, Any] = {
 
 
 class ReplayModel(BaseModel):
-    """How far a recording has been played, or how that ended."""
+    """Progress or outcome of a replay."""
 
     state: Literal["playing", "done", "stopped", "failed"]
     done: int = Field(description="Messages.")
@@ -88,7 +88,7 @@ class RecordingList(BaseModel):
 
 
 class ReplayOrder(BaseModel):
-    """How fast."""
+    """Speed of a replay."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -107,7 +107,7 @@ class RecordingService(Protocol):
     """Service of recordings; refusals are raised as `ProblemError`."""
 
     def listed(self, reaches: Reaches) -> Mapping[str, Any]:
-        """Give all that may be seen."""
+        """Return all recordings that the caller may see."""
         ...
 
     def path(self, name: str, reaches: Reaches) -> FilePath:
@@ -174,7 +174,7 @@ def routes(recording_service: RecordingService) -> APIRouter:
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
     async def give(name: Name, request: Request) -> FileResponse:
-        """Give a recording as it is."""
+        """Return a recording as it is."""
         path = await threads.run(lambda: recording_service.path(name, reaches(request)))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 

@@ -83,7 +83,7 @@ class Assembler:
         self._front = max(self._front, index + count)
 
     def restart(self, index: int) -> None:
-        """Hand on all there is; go on at `index`, with nothing lost in between."""
+        """Release all rows; continue at `index`, without loss in between."""
         self._release(self._front)
         self._base = self._front = max(index, self._front)
         self._whole = True
@@ -125,7 +125,7 @@ class Assembler:
             self._seen = np.vstack([self._seen, np.zeros((more, len(self._lanes)), bool)])
 
     def _release(self, limit: int) -> None:
-        """Hand on the rows before `limit`, cut where some are missing."""
+        """Release the rows before `limit`, split where rows are missing."""
         count = limit - self._base
         if count <= 0:
             return

@@ -115,7 +115,7 @@ class ByCounter(Numbered):
         return may_wrap or is_odd
 
     def _jump(self, batch: Batch) -> int:
-        """Give the counts from the expected counter to that of a batch, up to wraps."""
+        """Return the counts from the expected counter to that of a batch, up to wraps."""
         assert batch.counter is not None
         return (batch.counter - self._expected) % self._modulus
 
@@ -139,11 +139,11 @@ class ByCounter(Numbered):
         return is_pause and batch.counter % self._modulus < FEW
 
     def _each(self, batch: Batch) -> int:
-        """Give the samples of one count."""
+        """Return the samples of one count."""
         return len(batch.rows) if self._by_message else 1
 
     def _wrap(self, batch: Batch) -> int:
-        """Give the samples until the counter wraps."""
+        """Return the samples until the counter wraps."""
         return self._modulus * self._each(batch)
 
     def _expect_after(self, batch: Batch, samples: int) -> None:

@@ -64,7 +64,7 @@ def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
 def pairs_of_time_and_value(
     values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
 ) -> Float[np.ndarray, "time 2"] | None:
-    """Give times and values that stand in several pairs a line; None where they do not.
+    """Return times and values that stand in several pairs a line; None where they do not.
 
     The times of one line lie between its first and the first of the next.
     """

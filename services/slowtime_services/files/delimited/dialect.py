@@ -40,7 +40,7 @@ MISSING = frozenset(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Dialect:
-    """How one file writes numbers."""
+    """Delimiter and decimal mark of one file."""
 
     delimiter: str | None
     """None is any run of blanks."""

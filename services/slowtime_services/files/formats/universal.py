@@ -38,7 +38,7 @@ def recognise(lines: Sequence[str]) -> bool:
 
 
 def read(lines: Sequence[str], name: str) -> Sheet:
-    """Give a channel for each time response of the file."""
+    """Return a channel for each time response of the file."""
     marks = [i for i, line in enumerate(lines) if _MARK.match(line)]
     columns: list[Column] = []
     intervals: list[float] = []

@@ -23,7 +23,7 @@ NAMES = ("channels", "channel_names", "columns", "names")
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each dataset of numbers, a column of a table each.
+    """Return each dataset of numbers, a column of a table each.
 
     Rate, unit and names are looked for among the attributes of the dataset and of the groups
     it lies in, the nearest first, and among datasets of a single number.

@@ -45,7 +45,7 @@ class _Topic:
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give the accelerations of each topic, with the stamps of their headers."""
+    """Return the accelerations of each topic, with the stamps of their headers."""
     topics: dict[str, _Topic] = {}
     seen: dict[str, str] = {}
     decode = _Decoders(path)

@@ -16,7 +16,7 @@ _AXES = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give a channel for each evenly spaced time response."""
+    """Return a channel for each evenly spaced time response."""
     file = pyuff.UFF(str(path))
     kinds = np.atleast_1d(file.get_set_types())
     places = np.flatnonzero(kinds == 58).tolist()

@@ -133,7 +133,7 @@ class _Stated:
         self.named = sheet.named or given.get("columns") is not None
 
     def hold(self, head: Record, samples: int, missing: int) -> str:
-        """Hold the figures against all rows; a sentence, or nothing, where a clock is right.
+        """Compare the figures with all rows; return a sentence, or nothing if a clock is right.
 
         Raises
         ------
