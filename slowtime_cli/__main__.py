@@ -249,7 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
         _say(
-            f"A failure of slowtime itself: {type(error).__name__}: {error}. "
+            f"An internal error of slowtime: {type(error).__name__}: {error}. "
             "Set SLOWTIME_DEBUG=1 to see where, and report it with that text."
         )
         sys.exit(1)

@@ -225,7 +225,7 @@ class LedgerSettings(Frozen):
 
     key: Path | None = None
     """File of the private key that `slowtime ledger key` made; without one, rows are chained
-    all the same, and nobody vouches for the chain."""
+    all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""
 

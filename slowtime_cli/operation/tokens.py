@@ -41,4 +41,4 @@ def list_(path: Path) -> None:
 def revoke(number: str, path: Path) -> None:
     """Revoke the token of that NUMBER at once."""
     token = TokenFile(path).revoke(number)
-    ERR.print(f"The token of {token.name} lets nobody in any more.")
+    ERR.print(f"The token of {token.name} is revoked.")

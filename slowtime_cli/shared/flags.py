@@ -16,7 +16,7 @@ EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
 key_option = click.option(
     "--key",
     metavar="KEY",
-    help="The server's public key, from elsewhere: its .pub file, or the 44 characters.",
+    help="The server's public key, from another source: its .pub file, or the 44 characters.",
 )
 
 

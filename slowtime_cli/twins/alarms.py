@@ -49,7 +49,7 @@ def deliveries(twin: str, server: str) -> None:
     ]
     show("", columns, rows, plain=plain)
     if not rows:
-        note(f"No event of {twin} leaves the house: its registration has no alarm_routes.")
+        note(f"No event of {twin} is sent to receivers: its registration has no alarm_routes.")
 
 
 def _followed(

@@ -71,7 +71,8 @@ class AssetEventOrder(EventContent):
     ] = None
     slow_time: Annotated[Finite | None, Field(description="Instead of `at`.")] = None
     person: Annotated[
-        PersonName | None, Field(description="Who says so; by default the name of the token.")
+        PersonName | None,
+        Field(description="Who reports it; by default the name of the token."),
     ] = None
 
     @model_validator(mode="after")

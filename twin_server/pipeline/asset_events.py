@@ -86,7 +86,7 @@ class AssetEvents:
                     "another-event",
                     f"An event with the id {order.event} is recorded already, and says "
                     f"otherwise: {sentence(before.message)} Give another id; to correct what "
-                    "is recorded, take it back (reverses) and record the event anew.",
+                    "is recorded, take it back (reverses) and record the event again.",
                 )
             told = self._told(twin_id, before, before.message, _undone(rows, order.event))
             return told, False
@@ -271,7 +271,7 @@ def _check_reverses(name: str, rows: Sequence[AssetEventRow]) -> None:
             "no-such-event",
             f"At body.reverses, {name} was given. Recorded, and not taken back: "
             f"{there[:500] or 'none'}. A note that takes an event back cannot be taken back: "
-            "record the event anew, under another id.",
+            "record the event again, under another id.",
         )
     by = _undone(rows, name)
     if by is not None:

@@ -325,7 +325,7 @@ def _taken(name: str) -> ProblemError:
     return ProblemError(
         409,
         "there-already",
-        f"{name} is there already, and may be the only copy. Give another name.",
+        f"{name} exists already, and may be the only copy. Give another name.",
     )
 
 

@@ -317,7 +317,7 @@ class Event(Answer):
 
     number: int
     event_id: str = ""
-    """The same after the history was estimated anew; `number` is not."""
+    """The same after the history was estimated again; `number` is not."""
     id: str
     t_ns: int
     slow_time: float | None

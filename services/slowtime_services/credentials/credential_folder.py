@@ -60,13 +60,13 @@ class Credentials:
         if mode & 0o077:
             raise CredentialsError(
                 f"Others may read {folder / KEY} (mode {mode:04o}). Allowed: 0600. Say chmod "
-                f"600 {folder / KEY}, and have it issued anew if somebody may have read it."
+                f"600 {folder / KEY}, and have it issued again if others may have read it."
             )
         try:
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         except ValueError as error:
             raise CredentialsError(
-                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued anew."
+                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued again."
             ) from error
         names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         found = cls(

@@ -52,7 +52,7 @@ class Signer:
         if mode & 0o077:
             raise CredentialsError(
                 f"Others may read {path} (mode {mode:04o}). Allowed: 0600. Say chmod 600 "
-                f"{path}, and make another if somebody may have read it."
+                f"{path}, and make another if others may have read it."
             )
         key = None
         with contextlib.suppress(ValueError, TypeError):

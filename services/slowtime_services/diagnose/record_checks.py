@@ -59,7 +59,7 @@ def refuse_nonsense(
             raise RecordError(
                 f"{name}: input {channels} never changes, while the structure moves. Was it "
                 "recorded? A structure that rings by itself dies away, and this does not. "
-                f"Take the input out of the model if nobody measured it. {ANYWAY}"
+                f"Remove the input from the model if it was not measured. {ANYWAY}"
             )
         _refuse_slow(model, trial, name)
         _refuse_sizes(model, trial, plant, name)

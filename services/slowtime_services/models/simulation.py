@@ -56,7 +56,7 @@ def run_model(
     """
     if not description.inputs:
         raise ValueError(
-            "The model lists no inputs: it is under ambient forces that nobody measured. Use "
+            "The model lists no inputs: it is under unmeasured ambient forces. Use "
             "ambient_model, or list the inputs."
         )
     missing = [entry.channel for entry in description.inputs if entry.channel not in inputs]
@@ -197,8 +197,7 @@ def run_plant(
     if sizes:
         if rng is None:
             raise ValueError(
-                "The model has a motion of the base that nobody measured, which is random. "
-                "Give a seed."
+                "The model has an unmeasured motion of the base, which is random. Give a seed."
             )
         base = np.hypot.reduce(sizes) * rng.standard_normal(len(inputs))
     found = plant.run(plant.values, inputs, rate_hz, start_s=start_s, base=base)

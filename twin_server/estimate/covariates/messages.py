@@ -37,7 +37,7 @@ def not_learnt(row: int, mode: int | None, why: str) -> Notice:
         row,
         "normal_not_learnt",
         "warning",
-        f"What is normal could not be learnt{_of(mode)}; training begins anew. {why}",
+        f"Normal behaviour could not be learnt{_of(mode)}; training starts again. {why}",
         {},
     )
 

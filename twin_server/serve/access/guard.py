@@ -192,7 +192,7 @@ class Guard:
             raise _Refused(
                 401,
                 "token-refused",
-                f"The token lets nobody in. {error} Ask an admin for a new one: `slowtime "
+                f"The token is refused. {error} Ask an admin for a new one: `slowtime "
                 "tokens add`.",
                 **{"WWW-Authenticate": 'Bearer realm="slowtime", error="invalid_token"'},
             ) from None

@@ -156,7 +156,7 @@ def _common() -> list[Node]:
             twin, "Twin", "An asset that vibrates, as it was after its last epoch.",
             _property("name", "string", "For people."),
             _property("changes", "string", "What may change: stiffness, mass, both, elements."),
-            _property("alive", "boolean", "Whether the edge agent is there."),
+            _property("alive", "boolean", "Whether the edge agent is online."),
             _property("valid", "boolean", "Whether the estimates mean anything."),
             _property("reasons", texts, "Why not, in sentences."),
             _property("t_ns", "long", "Sensor time [ns since 1970-01-01 UTC]."),

@@ -69,7 +69,7 @@ class AlarmModel(BaseModel):
     """An event of severity `alarm`."""
 
     event_id: str = Field(
-        description="The same after the history was estimated anew.", examples=[EVENT_ID]
+        description="The same after the history was estimated again.", examples=[EVENT_ID]
     )
     number: int
     kind: str = Field(examples=["alarm"])

@@ -79,7 +79,7 @@ class EventModel(BaseModel):
 
     number: int
     event_id: str = Field(
-        description="The same after the history was estimated anew; `number` is not.",
+        description="The same after the history was estimated again; `number` is not.",
         examples=["5f0c2a4e9b7d41c6a3e8f1d2b4c6978a"],
     )
     id: str

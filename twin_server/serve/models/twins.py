@@ -87,7 +87,7 @@ class OfElements(BaseModel):
         default={}, description="Of each: 1 where the readings said nothing, 0 if sure."
     )
     suspects: list[str] = Field(
-        default=[], description="What has changed: 'j2'; 'j1 or j4' where nobody can tell."
+        default=[], description="Changed elements: 'j2'; 'j1 or j4' if the data cannot decide."
     )
     channels: list[str] = Field(default=[], description="Of the shapes' components, in order.")
     modes: list[SeenModeModel] = []
@@ -203,7 +203,7 @@ class TwinModel(OfElements):
     mass_change: Estimate | None
     valid: bool
     reasons: list[str]
-    alive: bool = Field(description="Whether the edge agent is there.")
+    alive: bool = Field(description="Whether the edge agent is online.")
     heard_ns: int | None = Field(
         None,
         description="When features last came, by this server's clock [ns since 1970-01-01 "

@@ -66,7 +66,7 @@ def run(
         if done.returncode != 0:
             raise RecordError(
                 f"{path.name} is {kind} and broke its reader ({_end(done.returncode)}): it is "
-                "damaged, or was made to. Save it anew, or as NumPy or text."
+                "damaged, or was made to. Save it again, or as NumPy or text."
             )
         with np.load(out, allow_pickle=False) as archive:
             told = json.loads(str(archive[TOLD]))

@@ -208,7 +208,7 @@ def _counted(
     said_wrap: tuple[str, ...] = ()
     if wrap is not None:
         said_wrap = (
-            f"The counter in column {name!r} begins anew after {wrap:.0f}: counted on.",
+            f"The counter in column {name!r} restarts after {wrap:.0f}: counting continues.",
         )
     try:
         scale = scale_of(values, name, column.unit, given=unit, stated_rate_hz=stated_rate_hz)

@@ -33,7 +33,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     if len(ends) < 2:
         raise RecordError(
             f"{name} is a LabVIEW measurement (.lvm) with {len(ends)} of the two lines {END} "
-            "that stand above its samples: it is cut short. Save it anew, or export it as CSV."
+            "that stand above its samples: it is cut short. Save it again, or export it as CSV."
         )
     settings = _settings(lines[: ends[0]])
     mark = _SEPARATORS.get(settings.get("separator", "tab").casefold(), "\t")

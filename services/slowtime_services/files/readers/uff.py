@@ -30,7 +30,7 @@ def read(path: Path, max_bytes: int) -> Found:
         if int(found.get("num_pts", len(values))) != len(values):
             raise RecordError(
                 f"A dataset 58 of {path.name} states {found['num_pts']} points and holds "
-                f"{len(values)}: it is cut short, or was changed. Export it anew."
+                f"{len(values)}: it is cut short, or was changed. Export it again."
             )
         if found.get("func_type") != TIME_RESPONSE or values.dtype.kind == "c" or not even:
             skipped += 1
