@@ -109,7 +109,13 @@ class Notifier:
         self._thread.start()
 
     def stop(self, timeout_s: float = 3.0) -> None:
-        """Send no more; wait briefly for deliveries in progress and store their outcome."""
+        """Send no more; wait briefly for deliveries in progress and store their outcome.
+
+        Parameters
+        ----------
+        timeout_s
+            Longest time to wait [s].
+        """
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():

@@ -78,7 +78,13 @@ class ReceiverQueue:
             self._given.put(None)
 
     def join(self, timeout_s: float) -> None:
-        """Wait for deliveries in progress, but not for a receiver that takes longer."""
+        """Wait for deliveries in progress, but not for a receiver that takes longer.
+
+        Parameters
+        ----------
+        timeout_s
+            Longest time to wait for each thread [s].
+        """
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout_s)

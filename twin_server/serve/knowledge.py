@@ -121,11 +121,41 @@ class Knowledge(Protocol):
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Forecast a twin from now or from an instant; None if there are too few readings."""
+        """Forecast a twin from now or from an instant; None if there are too few readings.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+        count
+            Number of future slow times.
+        thresholds
+            Limits whose crossing times are wanted.
+        at
+            Instant from which to forecast; now if None.
+
+        Returns
+        -------
+        The forecast, or None.
+        """
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Return the failure probability of a twin by each of its limit states."""
+        """Return the failure probability of a twin by each of its limit states.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+
+        Returns
+        -------
+        Probabilities as REST returns them.
+        """
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
         """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""

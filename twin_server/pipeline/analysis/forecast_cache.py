@@ -185,6 +185,21 @@ class ForecastCache:
         """Forecast a twin from its cached state; None if there are too few readings.
 
         The first who asks for a twin waits until it is learnt.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+        count
+            Number of future slow times.
+        thresholds
+            Limits whose crossing times are wanted.
+
+        Returns
+        -------
+        The forecast, or None.
         """
         kept = self._up_to_date(twin_id)
         if kept is None:
@@ -213,6 +228,15 @@ class ForecastCache:
         """Compute the forecast state of a twin at an instant, from what had arrived by then.
 
         It is learnt from as many readings before the moment as today's before now.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        t_ns
+            The instant by sensor time [ns since 1970]; None if given by slow time.
+        slow_time
+            The instant by slow time; None if given by sensor time.
         """
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(

@@ -421,6 +421,17 @@ class Diagnoses:
     def raw_samples(self, twin_id: str, seconds: float) -> list[Sample]:
         """Ask the edge for raw blocks now.
 
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        seconds
+            Duration of the samples, up to now [s].
+
+        Returns
+        -------
+        Raw blocks of the edge.
+
         Raises
         ------
         ProblemError

@@ -45,6 +45,17 @@ def was_told(
 
     Read again with another past, the same change may begin some readings sooner or later; none
     begins anew before the last was noticed.
+
+    Parameters
+    ----------
+    told
+        Quantity and slow time of each reported change.
+    quantity
+        Quantity of the change found.
+    found
+        The change found.
+    at
+        Slow time at which it was found.
     """
     apart = at - found.since
     return any(name == quantity and abs(since - found.since) < apart for name, since in told)

@@ -133,6 +133,17 @@ def _any_of(parts: Sequence[tuple[float, float, float]]) -> tuple[float, float, 
 def interval(share: float, count: int = PATHS) -> tuple[float, float]:
     """Jeffreys' 95 % interval of a probability of which `share` of `count` draws were seen.
 
+    Parameters
+    ----------
+    share
+        Share of draws that failed [1].
+    count
+        Number of draws.
+
+    Returns
+    -------
+    Lower and upper end [1].
+
     Examples
     --------
     >>> [round(end, 5) for end in interval(0.0)]
