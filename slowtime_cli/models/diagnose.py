@@ -1,4 +1,4 @@
-"""The verb `diagnose`: finds what a model lacks, from its records."""
+"""The verb `diagnose`: finds effects that a model lacks, from its records."""
 
 import contextlib
 import functools
@@ -41,7 +41,7 @@ def diagnose(
     patience_s: float | None,
     unchecked: bool,
 ) -> None:
-    """Find what a model lacks, where and how much, from its records."""
+    """Find effects that a model lacks, with their place and size."""
     if history is not None:
         _refuse_unwritable(out)
         # Only then: it brings the whole server along, which takes half a second.
@@ -92,7 +92,7 @@ def _refuse_unwritable(out: Path) -> None:
 
 @contextlib.contextmanager
 def _stages() -> Iterator[Callable[[str, float], None]]:
-    """Show a bar with the stage in words; nothing off a terminal."""
+    """Show a progress bar with the stage in words; nothing if not on a terminal."""
     words = TextColumn("{task.description}")
     columns = (words, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(
@@ -103,7 +103,7 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
 
 
 def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
-    """Say it: the sentence, the effects with their numbers, the gap, where the files are."""
+    """Print the verdict, the effects with their numbers, the error, and the files written."""
     click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
     rows, plain = [], []
     for effect in document.effects:

@@ -28,6 +28,17 @@ def diagnose_samples(
 ) -> None:
     """Do it, and write the files.
 
+    Parameters
+    ----------
+    task
+        The task of this process.
+    folder
+        Folder that receives the results.
+    progress
+        Called with the stage in words and the share done, from 0 to 1.
+    stop
+        Set to end early.
+
     Raises
     ------
     ValueError

@@ -1,4 +1,4 @@
-"""Diagnosis of records under a budget of work, with its document: what every caller runs."""
+"""Diagnosis of records under a budget of work, with its file model."""
 
 import dataclasses
 import time
@@ -55,7 +55,7 @@ def diagnose_records(
     stop: Stop | None = None,
     patience_s: float | None = None,
 ) -> tuple[Diagnosis, DiagnosisFile]:
-    """Say what a model lacks to explain records.
+    """Find the effects that a model lacks to explain records.
 
     Parameters
     ----------
@@ -115,5 +115,5 @@ def diagnose_records(
 
 
 def patience_for(description: Description) -> float:
-    """Give the budget [s of the reference machine] that a model gets where none is given."""
+    """Return the budget [s of the reference machine] that a model gets where none is given."""
     return PATIENCE_S * min(max(1.0, len(description.dofs) / MASSES), MORE)
