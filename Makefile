@@ -24,17 +24,17 @@ demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DU
 test: .venv/dev  ## the default suite, some minutes on two cores; WORKERS=2
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
-test-long: .venv/dev  ## what takes longer: whole flows, pages and searches
+test-long: .venv/dev  ## longer tests: whole flows, pages and searches
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "long and not slow"
 
-test-slow: .venv/dev  ## what takes hours: statistics over hundreds of runs
+test-slow: .venv/dev  ## tests of hours: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default
 
-blind: .venv/dev  ## hidden effects by the hundred, diagnosed and scored; N=300 SEED=1 JOBS=1, PEER=pysindy-weak
+blind: .venv/dev  ## diagnose and score hundreds of hidden effects; N=300 SEED=1 JOBS=1, PEER=pysindy-weak
 	$(BIN)/python -m tests.blind run --cases $(or $(N),300) --seed $(or $(SEED),1) --jobs $(or $(JOBS),1) \
 		--out var/blind/$(or $(SEED),1) $(if $(PEER),--peer $(PEER))
 
-blind-pairs: .venv/dev  ## what cannot be decided, the experiment proposed, and what is decided then
+blind-pairs: .venv/dev  ## diagnose undecidable pairs, before and after the proposed experiment
 	$(BIN)/python -m tests.blind pairs --cases $(or $(N),28) --seed $(or $(SEED),1) --out var/blind/pairs-$(or $(SEED),1)
 
 peers: .venv-peers/ready  ## other tools to compare with, in an environment of their own
@@ -42,10 +42,10 @@ peers: .venv-peers/ready  ## other tools to compare with, in an environment of t
 peers-torch: .venv-peers/ready  ## GPyTorch beside them, for `make bench`: 5 GB
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers-torch]'
 
-blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
+blind-slow: .venv/dev  ## diagnose and score hundreds of hidden histories; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.history_diagnosis.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
 
-fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 FORMATS=10000 REST=20000 SEED=1
+fuzz: .venv/dev  ## send malformed messages, files and requests; WIRE=1000000 FILES=100000 FORMATS=10000 REST=20000 SEED=1
 	$(BIN)/python -m tests.fuzz wire --cases $(or $(WIRE),1000000) --seed $(or $(SEED),1)
 	$(BIN)/python -m tests.fuzz files --cases $(or $(FILES),100000) --seed $(or $(SEED),1)
 	$(BIN)/python -m tests.fuzz formats --cases $(or $(FORMATS),10000) --seed $(or $(SEED),1)
@@ -63,21 +63,21 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -q -m "not slow and not long" tests/docs
 
-faults: .venv/dev  ## real processes killed, frozen, cut off and lied to, and the account after; N=200 SEED=1 SECONDS=60 JOBS=4
+faults: .venv/dev  ## fault-injection tests of real processes; N=200 SEED=1 SECONDS=60 JOBS=4
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \
 		--jobs $(or $(JOBS),4) --out var/faults
 
-mutation: .venv/dev  ## lines changed at random, and the tests that run them; survivors; LINES=200 SEED=1 ROOMS="slowtime twin_server edge_agent"
+mutation: .venv/dev  ## change random lines and report those that no test notices; LINES=200 SEED=1 ROOMS="slowtime twin_server edge_agent"
 	$(BIN)/python -m tests.mutation --lines $(or $(LINES),200) --seed $(or $(SEED),1) \
 		--rooms $(or $(ROOMS),slowtime twin_server edge_agent)
 
 load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory; DURATION_S=1800
 	$(BIN)/python -m benchmarks.processes.load --seconds $(or $(DURATION_S),1800)
 
-bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
+bench: .venv/dev .venv-peers/ready  ## print all figures of speed, memory and accuracy, as ratios
 	$(BIN)/python -m benchmarks
 
-tutorials: .venv/dev  ## each tutorial typed to the letter in an empty folder; ONLY="first_hour or court"
+tutorials: .venv/dev  ## run each tutorial as written, in an empty folder; ONLY="first_hour or court"
 	$(BIN)/python -m pytest -q -m slow tests/docs/test_tutorials.py -k "$(or $(ONLY),tutorial)"
 
 gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery

@@ -45,7 +45,7 @@ def run(
     stop: threading.Event | None = None,
     traces: Traces | None = None,
 ) -> int:
-    """Run an edge agent until its input ends or it is told to stop.
+    """Run an edge agent until its input ends or it is stopped.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def run(
             rest := _run_boot(settings, boot, source, blocks, bus, clock, stop, traces)
         ) is not None:
             boot, blocks = new_boot(clock), rest
-            logger.warning("The sensor's time has run back; what follows is another boot.")
+            logger.warning("The sensor's time has gone backwards; a new boot begins.")
     return 0
 
 
@@ -112,7 +112,7 @@ def _run_boards(
             run(settings.model_copy(update=own), bus=bus, clock=clock, stop=stop)
         except Exception:
             failed.append(board.name)
-            logger.exception("Board %s cannot be listened to; the others can.", board.name)
+            logger.exception("Board %s cannot be read; the others can.", board.name)
 
     threads = [
         threading.Thread(target=one, args=(board,), name=f"board {board.name}")

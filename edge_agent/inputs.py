@@ -86,7 +86,7 @@ class LiveInput(Frozen):
 
     @classmethod
     def of(cls, url: str, **more: Any) -> "LiveInput":
-        """Take a URL apart into source, layout and limits.
+        """Split a URL into source, layout and limits.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class LiveInput(Frozen):
 
     @property
     def bare(self) -> str:
-        """The URL without what stands behind `?`."""
+        """The URL without its query."""
         return urlunsplit(urlsplit(self.source)._replace(query=""))
 
     @property
@@ -165,7 +165,7 @@ class BoardsInput(Frozen):
 
 
 def _layout_of(said: dict[str, str]) -> JsonLayout | CsvLayout | PackedLayout:
-    """Make a layout of the words of a URL."""
+    """Make a layout from the query of a URL."""
     kind = said.get("layout", "json")
     if "." in kind:
         if len(said) > 1:

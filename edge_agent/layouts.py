@@ -217,7 +217,7 @@ class PackedLayout(_Layout):
 
     @property
     def fields(self) -> tuple[tuple[str, str, int], ...]:
-        """Parts of the header: what, type, bytes."""
+        """Parts of the header: meaning, type, bytes."""
         parts = (part.split(":") for part in self.header)
         return tuple(
             (what, kind, int(kind) if what == "skip" else NUMBERS[kind]) for what, kind in parts

@@ -66,7 +66,7 @@ class Edge:
         return EdgeState(conditioned, extracting, ready), features
 
     def finish(self, state: EdgeState) -> tuple[EdgeState, tuple[Features, ...]]:
-        """Close the window that was begun: its epoch is complete, or the stream has ended."""
+        """Close the open window: its epoch is complete, or the stream has ended."""
         conditioned, ready = self.condition.finish(state.condition)
         extracting, features = self._extract(state.extract, ready)
         extracting, last = self.extract.finish(extracting)
@@ -114,7 +114,7 @@ class WorkTime:
             self._put("busy", self._total_ns)
 
     def told(self, windows: Sequence[Features]) -> None:
-        """Share what was spent among the windows that have been told now."""
+        """Share the time spent among the windows that have been sent now."""
         if not windows:
             return
         now_ns = self._clock.now_ns()
@@ -133,7 +133,7 @@ class WorkTime:
 
 
 class SourceRun:
-    """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
+    """One pass over a source: admits, processes, publishes; invalid blocks are left out."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class SourceRun:
         """First block of a stream whose time has run back; it has not been worked."""
 
     def take(self, block: Block | None) -> None:
-        """Take what the source gave; None says that an epoch is complete."""
+        """Process a block of the source; None means that an epoch is complete."""
         with self._effort.spent():
             features = self._work(block)
             for message in features:
@@ -171,12 +171,12 @@ class SourceRun:
                 self._state, features = self._edge.step(self._state, block)
         except Exception:
             self._publisher.count("failed_blocks")
-            logger.exception("A block could not be worked; the stream goes on after it.")
+            logger.exception("A block could not be processed; the stream continues after it.")
             self._state = self._edge.restart(self._state)
         return features
 
     def _assess_ready(self, *, last: bool) -> None:
-        """Make virtual quantities and fatigue of what has just been conditioned."""
+        """Compute virtual quantities and fatigue of the conditioned blocks."""
         ready, self._state = self._state.ready, dataclasses.replace(self._state, ready=())
         if self._assess is None or self._assessed is None:
             return
@@ -189,7 +189,7 @@ class SourceRun:
                 self._publisher.assessed(told)
         except Exception:
             self._publisher.count("failed_assessments")
-            logger.exception("Fatigue of a block could not be assessed; the stream goes on.")
+            logger.exception("Fatigue of a block could not be computed; the stream continues.")
             self._assessed = dataclasses.replace(self._assessed, running=None)
 
     def _admit(self, block: Block) -> bool:

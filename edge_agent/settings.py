@@ -36,13 +36,13 @@ Band = tuple[NotNegative, Positive]
 
 
 class Frozen(BaseModel):
-    """Immutable, and refusing what it does not know."""
+    """Immutable model that refuses unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Origin(Frozen):
-    """Whose features these are: what every message of a stream has in common."""
+    """Origin of features: site, asset, boot and other fields of all messages of a stream."""
 
     site: Name
     asset: Name
@@ -143,7 +143,7 @@ class AdmissionSettings(Frozen):
 
 
 class ConditionSettings(Frozen):
-    """What is done to samples before anything is read out of them."""
+    """Processing of samples before identification."""
 
     spikes: bool = True
     spike_threshold: Positive = 8.0
@@ -157,7 +157,7 @@ class ConditionSettings(Frozen):
 
 
 class TrackingSettings(Frozen):
-    """How modes are followed from window to window."""
+    """Tracking of modes from window to window."""
 
     confirm: Annotated[int, Field(ge=1)] = 5
     """Windows that must show a mode before it is given an identity."""
@@ -185,7 +185,7 @@ FEWEST_CYCLES = 50
 
 
 class ExtractSettings(Frozen):
-    """How frequency, damping and shapes are read out of conditioned samples."""
+    """Identification of frequency, damping and shapes from conditioned samples."""
 
     channels: tuple[str, ...] | None = None
     """Those to identify from; None for all accelerations, by name or unit, else for all."""
@@ -267,7 +267,7 @@ class Processing(Frozen):
 
     @classmethod
     def from_about(cls, about: About) -> "Processing":
-        """Take the settings that an agent said it ran with."""
+        """Read the settings from an agent's `About`."""
         return cls.model_validate(about.settings["processing"], context=AS_STORED)
 
 
@@ -284,7 +284,7 @@ class SpoolSettings(Frozen):
 
 
 class PublishSettings(Frozen):
-    """What is sent, how often, and what is kept for those who ask."""
+    """Messages that are sent, their intervals, and what is kept for requests."""
 
     raw: Literal["off", "on"] = "off"
     ring_s: Positive = 60.0
@@ -297,7 +297,7 @@ class PublishSettings(Frozen):
 
 
 class VirtualStageSettings(Frozen):
-    """Quantities that nobody measures, from a model and the accelerations."""
+    """Unmeasured quantities, estimated from a model and the accelerations."""
 
     model: Path
     """Model file; its sensors are named as the channels are, and give their noise. Its
@@ -336,7 +336,7 @@ class PointSettings(PointCurve):
 
 
 class FatigueSettings(Frozen):
-    """Where fatigue is counted, and how often it is told."""
+    """Points at which fatigue is counted, and the interval of its messages."""
 
     points: Annotated[tuple[PointSettings, ...], Field(max_length=256)] = ()
     every_s: Positive = 60.0
@@ -394,5 +394,5 @@ class EdgeSettings(ProcessSettings):
 
     @property
     def processing(self) -> Processing:
-        """What decides the features."""
+        """Settings that determine the features."""
         return Processing(condition=self.condition, extract=self.extract)

@@ -1,4 +1,4 @@
-"""The command `slowtime`: finds the verb, runs it, says in a sentence what went wrong."""
+"""The command `slowtime`: finds the verb, runs it, reports errors in a sentence."""
 
 import importlib
 import logging
@@ -16,7 +16,7 @@ from .shared.input_errors import is_validation_error, validation_message
 
 
 class Verb(NamedTuple):
-    """Where a verb is defined, and what it says of itself in one line."""
+    """Module of a verb, and its help in one line."""
 
     place: str
     help: str
@@ -32,11 +32,11 @@ VERBS = {
         "operation.edge:edge", "Run an edge agent: samples in, features with uncertainty out."
     ),
     "twin": Verb(
-        "operation.twin:twin", "Run the twin server: features in; knowledge, REST and page out."
+        "operation.twin:twin", "Run the twin server: features in; estimates, REST and page out."
     ),
     "router": Verb(
         "operation.router:router",
-        "Run a Zenoh router: what edges, twin and recorder connect to.",
+        "Run a Zenoh router that edges, twin and recorder connect to.",
     ),
     "keys": Verb(
         "operation.keys:keys",
@@ -48,41 +48,40 @@ VERBS = {
     ),
     "alarms": Verb(
         "twins.alarms:alarms",
-        "Try whether alarms of a twin reach people and other programs.",
+        "Test the alarms of a twin, and show their deliveries.",
     ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."
     ),
     "status": Verb(
-        "operation.router:status", "Tell whether the router answers and which edge agents live."
+        "operation.router:status",
+        "Show whether the router answers, and which edges are online.",
     ),
     "plugins": Verb(
         "operation.plugins:plugins",
-        "List parts of your own that are installed.",
+        "List installed plug-ins.",
     ),
-    "check": Verb("operation.check:check", "Look through a twin's database for damage."),
-    "ledger": Verb("operation.ledger:ledger", "Show that nobody has rewritten a history."),
+    "check": Verb("operation.check:check", "Check a twin's database for damage."),
+    "ledger": Verb("operation.ledger:ledger", "Verify that a history was not rewritten."),
     "composite": Verb(
-        "twins.composite:composite", "Join twins to sites, lines and structures of parts."
+        "twins.composite:composite", "Combine twins into sites, lines and structures of parts."
     ),
     "backup": Verb(
         "operation.backup:backup", "Copy a twin's database while the server writes it."
     ),
-    "restore": Verb(
-        "operation.backup:restore", "Put a backup in the place of a twin's database."
-    ),
+    "restore": Verb("operation.backup:restore", "Replace a twin's database by a backup."),
     "export": Verb(
-        "twins.export:export", "Write what a twin knows, or the samples of a record."
+        "twins.export:export", "Export the history of a twin, or the samples of a record."
     ),
     "record": Verb(
-        "operation.record:record", "Record what travels on the bus into an MCAP file."
+        "operation.record:record", "Record the messages of the bus into an MCAP file."
     ),
     "replay": Verb(
-        "operation.replay:replay", "Play a recording again and print the hash of its history."
+        "operation.replay:replay", "Replay a recording and print the hash of its history."
     ),
     "recover": Verb(
         "records.recover:recover",
-        "Make a recording sound again that was cut short or damaged.",
+        "Repair a truncated or damaged recording.",
     ),
     "layout": Verb(
         "records.layout:layout", "Write a layout for Foxglove or Lichtblick to fit a recording."
@@ -101,11 +100,11 @@ VERBS = {
     ),
     "publish": Verb(
         "operation.publish:publish",
-        "Play an acceleration board on a structure in software.",
+        "Simulate an acceleration board on a simulated structure.",
     ),
     "diagnose": Verb(
         "models.diagnose:diagnose",
-        "Find what a model lacks, where and how much, from its records.",
+        "Find effects that a model lacks, with their place and size.",
     ),
     "merge": Verb(
         "records.merge:merge",
@@ -116,26 +115,30 @@ VERBS = {
     ),
     "separate": Verb(
         "twins.separate:separate",
-        "Take a history apart into what drifts and what comes and goes.",
+        "Separate a history into a drift and a recurring part.",
     ),
     "evolve": Verb(
-        "twins.evolve:evolve", "Tell how stiffness and mass have changed, from frequencies."
+        "twins.evolve:evolve", "Estimate changes of stiffness and mass from frequencies."
     ),
     "forecast": Verb(
         "twins.forecast:forecast",
-        "Tell where a twin is heading, and when a threshold is reached.",
+        "Forecast a twin, and when thresholds are reached.",
     ),
     "plan": Verb(
         "twins.plan:plan",
-        "Tell what to do with a twin: repair, inspect, wait or close.",
+        "Recommend an action for a twin: repair, inspect, wait or close.",
     ),
-    "whatif": Verb("twins.whatif:whatif", "Run today's twin under a load, with bands."),
-    "risk": Verb("twins.risk:risk", "Tell how probable failure is, by each limit state."),
+    "whatif": Verb(
+        "twins.whatif:whatif", "Simulate a twin's current structure under a load, with bands."
+    ),
+    "risk": Verb(
+        "twins.risk:risk", "Compute a twin's probability of failure, by each limit state."
+    ),
     "reliability": Verb(
-        "models.reliability:reliability", "Tell how probable failure is, by several methods."
+        "models.reliability:reliability", "Compute a probability of failure by several methods."
     ),
     "surrogate": Verb(
-        "models.surrogate:surrogate", "Learn a quick function from runs of a slow model."
+        "models.surrogate:surrogate", "Learn a fast approximation from runs of a slow model."
     ),
     "design": Verb(
         "models.design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
@@ -144,9 +147,7 @@ VERBS = {
         "models.fatigue:fatigue",
         "Count stress cycles and sum fatigue damage, with its scatter.",
     ),
-    "virtual": Verb(
-        "models.virtual:virtual", "Estimate drift, force or stress, which nobody measures."
-    ),
+    "virtual": Verb("models.virtual:virtual", "Estimate unmeasured drift, force or stress."),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",
@@ -248,7 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
         _say(
-            f"A failure of slowtime itself: {type(error).__name__}: {error}. "
+            f"An internal error of slowtime: {type(error).__name__}: {error}. "
             "Set SLOWTIME_DEBUG=1 to see where, and report it with that text."
         )
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""Composition root of the twin server: settings become a real database, bus, clock and door."""
+"""Composition root of the twin server: creates database, bus, clock and HTTP server."""
 
 import contextlib
 import gc
@@ -240,7 +240,7 @@ def _serve(
 
 
 def allow_files(count: int) -> None:
-    """Let this process have so many files and connections, as far as the system allows."""
+    """Raise the limit of open files of this process, as far as the system allows."""
     if os.name != "posix":  # pragma: no cover
         return
     import resource
@@ -317,7 +317,7 @@ def _late_bus(settings: TwinSettings, clock: Clock | None) -> BackgroundBus:
 
 @contextlib.contextmanager
 def _listening(host: str, port: int) -> Iterator[socket.socket]:
-    """Hold a listening socket, so that a taken port is noticed before anything else begins."""
+    """Open the listening socket first, so that a taken port is detected early."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

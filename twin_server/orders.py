@@ -30,7 +30,7 @@ _MICROSECOND = datetime.timedelta(microseconds=1)
 
 
 class Frozen(BaseModel):
-    """Immutable, and refusing what it does not know."""
+    """Immutable model that refuses unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -125,7 +125,7 @@ def moment_ns(moment: Moment | None) -> int | None:
 
 
 class Adopted(Frozen):
-    """A diagnosis that a twin has taken in, and what it takes to undo that."""
+    """A diagnosis that a twin has adopted, and what is needed to undo that."""
 
     diagnosis: Annotated[int, Field(ge=1)]
     clock: Clock

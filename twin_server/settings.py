@@ -23,7 +23,7 @@ YEAR_2000_NS = 946_684_800_000_000_000
 
 
 class Frozen(BaseModel):
-    """Immutable, and refusing what it does not know."""
+    """Immutable model that refuses unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -44,7 +44,7 @@ class AdmissionSettings(Frozen):
 
 
 class BackfillSettings(Frozen):
-    """How holes in the account are healed."""
+    """Requests for missing features."""
 
     grace_s: NotNegative = 0.25
     """How long a hole may close by itself before the edge is asked."""
@@ -63,7 +63,7 @@ class BackfillSettings(Frozen):
 
 
 class PipelineSettings(Frozen):
-    """How much is done at once."""
+    """Sizes of batches and queues of the pipeline."""
 
     batch_messages: Count = 2_000
     inbox_messages: Count = 200_000
@@ -73,7 +73,7 @@ class PipelineSettings(Frozen):
 
 
 class ServeSettings(Frozen):
-    """Limits of what one client may ask for."""
+    """Limits of requests."""
 
     max_body_bytes: Annotated[int, Field(ge=1_024)] = 65_536
     default_points: Annotated[int, Field(ge=2)] = 1_000
@@ -113,7 +113,7 @@ class ServeSettings(Frozen):
 
 
 class DiagnoseSettings(Frozen):
-    """What diagnoses may cost, and from what they may be made."""
+    """Limits of diagnoses, and the samples they may use."""
 
     recordings: Path | None = None
     """Folder of recordings (MCAP) that diagnoses may be made from; None for none."""
@@ -153,7 +153,7 @@ class RecordingSettings(Frozen):
 
 
 class GapSettings(Frozen):
-    """How a model with inputs is held against what arrives, while nobody asks."""
+    """How a model with inputs is compared with incoming samples."""
 
     every_s: NotNegative = 30.0
     """Between two comparisons; 0 for none."""
@@ -169,7 +169,7 @@ class GapSettings(Frozen):
 
 
 class OpenIdSettings(Frozen):
-    """An OpenID provider whose JWTs are let in."""
+    """An OpenID provider whose JWTs are accepted."""
 
     issuer: Annotated[str, Field(min_length=1)]
     audience: Annotated[str, Field(min_length=1)]
@@ -195,7 +195,7 @@ class TlsSettings(Frozen):
 
 
 class AccessSettings(Frozen):
-    """Who may ask, and how often. Without `tokens` and `openid`: who is on this machine."""
+    """Access control and rates. Without `tokens` and `openid`, local callers only."""
 
     tokens: Path | None = None
     """File of tokens, made by `slowtime tokens`."""
@@ -216,16 +216,16 @@ class AccessSettings(Frozen):
 
     @property
     def required(self) -> bool:
-        """Whether who asks must say who they are."""
+        """Whether callers must authenticate."""
         return self.tokens is not None or self.openid is not None
 
 
 class LedgerSettings(Frozen):
-    """How what was accepted is vouched for."""
+    """How accepted rows are signed."""
 
     key: Path | None = None
     """File of the private key that `slowtime ledger key` made; without one, rows are chained
-    all the same, and nobody vouches for the chain."""
+    all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""
 

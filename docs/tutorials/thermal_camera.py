@@ -8,6 +8,7 @@ import numpy as np
 
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.proposers import PROPOSERS, Proposal, Round
+from slowtime.discrepancy.search import SearchOptions
 from slowtime_services.diagnose.campaign import campaign_of
 from slowtime_services.diagnose.sources import read_any
 from slowtime_services.models import read_description, run_model
@@ -39,7 +40,8 @@ def main() -> None:
     np.savez("record.npz", **arrays)
     campaign, _ = campaign_of(model, [read_any("record.npz")])
     camera = ThermalCamera({"j1": 0.1, "j2": 1.4})
-    print(diagnose(campaign, proposers=(camera, *PROPOSERS)).sentence)
+    options = SearchOptions(proposers=(camera, *PROPOSERS))
+    print(diagnose(campaign, options=options).sentence)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ class AdmissionState:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a block was not let in: a word to count by, and a sentence."""
+    """Why a block was refused: a word to count by, and a sentence."""
 
     word: str
     sentence: str
@@ -31,7 +31,7 @@ class Refusal:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Admission:
-    """Let blocks in that continue the stream; refuse, with a reason, those that cannot.
+    """Admits blocks that continue the stream; refuses others with a reason.
 
     A sensor may also have changed for good, after a restart say. So `ADOPT_AFTER` refused
     blocks in a row that continue each other are taken for the stream from then on.
@@ -47,7 +47,7 @@ class Admission:
     def step(
         self, state: AdmissionState, block: Block, now_ns: int
     ) -> tuple[AdmissionState, Refusal | None]:
-        """Judge one block; None says that it is let in."""
+        """Check one block; None if it is admitted."""
         unfit = self._unfit(block, now_ns)
         if unfit is not None:
             return state, unfit

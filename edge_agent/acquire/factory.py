@@ -15,7 +15,7 @@ from .source import Pacer, Source
 
 
 def check_input(settings: Input) -> None:
-    """Refuse an input that cannot be opened, before anything else is begun.
+    """Refuse an input that cannot be opened, before anything starts.
 
     Raises
     ------

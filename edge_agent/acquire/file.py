@@ -49,7 +49,7 @@ class FileSource:
         if begins_ns is None:
             begins_ns = UNDATED_NS
             logger.warning(
-                "%s does not say when it began; 2000-01-01 is put there. Set input.start_ns.",
+                "%s does not state its start; 2000-01-01 is assumed. Set input.start_ns.",
                 given.path,
             )
         blocks = record.blocks(given.block_s, start_ns=begins_ns)

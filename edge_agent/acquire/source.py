@@ -30,7 +30,7 @@ class Source(Protocol):
 
 @runtime_checkable
 class CountingSource(Protocol):
-    """A source that counts what happens to it."""
+    """A source that counts its events."""
 
     def counts(self) -> Mapping[str, int]:
         """Counters of `Health`; may be called from any thread."""
@@ -45,7 +45,13 @@ class Pacer:
         self._began_ns = clock.now_ns()
 
     def wait_until(self, seconds: float) -> bool:
-        """Return once `seconds` have passed since the start; False if stopped before."""
+        """Return once `seconds` have passed since the start; False if stopped before.
+
+        Parameters
+        ----------
+        seconds
+            Time since the start [s].
+        """
         while not self._stop.is_set():
             left = seconds - (self._clock.now_ns() - self._began_ns) / 1e9
             if left <= 0:
@@ -55,7 +61,21 @@ class Pacer:
 
 
 def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block]:
-    """Hand a block over when its last sample would have been taken."""
+    """Yield each block when its last sample would have been taken.
+
+    Parameters
+    ----------
+    blocks
+        Blocks in the order of their time.
+    speed
+        Pace, as a multiple of real time; 0 for no wait.
+    pacer
+        Waits, and can be stopped.
+
+    Yields
+    ------
+    The same blocks, until stopped.
+    """
     first_ns: int | None = None
     for block in blocks:
         first_ns = block.start_ns if first_ns is None else first_ns

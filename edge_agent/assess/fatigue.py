@@ -66,7 +66,7 @@ class Point:
         )
 
     def told(self, counted: CycleCount, *, virtual: bool) -> FatiguePoint:
-        """Make of it what travels."""
+        """Convert to the message."""
         total, histogram = (
             self._counter.miner(counted.count),
             self._counter.total(counted.count),

@@ -1,4 +1,4 @@
-"""Runs a virtual sensor over blocks; it begins anew after a gap."""
+"""Runs a virtual sensor over blocks; it restarts after a gap."""
 
 import dataclasses
 
@@ -31,7 +31,7 @@ class WindowEstimate:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunningSensor:
-    """A sensor that runs: over which samples, and what it remembers."""
+    """A running virtual sensor: its span of samples, and its filter state."""
 
     sensor: VirtualSensor
     columns: list[int]

@@ -1,4 +1,4 @@
-"""Blocks in, mended and band-limited blocks out, with a count of what was mended."""
+"""Blocks in; bridged and band-limited blocks, with a count of bridged samples, out."""
 
 from .stage import CHUNK, Condition, Marked, Segment
 

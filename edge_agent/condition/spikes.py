@@ -24,7 +24,7 @@ Scales = Float[np.ndarray, "chunk channel"]
 
 
 def bridged(windows: Windows, gone: Which) -> Windows:
-    """Bridge samples that are gone by straight lines; by the nearest value at an end."""
+    """Bridge missing samples by straight lines; by the nearest value at an end."""
     filled = windows.copy()
     places = np.arange(windows.shape[1])
     for chunk, channel in np.argwhere(gone.any(axis=1)):
@@ -42,6 +42,17 @@ def usual_deviation(windows: Windows, before: Float[np.ndarray, " channel"] | No
 
     1.4826 times the median absolute deviation; the mean one where that is larger, as in a
     signal that hardly ever moves. A short chunk is not judged calmer than the one before.
+
+    Parameters
+    ----------
+    windows
+        Samples, [chunk, time, channel].
+    before
+        Standard deviation in the chunk before, [channel].
+
+    Returns
+    -------
+    Standard deviation, [chunk, channel], in the unit of the samples.
     """
     size = np.abs(_deviation(windows))
     scales = np.maximum(1.4826 * np.median(size, axis=1), size.mean(axis=1))
@@ -57,7 +68,7 @@ def without_spikes(
     scales: Scales,
     threshold: float,
 ) -> tuple[Windows, Which]:
-    """Bridge what stands out, and say where that was.
+    """Bridge outliers, and return where they were.
 
     Parameters
     ----------
@@ -91,7 +102,7 @@ def _standing_out(
     scales: Scales,
     threshold: float,
 ) -> Which:
-    """Mark samples whose deviation is beyond the usual one, and the largest of three."""
+    """Mark samples whose deviation exceeds the usual one and is the largest of three."""
     size = np.abs(_deviation(windows))
     found: Which = size > threshold * scales[:, None]
     if not found.any():

@@ -1,4 +1,4 @@
-"""Second stage of the edge: block in, mended and band-limited blocks out, with what was mended.
+"""Second stage of the edge: blocks in; bridged and band-limited blocks, with counts, out.
 
 Missing samples and single-sample spikes are bridged from their neighbours and marked. Nothing
 here smooths: a filter such as median or EWMA on raw vibration changes gain and phase within the
@@ -62,7 +62,7 @@ class Condition:
     def step(
         self, state: Segment | None, block: Block
     ) -> tuple[Segment | None, tuple[Marked, ...]]:
-        """Take one block, however long; give what can be given by now."""
+        """Take one block of any length; return the blocks that are complete."""
         out: list[Marked] = []
         for piece in _pieces(block):
             if state is not None and not self._continues(state, piece):
@@ -77,7 +77,7 @@ class Condition:
         return state, tuple(out)
 
     def finish(self, state: Segment | None) -> tuple[None, tuple[Marked, ...]]:
-        """Give what is left of the segment: nothing will continue it."""
+        """Return the rest of the segment, which no block continues."""
         if state is None:
             return None, ()
         out: list[Marked] = []

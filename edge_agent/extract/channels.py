@@ -10,14 +10,14 @@ from .windows import Rows
 
 
 def columns_of(settings: ExtractSettings, block: Block) -> tuple[list[int], tuple[str, ...]]:
-    """Give places and names of the channels to identify from."""
+    """Return places and names of the channels to identify from."""
     chosen = settings.channels or _vibrating(settings, block)
     columns = [find_column(name, block.channels) for name in chosen]
     return columns, tuple(block.channels[column] for column in columns)
 
 
 def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict[str, float]:
-    """Give means of the channels that tell of temperature or load, as far as they are there."""
+    """Return means of the temperature and load channels that are present."""
     found: dict[str, float] = {}
     for name, channel in settings.covariates.items():
         if channel in block.channels and len(rows):
@@ -27,13 +27,13 @@ def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict
 
 
 def units_of(channels: tuple[str, ...], block: Block) -> tuple[str, ...]:
-    """Give the units of some channels of a block, in their order."""
+    """Return the units of some channels of a block, in their order."""
     unit = dict(zip(block.channels, block.units, strict=True))
     return tuple(unit[name] for name in channels)
 
 
 def _vibrating(settings: ExtractSettings, block: Block) -> tuple[str, ...]:
-    """Channels to identify from, where the settings do not say."""
+    """Channels to identify from, if the settings name none."""
     taken = settings.covariates.values()
     rest = [
         (name, unit)

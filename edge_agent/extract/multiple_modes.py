@@ -44,7 +44,7 @@ class MultiModeReader:
     settings: ExtractSettings
 
     def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
-        """Read a window; one without modes still ages what is followed."""
+        """Read a window; one without modes still ages the tracked modes."""
         given = self.settings
         if len(window.channels) > given.max_channels:
             return memory, ModeReading(why=("too_many_channels",))
@@ -60,7 +60,7 @@ class MultiModeReader:
     def told(
         self, memory: Memory, window: Window, result: Sequence[identified.Mode]
     ) -> tuple[Memory, ModeReading]:
-        """Give modes their identities and put them as they travel."""
+        """Assign identities to modes, and convert them to the message's form."""
         given = self.settings
         found = _that_travel(result)
         memory, identities = self._followed(memory, window, found)
@@ -81,7 +81,7 @@ class MultiModeReader:
     def _followed(
         self, memory: Memory, window: Window, found: list[identified.Mode]
     ) -> tuple[Memory, tuple[int | None, ...]]:
-        """Give each mode the identity it has had, if it has one."""
+        """Assign to each mode the identity it had before, if any."""
         given, tracks = self.settings.tracking, memory.tracks
         if window.channels != memory.channels:
             # Shapes over other channels cannot be compared; names are never given twice.
@@ -153,7 +153,7 @@ def _message(
 
 
 def _told(sd: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
-    """Errors no smaller than what rounding hides; 0 where there is none, as of one channel."""
+    """Return standard deviations, at least those of rounding; 0 for one channel."""
     return np.asarray(np.where(sd > 0, np.maximum(sd, 10.0**-DIGITS), 0.0))
 
 

@@ -22,7 +22,7 @@ _MODES: TypeAdapter[tuple[Mode, ...]] = TypeAdapter(tuple[Mode, ...])
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PluginIdentifier:
-    """Ask an installed part; what it raises, or keeps to itself, costs the window only."""
+    """Calls an installed part; if it fails or hangs, only the window is lost."""
 
     settings: ExtractSettings
     name: str

@@ -119,7 +119,21 @@ def clock_sd(frequency: Measured, clock: RateCorrection) -> float:
 
 
 def rescaled(correlation: float, before: Measured, after: Measured) -> float:
-    """Correlation with the damping, within [-1, 1], once a frequency is known less well."""
+    """Correlation with the damping, within [-1, 1], for a frequency that is less certain.
+
+    Parameters
+    ----------
+    correlation
+        Correlation of frequency and damping [1].
+    before
+        Frequency for which it holds [Hz].
+    after
+        The same frequency with another standard deviation [Hz].
+
+    Returns
+    -------
+    Correlation for `after` [1].
+    """
     if after.sd > before.sd:
         correlation *= before.sd / after.sd
     return min(max(correlation, -1.0), 1.0)
@@ -134,7 +148,17 @@ def doubts(frequencies: Iterable[Measured], clock: RateCorrection | None) -> tup
 
 
 def is_sound(frequency: Measured, damping: Measured, correlation: float) -> bool:
-    """Whether every number may travel: finite, the errors not negative."""
+    """Whether every number may travel: finite, the errors not negative.
+
+    Parameters
+    ----------
+    frequency
+        Natural frequency with its standard deviation [Hz].
+    damping
+        Damping ratio with its standard deviation [1].
+    correlation
+        Correlation of both [1].
+    """
     values = (frequency.value, damping.value, correlation)
     errors = (frequency.sd, damping.sd)
     return all(map(math.isfinite, values + errors)) and frequency.value > 0 and min(errors) >= 0

@@ -78,7 +78,7 @@ class Stream:
 
     @property
     def true_modes(self) -> tuple[Mode, ...]:
-        """The modes at the true rate, which is known better the longer a clock was watched."""
+        """The modes at the true rate, whose error falls the longer a clock is observed."""
         true = self.latest.true_rate_hz / self.latest.rate_hz
         return tuple(
             dataclasses.replace(
@@ -97,7 +97,19 @@ class Stream:
 
 
 def identifier(settings: ExtractSettings, rate_hz: float) -> RecursiveModes:
-    """Recursive identification as the settings ask for it, at a rate [Hz]."""
+    """Recursive identification as the settings ask for it, at a rate [Hz].
+
+    Parameters
+    ----------
+    settings
+        Band, memory and interval of the identification.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    The identifier, without samples.
+    """
     low, high = LOWEST_SHARE * rate_hz, HIGHEST_SHARE * rate_hz
     band = settings.band_hz or (max(low, settings.lowest_remembered_hz), high)
     return RecursiveModes(

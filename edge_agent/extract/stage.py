@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ExtractState:
-    """State of the stage: message count, memory of the reader, and the begun window."""
+    """State of the stage: message count, memory of the reader, and the open window."""
 
     sequence: int = 0
     memory: Memory = dataclasses.field(default_factory=Memory)
@@ -60,7 +60,7 @@ class Extract:
         return state, out
 
     def finish(self, state: ExtractState) -> tuple[ExtractState, tuple[Features, ...]]:
-        """Close the window that was begun: its epoch is complete, or the stream has ended.
+        """Close the open window: its epoch is complete, or the stream has ended.
 
         What is left of a continuous stream gives a message only if no whole window came before
         it, so that a stream shorter than a window is not passed over in silence.
@@ -105,7 +105,7 @@ class Extract:
     def _continue(
         self, state: ExtractState, block: Block, marks: Marks
     ) -> tuple[ExtractState, tuple[Features, ...]]:
-        """Take a block into the stream; tell its modes where a hop is over."""
+        """Add a block to the stream; return its modes at the end of a hop."""
         out: tuple[Features, ...] = ()
         stream = state.stream
         ends = stream is not None and block.epoch != stream.latest.epoch
@@ -123,7 +123,7 @@ class Extract:
     def _tell(
         self, state: ExtractState, stream: recursive.Stream
     ) -> tuple[ExtractState, Features]:
-        """Make a message of the modes of a stream as they are known by now."""
+        """Make a message of the present estimate of the modes of a stream."""
         block, hop, given = stream.latest, stream.hop, self.settings
         assert hop is not None
         _, channels = columns_of(self.settings, block)
@@ -177,7 +177,7 @@ class Extract:
     def _identify(
         self, memory: Memory, rows: Rows, block: Block, start_ns: int, missing: int
     ) -> tuple[Memory, ModeReading]:
-        """Modes of a window, or a word on why there are none."""
+        """Modes of a window, or the reason why there are none."""
         given = self.settings
         if len(rows) < given.min_samples:
             return memory, ModeReading(why=("too_short",))

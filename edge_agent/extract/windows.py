@@ -48,7 +48,7 @@ class Gathered:
 
 
 def belongs(block: Block, gathered: Gathered) -> bool:
-    """Whether a block goes on with the window that was begun."""
+    """Whether a block continues the open window."""
     latest = gathered.latest
     same = (
         block.epoch == latest.epoch
@@ -61,7 +61,7 @@ def belongs(block: Block, gathered: Gathered) -> bool:
 
 
 def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: int) -> Gathered:
-    """Add a block to the window that was begun; what an epoch has beyond is left out."""
+    """Add a block to the open window; samples beyond an epoch are left out."""
     # In the sensor's own type, which may be half as wide, until a window is whole.
     rows = np.asarray(block.samples)
     fresh = Stretch(block.first_index, block.start_ns, ((rows, marks),), len(rows))
@@ -80,7 +80,7 @@ def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: i
 
 
 def between(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
-    """Rows `first` to `last` of a stretch, as one that begins there.
+    """Rows `first` to `last` of a stretch, as a stretch that begins there.
 
     Where a clock model stamps the blocks, the latest one knows best when any row was taken.
     """

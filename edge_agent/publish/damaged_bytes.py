@@ -38,7 +38,7 @@ class DamagedBytes:
         return self._features
 
     def found(self, segment: Path, boot: str, data: bytes, damage: Damage) -> None:
-        """Note damage, and set its bytes aside; what is known already is not noted again."""
+        """Note damage, and copy its bytes aside; known damage is not noted again."""
         if (segment, damage.begin) in self._found:
             return
         self._found[segment, damage.begin] = boot, damage
@@ -65,7 +65,7 @@ class DamagedBytes:
         )
 
     def forget(self, segment: Path) -> None:
-        """Know nothing of a segment any more: it is acknowledged, or dropped."""
+        """Delete the notes on a segment that was acknowledged or dropped."""
         for key in [key for key in self._found if key[0] == segment]:
             del self._found[key]
 

@@ -33,7 +33,7 @@ class DigestCheck:
         return self._base + len(self._sums) - 1
 
     def note(self, sequence: int, payload: bytes) -> None:
-        """Add what was made; sequences follow one another."""
+        """Add features that were made; sequences follow one another."""
         before = self._sum_to(sequence - 1) if sequence == self.newest + 1 else None
         if before is None:  # a gap: sums begin anew, and no range across it can be told
             self._base, self._sums, self._starts = sequence, array("Q"), {sequence - 1: 0}
@@ -43,7 +43,7 @@ class DigestCheck:
             self._forget(self._base + MOST_SUMS // 2)
 
     def compare(self, first: int | None, last: int, digest: str | None) -> Verdict:
-        """Hold the twin's digest of `first` to `last` against what was made."""
+        """Compare the twin's digest of `first` to `last` with the features made."""
         if last > self.newest:
             return "differs"
         if first is None or digest is None:

@@ -43,15 +43,15 @@ class FatigueStore:
                 old.unlink(missing_ok=True)
         except OSError:
             # Without a disk the structure is still worth listening to.
-            logger.exception("Fatigue of this boot is sent without being kept.")
+            logger.exception("Fatigue of this boot is sent but could not be stored.")
 
     def all(self) -> Iterator[bytes]:
-        """Read what is kept, of all boots."""
+        """Read the stored messages of all boots."""
         for path in self._paths():
             yield path.read_bytes()
 
     def turn(self) -> bytes | None:
-        """Read what is kept of one boot after the other, so that each is told again in time."""
+        """Read the stored messages of one boot at a time, to publish each again in turn."""
         paths = self._paths()
         if not paths:
             return None
@@ -59,6 +59,6 @@ class FatigueStore:
         return paths[self._turn].read_bytes()
 
     def _paths(self) -> list[Path]:
-        # Names of boots sort as they began, unless somebody gives them.
+        # Names of boots sort by their beginning, unless a user gives them.
         paths = self._folder.glob(f"*{SUFFIX}")
         return sorted(paths, key=lambda path: (path.stat().st_mtime_ns, path.name))

@@ -1,4 +1,4 @@
-"""Fourth stage of the edge: features to disk and to the bus, and answers to those who ask.
+"""Fourth stage of the edge: features to disk and bus; answers to requests.
 
 What is published may not arrive; what is in the spool can always be asked for again. So every
 feature is on disk before it is on the bus, and nothing here waits for anybody.
@@ -103,7 +103,7 @@ class Publisher:
         self._changed = threading.Condition()
 
     def open(self) -> None:
-        """Answer, listen, be alive, and say what this agent is."""
+        """Subscribe, answer requests, and announce this agent."""
         bus = self._bus
         self._handles += [
             bus.answer(self._request("account"), self._answer_account),
@@ -126,11 +126,11 @@ class Publisher:
         self._spool.close()
 
     def count(self, what: str, by: int = 1) -> None:
-        """Count something that `Health` shall tell."""
+        """Count an event for `Health`."""
         self._counters[what] += by
 
     def put(self, what: str, value: int) -> None:
-        """Set a number that `Health` shall tell, in place of the one before."""
+        """Set a number of `Health`."""
         self._counters[what] = value
 
     @property
@@ -140,7 +140,7 @@ class Publisher:
         return dict(sorted((*self._counters.items(), *told.items())))
 
     def raw(self, block: Block) -> None:
-        """Keep a block for those who ask, and send it where settings say so."""
+        """Keep a block for requests, and publish it if the settings say so."""
         header, body = raw_message(block, self.origin, self._sequences[RAW.name])
         self._sequences[RAW.name] += 1
         payload = encode_raw(header, body)
@@ -158,7 +158,7 @@ class Publisher:
         except SpoolError:
             # Without a disk the structure is still worth listening to.
             self.count("not_spooled")
-            logger.exception("Features %d are sent without being kept.", message.sequence)
+            logger.exception("Features %d are sent but could not be stored.", message.sequence)
         self._last_features = message.sequence
         self.count("features")
         self._send(FEATURES, payload)
@@ -203,7 +203,15 @@ class Publisher:
                 self._send(FATIGUE, payload)
 
     def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
-        """Wait until the twin has everything of this boot; False if `seconds` pass first."""
+        """Wait until the twin has everything of this boot; False if `seconds` pass first.
+
+        Parameters
+        ----------
+        seconds
+            Longest time to wait [s].
+        stop
+            Set to end early.
+        """
         waited = 0.0
         with self._changed:
             while self._acknowledged < self._last_features:
@@ -227,7 +235,7 @@ class Publisher:
                 self._changed.notify_all()
 
     def _is_ours(self, word: Acknowledgement) -> bool:
-        """Whether an acknowledgement may speak of what this agent has made."""
+        """Whether an acknowledgement concerns features of this agent."""
         if word.boot != self.origin.boot:
             differs = self._differs_from_spool(word)
         else:
@@ -251,7 +259,7 @@ class Publisher:
         return False
 
     def _differs_from_spool(self, word: Acknowledgement) -> bool:
-        """Hold the digest of an earlier boot against what the spool has of it."""
+        """Compare the digest of an earlier boot with the spool."""
         if word.first is None or word.sequence - word.first >= MOST_AT_ONCE:
             return False
         held = {entry.boot: entry for entry in self._spool.held()}.get(word.boot)
@@ -312,7 +320,7 @@ class Publisher:
         self._send(stream, encode(message))
 
     def _send(self, stream: Stream, payload: bytes) -> None:
-        """Publish; where the bus fails, count it: the spool has what matters."""
+        """Publish; count a failure of the bus, as the spool keeps the features."""
         try:
             key = stream.key(self.origin.site, self.origin.asset)
             self._bus.publish(key, payload, encoding=stream.encoding)

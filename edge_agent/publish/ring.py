@@ -49,7 +49,17 @@ class Ring:
                 self._length_ns -= oldest.length_ns
 
     def last(self, seconds: float) -> list[bytes]:
-        """Blocks that hold the last `seconds` of samples, in order."""
+        """Blocks that hold the last `seconds` of samples, in order.
+
+        Parameters
+        ----------
+        seconds
+            Duration [s].
+
+        Returns
+        -------
+        Payloads of the blocks, the oldest first.
+        """
         left, found = round(min(seconds, 1e9) * 1e9), list[bytes]()
         with self._lock:
             for block in reversed(self._blocks):

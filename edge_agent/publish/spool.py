@@ -134,7 +134,7 @@ class Spool:
         return self._last
 
     def held(self) -> tuple[Held, ...]:
-        """List what is held of each boot, oldest boot first."""
+        """List the stored features of each boot, oldest boot first."""
         with self._lock:
             found = {boot: Held(boot, last + 1, last) for boot, last in self._gone.items()}
             for segment in self._segments:
@@ -182,7 +182,7 @@ class Spool:
             self._drop_oldest()
 
     def read(self, boot: str, first: int = 0, last: int | None = None) -> Iterator[bytes]:
-        """Give what is held of `boot` from `first` to `last`, in order.
+        """Return the stored features of `boot` from `first` to `last`, in order.
 
         Damaged records are passed over, and noted.
         """
@@ -212,7 +212,7 @@ class Spool:
                 self._note_damage(path, boot, data, Damage(len(data), len(data), due, ends))
 
     def acknowledge(self, boot: str, sequence: int) -> int:
-        """Forget segments of `boot` that end by `sequence`; say how many features that was.
+        """Delete segments of `boot` that end by `sequence`; return how many features.
 
         Of a boot that is withheld nothing is forgotten.
         """
@@ -232,7 +232,7 @@ class Spool:
         return boot in self._withheld
 
     def withhold(self, boot: str, sequence: int) -> bool:
-        """Keep what there is of `boot`, whatever is acknowledged; False where it is so already.
+        """Keep the features of `boot` in spite of acknowledgements; False if it is so already.
 
         It lasts across restarts, until `withheld.json` is deleted while no agent runs; a full
         spool drops its oldest segments all the same.
@@ -336,7 +336,9 @@ class Spool:
             path.with_suffix(".new").write_text(json.dumps(boots))
             path.with_suffix(".new").replace(path)
         except OSError:
-            logger.exception("%s cannot be written; it is remembered until the end.", path)
+            logger.exception(
+                "%s cannot be written; it is kept in memory until the agent ends.", path
+            )
 
     def _remove(self, segment: _Segment) -> None:
         if self._file is not None and segment is self._segments[-1]:
@@ -359,7 +361,7 @@ def _boot_of(path: Path) -> str:
 
 
 def _first_of(path: Path) -> int:
-    """Give the sequence that a segment begins with, by its name; 0 where it does not say."""
+    """Return the first sequence of a segment, by its name; 0 if the name lacks it."""
     first = path.name.removesuffix(SUFFIX).rpartition(".")[2]
     return int(first) if first.isascii() and first.isdigit() else 0
 
@@ -390,7 +392,7 @@ def _read_dropped(path: Path) -> dict[str, int]:
     except FileNotFoundError:
         return {}
     except (ValueError, TypeError, AttributeError) as error:
-        logger.warning("%s cannot be read and is begun anew: %r", path, error)
+        logger.warning("%s cannot be read and is started again: %r", path, error)
         return {}
 
 

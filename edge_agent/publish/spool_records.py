@@ -1,4 +1,4 @@
-"""Packs records of a spool segment, and finds sound records behind damage.
+"""Packs records of a spool segment, and finds valid records behind damage.
 
 A segment holds eight bytes of mark, then records of
 
@@ -35,7 +35,7 @@ class Sound(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """Bytes that are no sound record, and the sequences that were in them.
+    """Bytes that are no valid record, and the sequences that were in them.
 
     `last` is one less than `first` where no record was: damage to the mark, for instance. At
     the end of a segment `last` is estimated from what can still be read.
@@ -53,7 +53,7 @@ def pack(sequence: int, payload: bytes) -> bytes:
 
 
 def checksum(sequence: int, payload: bytes) -> int:
-    """Give the CRC-32 of a record."""
+    """Return the CRC-32 of a record."""
     return zlib.crc32(payload, zlib.crc32(sequence.to_bytes(8, "little")))
 
 
@@ -131,7 +131,7 @@ def _next_sound(data: bytes, at: int, due: int) -> Sound | None:
 def _of_damaged_length(
     data: bytes, at: int, before: int, due: int, following: Sound | None
 ) -> Sound | None:
-    """Read a record whose length alone is wrong: it ends where the next one begins."""
+    """Read a record whose length alone is wrong, up to the beginning of the next one."""
     if before - at < RECORD.size:
         return None
     _, check, sequence = RECORD.unpack_from(data, at)

@@ -16,7 +16,7 @@ HOST, PORT, DATABASE, USER = "postgres", 5432, "slowtime", "slowtime"
 
 
 def main(folder: Path) -> None:
-    """Make what is missing, and say how it is read."""
+    """Make the missing passwords, and print how to read them."""
     _password(folder / "grafana/password", "SLOWTIME_GRAFANA_PASSWORD")
     database = _password(folder / "postgres/password", "SLOWTIME_DATABASE_PASSWORD")
     escaped = database.replace("\\", "\\\\").replace(":", "\\:")
@@ -41,7 +41,7 @@ def _password(path: Path, variable: str) -> str:
 
 
 def _write(path: Path, text: str, mode: int) -> None:
-    """Put a whole file in place, so that nobody reads half of it."""
+    """Write a whole file in one step, so that no reader sees half of it."""
     if path.exists() and path.read_text() == text:
         return
     new = path.with_suffix(".new")

@@ -1,1 +1,1 @@
-"""What carries and keeps: bus, clock, recording, replay, files, simulation."""
+"""Services that both processes share: bus, clock, recording, replay, files, simulation."""

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 @runtime_checkable
 class Clock(Protocol):
-    """Anything that tells the time and can wait."""
+    """Anything that returns the time and can wait."""
 
     def now_ns(self) -> int:
         """Now, in nanoseconds since 1970-01-01 UTC."""
@@ -30,13 +30,13 @@ class SystemClock:
 
 
 class HandClock:
-    """A clock that only moves when it is told to, or slept on: for tests and for replay."""
+    """A clock that moves only when it is set or slept on: for tests and for replay."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """Where the hand stands."""
+        """Time that was set."""
         return self._now_ns
 
     def sleep(self, seconds: float) -> None:
@@ -44,5 +44,5 @@ class HandClock:
         self._now_ns += round(max(seconds, 0.0) * 1e9)
 
     def set_ns(self, now_ns: int) -> None:
-        """Put the hand on `now_ns`, forwards or backwards."""
+        """Set the time to `now_ns`, forwards or backwards."""
         self._now_ns = now_ns

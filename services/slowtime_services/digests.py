@@ -1,4 +1,4 @@
-"""Payloads of features in, a digest of a range of them out, to compare what two processes have.
+"""Digest of a range of features, by which two processes compare what they hold.
 
 The digest of a range is the sum of the digests of its payloads, modulo 2⁶⁴. So a process that
 keeps running sums can tell the digest of any range that begins and ends at places it knows.
@@ -10,7 +10,7 @@ MODULUS = 2**64
 
 
 def digest_of(sequence: int, payload: bytes) -> int:
-    """Give the digest of one payload under its sequence.
+    """Return the digest of one payload under its sequence.
 
     Examples
     --------

@@ -23,7 +23,7 @@ class Run(NamedTuple):
 
 
 def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
-    """Whose features these are and which; None where they are none or cannot be read."""
+    """Return the boot and sequence of a features message; None for any other."""
     if not key.endswith("/" + FEATURES.name):
         return None
     if (ours := AS_WE_ENCODE.match(payload)) is not None:

@@ -1,4 +1,4 @@
-"""What processes say of themselves: lines for people, or JSON lines for a collector.
+"""Logs of processes: lines for people, or JSON lines for a collector.
 
 Secrets are not logged; should one slip into a message, it is blotted out.
 """

@@ -9,7 +9,7 @@ from types import FrameType
 
 @contextmanager
 def ended_by_signals(stop: threading.Event | None = None) -> Iterator[threading.Event]:
-    """Let SIGINT and SIGTERM set `stop`; the former handlers come back afterwards.
+    """Set `stop` on SIGINT and SIGTERM; restore the former handlers afterwards.
 
     In a thread other than the main one, which signals do not reach, nothing else is done.
     """

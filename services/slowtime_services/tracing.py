@@ -24,11 +24,11 @@ EDGE, TWIN = "features at the edge", "features in the twin"
 
 
 class NoTelemetryError(ValueError):
-    """Traces were asked for, and what makes them is not installed."""
+    """Traces were requested, and their library is not installed."""
 
 
 class Made(NamedTuple):
-    """What a features message is called everywhere."""
+    """Identity of a features message."""
 
     twin_id: str
     boot: str
@@ -64,7 +64,7 @@ class Traces:
         self._latest: dict[str, Made] = {}
 
     def at_edge(self, made: Made, start_ns: int, end_ns: int) -> None:
-        """Tell that features were kept and sent."""
+        """Report that features were stored and sent."""
         from opentelemetry import trace
         from opentelemetry.context import Context
 
@@ -82,7 +82,7 @@ class Traces:
         span.end(end_ns)
 
     def in_twin(self, made: Made, start_ns: int, end_ns: int) -> None:
-        """Tell that features are estimated from, and durable."""
+        """Report that features were estimated and are durable."""
         from opentelemetry import trace
 
         span = self._tracer.start_span(
@@ -99,7 +99,7 @@ class Traces:
     def answering(
         self, method: str, route: str, twin_id: str | None, headers: Mapping[str, str]
     ) -> "Iterator[Span]":
-        """Tell of a request; where it is about a twin, linked to the features it rests on."""
+        """Report a request; about a twin, it is linked to the features that the answer uses."""
         from opentelemetry import trace
         from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 
@@ -115,7 +115,7 @@ class Traces:
             yield span
 
     def close(self) -> None:
-        """Send what waits."""
+        """Send the spans that wait."""
         self._provider.shutdown()
 
 
@@ -148,7 +148,7 @@ def traces_of(service: str) -> Traces | None:
 
 
 def provider_of(service: str) -> "TracerProvider":
-    """Make a provider whose first spans have the identifiers that were agreed on."""
+    """Make a provider whose first spans have the given identifiers."""
     from opentelemetry.sdk.resources import Resource
     from opentelemetry.sdk.trace import TracerProvider
     from opentelemetry.sdk.trace.id_generator import RandomIdGenerator

@@ -63,7 +63,23 @@ class Ranking:
 def rank(
     options: Sequence[Option], weights: Float[np.ndarray, " path"], costs: Costs, seed: int = 0
 ) -> Ranking:
-    """Compare options on common futures and common draws of costs."""
+    """Compare options on common futures and common draws of costs.
+
+    Parameters
+    ----------
+    options
+        Options to compare, with their items in the same futures.
+    weights
+        Weight of each future; their sum is 1.
+    costs
+        Costs of the items.
+    seed
+        Seed of the draws of costs.
+
+    Returns
+    -------
+    Best option, best one that does something else now, and the difference of their costs.
+    """
     prices = costs.prices()
     means = np.array([float(option.quantities(weights) @ prices) for option in options])
     best = int(means.argmin())

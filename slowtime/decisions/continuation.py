@@ -50,7 +50,19 @@ class Follow:
     def after_repair(
         self, damage: Float[np.ndarray, " path"], remaining: Int[np.ndarray, " path"]
     ) -> Float[np.ndarray, "path item"]:
-        """V after a repair from each damage [1], with so many steps remaining."""
+        """V after a repair from each damage, with so many steps remaining.
+
+        Parameters
+        ----------
+        damage
+            Damage before the repair [1].
+        remaining
+            Number of steps that remain.
+
+        Returns
+        -------
+        Expected discounted items.
+        """
         share = np.clip(damage, 0.0, 1.0)[:, None]
         mixed = (1.0 - share) * self.new[remaining] + share * self.worn[remaining]
         return np.asarray(mixed)
@@ -126,6 +138,10 @@ def follow_of(new: Payments, worn: Payments | None) -> Follow:
     new, worn
         What its cycles pay that begin with a new asset, and with one repaired from a damage of
         1; None where repairs restore all.
+
+    Returns
+    -------
+    V by remaining time.
     """
     first = new.from_first_step()
     second = first if worn is None else worn.from_first_step()

@@ -40,7 +40,17 @@ class Cost:
             )
 
     def quantile(self, normal: Float[np.ndarray, " draw"]) -> Float[np.ndarray, " draw"]:
-        """Values of the cost at standard normal numbers: exp(m + s z), of the same mean."""
+        """Values of the cost at standard normal numbers: exp(m + s z), of the same mean.
+
+        Parameters
+        ----------
+        normal
+            Standard normal numbers z.
+
+        Returns
+        -------
+        Values [currency, or currency per time].
+        """
         if self.sd == 0.0:
             return np.full(len(normal), self.mean)
         spread = math.sqrt(math.log1p((self.sd / self.mean) ** 2))
@@ -131,7 +141,19 @@ class Costs:
         return float(self.event(item) @ self.prices())
 
     def with_price(self, item: int, mean: float) -> "Costs":
-        """Change the mean of one item, its relative standard deviation kept."""
+        """Change the mean of one item and keep its relative standard deviation.
+
+        Parameters
+        ----------
+        item
+            Index of the item.
+        mean
+            Its new mean [currency, or currency per time].
+
+        Returns
+        -------
+        The changed costs.
+        """
         old = self._each()[item]
         sd = old.sd * mean / old.mean if old.mean > 0 and mean > 0 else 0.0
         changed: dict[str, Any] = {ITEMS[item]: Cost(mean, sd)}
@@ -139,5 +161,17 @@ class Costs:
 
 
 def discount(time: Float[np.ndarray, " time"], rate: float) -> Float[np.ndarray, " time"]:
-    """Weight exp(-r t) of what is paid at each time."""
+    """Weight exp(-r t) of a payment at each time.
+
+    Parameters
+    ----------
+    time
+        Times from now [time].
+    rate
+        Discount rate r [1/time].
+
+    Returns
+    -------
+    Weights [1].
+    """
     return np.exp(-rate * time)

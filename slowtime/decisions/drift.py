@@ -106,7 +106,19 @@ class Pooled:
 def damage_at(
     place: Float[np.ndarray, "*any"], acceleration: Float[np.ndarray, "*acc"]
 ) -> Float[np.ndarray, "*any"]:
-    """D of a coordinate u."""
+    """Damage D at a coordinate u.
+
+    Parameters
+    ----------
+    place
+        Coordinate u [1].
+    acceleration
+        Acceleration c [1]; broadcast against `place`.
+
+    Returns
+    -------
+    Damage [1].
+    """
     c = np.maximum(acceleration, 1e-9)
     return np.asarray(np.expm1(place * np.log1p(c)) / c)
 
@@ -114,14 +126,26 @@ def damage_at(
 def slope_at(
     place: Float[np.ndarray, "*any"], acceleration: Float[np.ndarray, "*acc"]
 ) -> Float[np.ndarray, "*any"]:
-    """Give dD/du at a coordinate u."""
+    """Compute the derivative dD/du at a coordinate u.
+
+    Parameters
+    ----------
+    place
+        Coordinate u [1].
+    acceleration
+        Acceleration c [1]; broadcast against `place`.
+
+    Returns
+    -------
+    Derivative [1], at least `LEAST_SLOPE`.
+    """
     c = np.maximum(acceleration, 1e-9)
     speed = np.log1p(c)
     return np.asarray(np.maximum(speed / c * np.exp(place * speed), LEAST_SLOPE))
 
 
 def start(shape: tuple[int, ...], rate: float) -> DriftBelief:
-    """Begin with new assets.
+    """Make the belief about new assets.
 
     Parameters
     ----------
@@ -129,6 +153,10 @@ def start(shape: tuple[int, ...], rate: float) -> DriftBelief:
         Leading axes, and the count of assets.
     rate
         First guess of M [1/time], which sets the scale of the diffuse rate.
+
+    Returns
+    -------
+    The belief.
     """
     full = (*shape[:-1], len(_Q), shape[-1])
     none = np.zeros(full)
@@ -139,7 +167,19 @@ def start(shape: tuple[int, ...], rate: float) -> DriftBelief:
 
 
 def advance(belief: DriftBelief, step: float) -> DriftBelief:
-    """Let time pass without a reading."""
+    """Predict the belief after a time without a reading.
+
+    Parameters
+    ----------
+    belief
+        Belief now.
+    step
+        Time that passes [time].
+
+    Returns
+    -------
+    Belief then.
+    """
     pdr = belief.pdr + step * belief.prr
     pdd = belief.pdd + step * (belief.pdr + pdr) + _Q * step
     return dataclasses.replace(
@@ -152,7 +192,21 @@ def read(
     reading: Float[np.ndarray, "*row asset"],
     sd: float | Float[np.ndarray, "*row asset"],
 ) -> DriftBelief:
-    """Take in a reading of each asset; one that is NaN is passed over."""
+    """Update the belief by a reading of each asset; one that is NaN is passed over.
+
+    Parameters
+    ----------
+    belief
+        Belief before the reading.
+    reading
+        Measured damage of each asset [1].
+    sd
+        Standard deviation of a reading [1].
+
+    Returns
+    -------
+    Belief after the reading.
+    """
     own = np.broadcast_to(np.asarray(sd, dtype=float), reading.shape)[..., None, :]
     given = np.isfinite(reading)[..., None, :]
     slope = slope_at(belief.place, _C)
@@ -172,7 +226,19 @@ def read(
 
 
 def renew(belief: DriftBelief, renewed: Bool[np.ndarray, "*row asset"]) -> DriftBelief:
-    """Make assets new that were renewed; their rates stay believed."""
+    """Set the assets that were renewed to undamaged; the belief about their rates is kept.
+
+    Parameters
+    ----------
+    belief
+        Belief before the renewal.
+    renewed
+        True for each asset that was renewed.
+
+    Returns
+    -------
+    Belief after the renewal.
+    """
     new = np.broadcast_to(renewed[..., None, :], belief.place.shape)
     return dataclasses.replace(
         belief,
@@ -183,12 +249,18 @@ def renew(belief: DriftBelief, renewed: Bool[np.ndarray, "*row asset"]) -> Drift
 
 
 def pool(belief: DriftBelief, guess: float, guess_sd: float) -> Pooled:
-    """Give each asset what its sisters tell.
+    """Combine the belief about each asset with the rates of its sister assets.
 
     Parameters
     ----------
+    belief
+        Belief about each asset by itself.
     guess, guess_sd
         Of M before any reading [1/time].
+
+    Returns
+    -------
+    Belief about each asset, with the rates of the fleet.
     """
     chosen, variance, acceleration = _chosen(belief.evidence)
     best = chosen[..., None, None]
@@ -289,8 +361,16 @@ def failure_cdf(
     ----------
     pooled
         Gives q, M and what is not known of the rate at a known damage.
+    place
+        Coordinate u of each state [1].
+    rate
+        Rate of each state [1/time].
     time
         From now [time].
+
+    Returns
+    -------
+    Probabilities [1].
     """
     left = np.maximum(pooled.prr - pooled.pdr**2 / np.maximum(pooled.pdd, 1e-12), 0.0)
     fleet = np.maximum(pooled.mean_rate, 1e-12)[..., None, None]

@@ -77,7 +77,17 @@ class Ensemble:
         return found
 
     def after_repair(self, start: float) -> "Ensemble":
-        """Futures of an asset that has just been repaired to a damage `start`."""
+        """Futures of an asset that has just been repaired.
+
+        Parameters
+        ----------
+        start
+            Damage that the repair leaves [1].
+
+        Returns
+        -------
+        The futures.
+        """
         if self.renewed is not None:
             return self.renewed(start)
         return from_paths(self.time, self.damage - self.damage[:, :1] + start, self.weights)
@@ -95,6 +105,10 @@ def from_paths(
     ----------
     time, damage, weights, renewed
         As of `Ensemble`; equal weights by default. Between times a path is straight.
+
+    Returns
+    -------
+    The ensemble.
 
     Examples
     --------

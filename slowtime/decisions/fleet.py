@@ -48,7 +48,19 @@ class Continuations:
     def at(
         self, rate: Float[np.ndarray, " asset"], remaining: Int[np.ndarray, " time"]
     ) -> Float[np.ndarray, "asset time item"]:
-        """V of each asset with so many epochs remaining, straight between rates."""
+        """V of each asset with so many epochs remaining, interpolated linearly between rates.
+
+        Parameters
+        ----------
+        rate
+            Rate of each asset [1/time].
+        remaining
+            Numbers of epochs that remain.
+
+        Returns
+        -------
+        Expected discounted items.
+        """
         place = np.clip(np.searchsorted(self.rate, rate) - 1, 0, len(self.rate) - 2)
         low, high = self.rate[place], self.rate[place + 1]
         share = np.clip((rate - low) / (high - low), 0.0, 1.0)[:, None, None]
@@ -67,16 +79,24 @@ def continuations(
     error: EstimateError,
     seed: int = 0,
 ) -> Continuations:
-    """Give V of new assets of several rates, each under its best threshold on the estimate.
+    """Compute V of new assets of several rates, each under its best threshold on the estimate.
 
     Parameters
     ----------
+    costs
+        Costs of all items.
     mean_rate, variance, acceleration
         M and q [1/time], and c [1], of the fleet.
     epochs, step
         Until the end of the horizon, and from one to the next [time].
     error
         Of the estimate by which thresholds act.
+    seed
+        Seed of the simulated futures.
+
+    Returns
+    -------
+    V by rate and remaining number of epochs.
     """
     time = step * np.arange(epochs + 1)
     rng = np.random.default_rng(seed)
@@ -111,12 +131,20 @@ def decide(
     ----------
     pooled
         What is believed of each asset.
+    costs
+        Costs of all items.
+    follow
+        V after a renewal.
     epochs, step
         Until the end of the horizon, and from one to the next [time].
     reading_sd
         Error of the reading of each epoch [1]; None where none come.
     inspection_sd
         Error of an inspection [1]; None where none can be ordered.
+
+    Returns
+    -------
+    Choice for each asset, with its net values.
     """
     ahead = AHEAD[epochs >= AHEAD]
     place, rate = drift.states_of(pooled)
@@ -216,6 +244,8 @@ def dispatch(
 
     Parameters
     ----------
+    candidates
+        Assets that could be inspected, with net value and cost.
     visits
         How many inspections the teams can make.
     budget

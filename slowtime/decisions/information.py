@@ -66,7 +66,7 @@ def value_of_information(
     weights: Float[np.ndarray, "*asset path"],
     likelihood: Float[np.ndarray, "*asset path outcome"],
 ) -> Information:
-    """Give the value of an observation among actions, of one asset or of many at once.
+    """Value of an observation among actions, of one asset or of many at once.
 
     Parameters
     ----------
@@ -76,6 +76,10 @@ def value_of_information(
         Of each future; their sum is 1.
     likelihood
         Probability of each outcome in each future; the sum over outcomes is 1.
+
+    Returns
+    -------
+    Value of the observation, and the best actions without and with it.
 
     Examples
     --------
@@ -106,10 +110,16 @@ def of_a_number(
     ----------
     state
         What is measured, in each future.
+    weights
+        Weight of each future.
     sd
         Standard deviation of the error, in the same unit; 0 for none.
     outcomes
         Count of intervals.
+
+    Returns
+    -------
+    Probability of each interval in each future [1].
     """
     own = np.asarray(sd, dtype=float)[..., None]
     mean = (weights * state).sum(axis=-1, keepdims=True)
@@ -137,6 +147,10 @@ def of_detection(
     slope
         Exponent: POD(d) = d^slope / (half^slope + d^slope).
 
+    Returns
+    -------
+    Probability of both outcomes in each future [1].
+
     References
     ----------
     .. [1] A. P. Berens, "NDE reliability data analysis", Metals Handbook 17 (1989).
@@ -161,8 +175,16 @@ def of_readings(
         Of each future at the time of each reading [1].
     time
         When it is read [time].
+    weights
+        Weight of each future; their sum is 1.
     sd
         Of the error of one reading [1].
+    outcomes
+        Number of intervals of level and of slope, from three readings on.
+
+    Returns
+    -------
+    Probability of each outcome in each future [1].
     """
     count = len(time)
     level = of_a_number(
@@ -178,9 +200,19 @@ def of_readings(
 
 
 def linear_loss(mean: float, sd: float) -> float:
-    r"""Perfect information between 0 and a cost x ~ N(mean, sd²): sd L(|mean| / sd).
+    r"""Value of perfect information on a cost x ~ N(mean, sd²) against a cost of 0.
 
-    L is the unit normal loss integral :math:`\varphi(u) - u (1 - \Phi(u))`.
+    It is :math:`\sigma L(|\mu| / \sigma)` with the unit normal loss integral
+    :math:`L(u) = \varphi(u) - u (1 - \Phi(u))`.
+
+    Parameters
+    ----------
+    mean, sd
+        Mean and standard deviation of the cost [currency].
+
+    Returns
+    -------
+    Value of the information [currency].
 
     Examples
     --------

@@ -23,7 +23,7 @@ def repair_items(
     after_repair: Float[np.ndarray, "*#asset #path time item"],
     after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path time item"]:
-    """Give expected discounted items of "repair at each of the times, unless it fails before".
+    """Compute expected discounted items of a repair at each time, unless the asset fails first.
 
     Parameters
     ----------
@@ -31,6 +31,8 @@ def repair_items(
         When a repair may be planned, the first being now; not necessarily equal steps.
     failure_cdf
         Probability of a failure by each time, in each state.
+    costs
+        Costs of all items.
     after_repair, after_failure
         What follows a renewal at each time, until the horizon, not yet discounted to now.
 
@@ -51,7 +53,23 @@ def never_items(
     costs: Costs,
     after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path item"]:
-    """Give expected discounted items of planning no repair within the times."""
+    """Compute the expected discounted items where no repair is planned within the times.
+
+    Parameters
+    ----------
+    time
+        Times from now [time].
+    failure_cdf
+        Probability of a failure by each time [1].
+    costs
+        Costs, of which the discount rate and the items of a failure count.
+    after_failure
+        V after a failure at each time.
+
+    Returns
+    -------
+    Items.
+    """
     weight = discount(time, costs.discount_rate)[:, None]
     failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]
     paid = failing * weight * (costs.event(FAILURE) + after_failure)
@@ -129,6 +147,12 @@ def look_ahead(
         Error of an inspection [1], and what one costs [currency].
     monitored
         Readings that come anyway, and later inspections: waiting may end by what they tell.
+    outcomes
+        Number of intervals of a measured number.
+
+    Returns
+    -------
+    Choice for each asset, with its expected costs [currency].
     """
     expected = (weights[..., None] * cost).sum(axis=-2)
     now, later = expected[:, 0], expected[:, 1:].min(axis=-1)

@@ -95,11 +95,31 @@ class BeliefSolution:
     actions: Int[np.ndarray, " plane"]
 
     def value(self, belief: Float[np.ndarray, " state"]) -> float:
-        """Give the expected discounted cost from a belief on [currency]."""
+        """Upper bound of the expected discounted cost from a belief on.
+
+        Parameters
+        ----------
+        belief
+            Probability of each state [1].
+
+        Returns
+        -------
+        Cost [currency].
+        """
         return float((self.planes @ belief).min())
 
     def action(self, belief: Float[np.ndarray, " state"]) -> int:
-        """Best action at a belief."""
+        """Best action at a belief.
+
+        Parameters
+        ----------
+        belief
+            Probability of each state [1].
+
+        Returns
+        -------
+        Index of the action.
+        """
         return int(self.actions[(self.planes @ belief).argmin()])
 
 
@@ -119,14 +139,20 @@ def beliefs_on_grid(states: int, steps: int) -> Float[np.ndarray, "belief state"
 
 
 def solve_beliefs(process: Process, *, steps: int = 20, sweeps: int = 2000) -> BeliefSolution:
-    """Solve a partly seen process by point-based value iteration on a grid of beliefs.
+    """Solve a partially observed process by point-based value iteration on a grid of beliefs.
 
     Parameters
     ----------
+    process
+        Partly observed process.
     steps
         Of the grid; beliefs grow as steps^(states - 1).
     sweeps
         At most.
+
+    Returns
+    -------
+    Planes over beliefs, an upper bound of the cost.
 
     References
     ----------

@@ -105,7 +105,25 @@ def likelihood_of(
     damage: Float[np.ndarray, "path time"],
     weights: Float[np.ndarray, " path"],
 ) -> Float[np.ndarray, "path outcome"]:
-    """Probability of each outcome of an observation by the time of `index`, in each future."""
+    """Probability of each outcome of an observation by the time of `index`, in each future.
+
+    Parameters
+    ----------
+    observation
+        Inspection, detection or readings.
+    index
+        Index of the time at which the outcome is in.
+    time
+        Times from now [time].
+    damage
+        Damage of each future [1].
+    weights
+        Weight of each future; their sum is 1.
+
+    Returns
+    -------
+    Probabilities; each row sums to 1.
+    """
     if observation.kind == "detection":
         return of_detection(damage[:, index], half=observation.half, slope=observation.slope)
     if observation.kind == "inspection" or observation.count == 1:
@@ -119,7 +137,19 @@ def likelihood_of(
 
 
 def index_of(observation: Observation, time: Float[np.ndarray, " time"]) -> int:
-    """First time by which readings are in; 0 for an inspection, which may be made now."""
+    """Index of the first time by which readings are in; 0 for an inspection.
+
+    Parameters
+    ----------
+    observation
+        Inspection, detection or readings.
+    time
+        Times from now [time].
+
+    Returns
+    -------
+    Index of the time; the last one where readings take longer than the horizon.
+    """
     if observation.kind != "readings":
         return 0
     asked = observation.count * observation.every
@@ -141,12 +171,28 @@ def worth(
 
     Parameters
     ----------
+    observation
+        Inspection, detection or readings.
+    index
+        Index of the time at which the outcome is in.
+    time
+        Times from now [time].
+    damage
+        Damage of each future [1].
+    weights
+        Weight of each future; their sum is 1.
     actions
         What may be done from then on.
+    prices
+        Mean cost of each item.
     least
         Expected cost of the best option without it [currency].
     weight
         Discount factor of its cost.
+
+    Returns
+    -------
+    Value of the observation [currency], and what it would change.
     """
     likelihood = likelihood_of(observation, index, time, damage, weights)
     found = value_of_information(actions.items @ prices, weights, likelihood)

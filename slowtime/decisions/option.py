@@ -43,7 +43,17 @@ class Option:
     repair_time: Float[np.ndarray, " path"] | None = None
 
     def quantities(self, weights: Float[np.ndarray, " path"]) -> Float[np.ndarray, " item"]:
-        """Give the expected discounted number of each item."""
+        """Compute the expected discounted number of each item.
+
+        Parameters
+        ----------
+        weights
+            Weight of each future; their sum is 1.
+
+        Returns
+        -------
+        Number of each item.
+        """
         found: Float[np.ndarray, " item"] = weights @ self.items
         return found
 
@@ -51,7 +61,19 @@ class Option:
 def band(
     cost: Float[np.ndarray, " path"], weights: Float[np.ndarray, " path"]
 ) -> tuple[float, float]:
-    """Weighted 5 and 95 % quantiles of a cost over futures."""
+    """Weighted 5 and 95 % quantiles of a cost over futures.
+
+    Parameters
+    ----------
+    cost
+        Cost of each future [currency].
+    weights
+        Weight of each future; their sum is 1.
+
+    Returns
+    -------
+    Both quantiles [currency].
+    """
     order = np.argsort(cost)
     total = np.cumsum(weights[order])
     places = [min(int(np.searchsorted(total, at)), len(cost) - 1) for at in BAND]

@@ -123,6 +123,8 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
         From now to the horizon.
     costs
         Times in the unit of the futures.
+    terms
+        Terms besides futures and costs, such as what a repair restores and what can be ordered.
 
     Returns
     -------

@@ -73,6 +73,10 @@ def age_policy(
     mean_life
         E[T]; by default the integral of S with an exponential tail behind the last age.
 
+    Returns
+    -------
+    The best age, its cost per time, and the cost per time at every age.
+
     Raises
     ------
     ValueError

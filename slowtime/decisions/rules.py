@@ -60,14 +60,44 @@ def at_age(futures: Ensemble, index: int) -> Cycle:
 def at_estimate(
     futures: Ensemble, threshold: float, estimates: Float[np.ndarray, "path time"]
 ) -> Cycle:
-    """Repair as soon as the estimate of the damage reaches `threshold` [1]."""
+    """Repair as soon as the estimate of the damage reaches a threshold.
+
+    Parameters
+    ----------
+    futures
+        Futures of the asset.
+    threshold
+        Damage at which to repair [1].
+    estimates
+        Estimate of the damage in each future [1].
+
+    Returns
+    -------
+    Cycle of the asset in each future.
+    """
     return _first(futures, _reached(estimates >= threshold))
 
 
 def by_inspection(
     futures: Ensemble, every: int, threshold: float, measured: Float[np.ndarray, "path time"]
 ) -> Cycle:
-    """Inspect after every so many steps, and repair where `threshold` is measured."""
+    """Inspect at equal intervals, and repair where the measured damage reaches a threshold.
+
+    Parameters
+    ----------
+    futures
+        Futures of the asset.
+    every
+        Number of steps between two inspections.
+    threshold
+        Damage at which to repair [1].
+    measured
+        Damage that an inspection would measure at each time [1].
+
+    Returns
+    -------
+    Cycle of the asset in each future, with its inspections.
+    """
     count = len(futures.time)
     due = (np.arange(count) % every == 0) & (np.arange(count) > 0)
     found = _first(futures, _reached((measured >= threshold) & due))
@@ -88,6 +118,10 @@ def threshold_of_probability(
 
     Parameters
     ----------
+    futures
+        Futures of the asset.
+    estimates
+        Estimate of the damage in each future [1].
     probability
         P_f that calls for a repair [1].
     window

@@ -36,13 +36,19 @@ class Starts:
 
     @classmethod
     def of(cls, futures: Ensemble, restored: float) -> "Starts":
-        """Ask an ensemble for what repairs lead to.
+        """Make the futures that repairs lead to.
 
         Parameters
         ----------
+        futures
+            Futures of the asset from now on.
         restored
             Share of the damage that a repair takes away [1]; a failure always ends in a new
             asset.
+
+        Returns
+        -------
+        Futures from now, of a new asset, and of one repaired from a damage of 1.
         """
         worn = None if restored >= 1.0 else futures.after_repair(1.0 - restored)
         return cls(futures, futures.after_repair(0.0), worn)
@@ -70,16 +76,24 @@ def standing_policies(
     window: int,
     inspection_sd: float | None,
 ) -> list[Standing]:
-    """Give the best of each kind: run to failure, age, fixed interval, thresholds, inspections.
+    """Best standing policy of each kind, such as by age, by interval or by threshold.
 
     Parameters
     ----------
+    starts
+        Futures from now, of a new asset, and of one repaired from a damage of 1.
+    costs
+        Costs of all items.
     error
         Of the estimate by which thresholds act.
     window
         Steps within which a failure counts for the threshold on P_f.
     inspection_sd
         Error of an inspection [1]; None where none can be ordered.
+
+    Returns
+    -------
+    The best policy of each kind.
     """
     count = len(starts.now.time)
     steps = sorted({max(1, round(k * (count - 1) / PARTS)) for k in range(1, PARTS + 1)})

@@ -16,7 +16,7 @@ Values = float | Float[np.ndarray, "..."]
 def wiener_first_passage(
     ahead: Values, *, distance: Values, drift: Values, sigma: Values
 ) -> Float[np.ndarray, "..."]:
-    r"""Give the probability that a Wiener process with drift has passed a threshold.
+    r"""Probability that a Wiener process with drift has passed a threshold.
 
     For :math:`\mu > 0` the time is inverse Gaussian with mean :math:`z / \mu` and shape
     :math:`z^2 / \sigma^2`. With a drift away from the threshold it may never be reached.
@@ -30,6 +30,10 @@ def wiener_first_passage(
     drift, sigma
         :math:`\mu` towards the threshold [quantity / time], and :math:`\sigma` [quantity /
         root of time].
+
+    Returns
+    -------
+    Probability [1].
 
     References
     ----------
@@ -54,7 +58,7 @@ def wiener_first_passage(
 def gamma_first_passage(
     ahead: Values, *, distance: Values, shape_rate: Values, rate: Values
 ) -> Float[np.ndarray, "..."]:
-    r"""Give the probability that a gamma process has passed a threshold.
+    r"""Probability that a gamma process has passed a threshold.
 
     .. math:: P(T \le t) = \Gamma(\alpha t, \beta z) / \Gamma(\alpha t)
 
@@ -66,6 +70,10 @@ def gamma_first_passage(
         z, what is left to the threshold, in the unit of the quantity.
     shape_rate, rate
         :math:`\alpha` [1 / time] and :math:`\beta` [1 / quantity].
+
+    Returns
+    -------
+    Probability [1].
 
     References
     ----------
@@ -86,7 +94,7 @@ def load_survival(
     *,
     weights: Float[np.ndarray, " path"] | None = None,
 ) -> Float[np.ndarray, " later"]:
-    r"""Give survival under load events that come as a Poisson process.
+    r"""Probability of survival under load events that come as a Poisson process.
 
     .. math:: S(t) = \mathrm{E} \exp\left(-\lambda \int_0^t p(s)\,ds\right)
 
@@ -103,6 +111,10 @@ def load_survival(
         p, that a load which comes then breaks the structure, for each path [1].
     weights
         Of the paths; equal by default.
+
+    Returns
+    -------
+    Probability of survival [1].
     """
     p = np.asarray(failure_probability, dtype=float)
     if ((p < 0.0) | (p > 1.0)).any():
@@ -119,7 +131,7 @@ def load_survival(
 def gamma_rate_survival(
     ahead: Values, *, shape: float, scale: float
 ) -> Float[np.ndarray, "..."]:
-    r"""Give survival under failures at a constant rate that is unknown: a gamma law.
+    r"""Probability of survival under failures at a constant rate whose law is a gamma law.
 
     .. math:: S(t) = (1 + \theta t)^{-k}
 
@@ -129,12 +141,16 @@ def gamma_rate_survival(
         Times from now.
     shape, scale
         k [1] and :math:`\theta` [1 / time] of the rate's gamma law.
+
+    Returns
+    -------
+    Probability of survival [1].
     """
     return np.asarray((1.0 + scale * np.asarray(ahead, dtype=float)) ** -shape)
 
 
 def rate_given_survival(shape: float, scale: float, survived: float) -> tuple[float, float]:
-    """Give the gamma law of a failure rate, once no failure came for so long.
+    """Gamma law of a failure rate after a time without failures.
 
     Parameters
     ----------
@@ -142,6 +158,10 @@ def rate_given_survival(shape: float, scale: float, survived: float) -> tuple[fl
         Of the rate beforehand [1] and [1 / time].
     survived
         Time without a failure.
+
+    Returns
+    -------
+    Shape [1] and scale [1/time] of the law.
     """
     return shape, scale / (1.0 + scale * survived)
 

@@ -112,7 +112,19 @@ class CurvePosterior:
         return float(self.weights @ chdtrc(freedom, self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "CurvePosterior":
-        """See `law.Posterior`; one reading after another, whatever the portions."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Portions do not matter: readings are taken one after another.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         known = np.isfinite(value) & np.isfinite(sd)
         time, value, sd = time[known], value[known], sd[known]
         if not len(time):
@@ -143,7 +155,21 @@ class CurvePosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         owners = rng.choice(len(self.mean), size=count, p=self.weights)
         values, vectors = np.linalg.eigh(self.covariance[owners])
         shocks = rng.standard_normal((count, self.mean.shape[1]))

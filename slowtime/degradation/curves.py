@@ -44,27 +44,74 @@ class Curve:
 
 
 def linear(points: Points, age: np.ndarray) -> np.ndarray:
-    """Give the age itself: a drift at a constant rate."""
+    """Scaled age itself: a drift at a constant rate.
+
+    Parameters
+    ----------
+    points
+        Shape parameters, of which this curve has none [point, 0].
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Values of the curve [point, age].
+    """
     return np.broadcast_to(age, (len(points), age.shape[-1]))
 
 
 def fade(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Give the share that remains, :math:`e^{-a s}` with a rate that may have either sign."""
+    """Share that remains, :math:`e^{-a s}`, with a rate that may have either sign.
+
+    Parameters
+    ----------
+    points
+        Shape parameters, standard normal a priori [point, 1].
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Values of the curve [point, age].
+    """
     rate = 2.0 * points[:, :1]
     return np.asarray(np.exp(np.clip(-rate * age, -60.0, 60.0)))
 
 
 def power(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Give :math:`s^b` with :math:`\ln b \sim N(0, 0.6^2)`."""
+    r"""Power of the scaled age, :math:`s^b` with :math:`\ln b \sim N(0, 0.6^2)`.
+
+    Parameters
+    ----------
+    points
+        Shape parameters, standard normal a priori [point, 1].
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Values of the curve [point, age].
+    """
     exponent = np.exp(0.6 * points[:, :1])
     return np.asarray(np.maximum(age, 0.0) ** exponent)
 
 
 def logistic(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Give :math:`1 / (1 + e^{-r (s - s_0)})`: slow, fast, and slow again.
+    """Logistic growth :math:`1 / (1 + e^{-r (s - s_0)})`: slow, fast, and slow again.
 
     A priori the rate r is about 3 over the history, within a factor of two, and the middle
     :math:`s_0` is somewhat after the last reading.
+
+    Parameters
+    ----------
+    points
+        Shape parameters, standard normal a priori [point, 2].
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Values of the curve [point, age].
     """
     rate = 3.0 * np.exp(0.7 * points[:, :1])
     middle = 1.5 * np.exp(0.6 * points[:, 1:2])
@@ -72,7 +119,7 @@ def logistic(points: Points, age: np.ndarray) -> np.ndarray:
 
 
 def crack(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Give the compliance of an edge crack that grows by Paris' law.
+    r"""Compliance of a member with an edge crack that grows by Paris' law.
 
     .. math:: \frac{da}{dN} = C (\Delta K)^m, \quad \Delta K \propto \sqrt{a}
               \;\Rightarrow\; \alpha(s) = \alpha_0 (1 - s / s_f)^{-2 / (m - 2)}
@@ -80,6 +127,17 @@ def crack(points: Points, age: np.ndarray) -> np.ndarray:
     with :math:`\alpha` the crack over the depth. The cracked member gives in as
     :math:`1 - 1 / (1 + \kappa V(\alpha))` with V the flexibility of a single edge crack in
     bending. Beyond :math:`\alpha = 0.95` the member has broken.
+
+    Parameters
+    ----------
+    points
+        Shape parameters, standard normal a priori [point, 4].
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Values of the curve [point, age].
 
     References
     ----------
@@ -98,7 +156,22 @@ def crack(points: Points, age: np.ndarray) -> np.ndarray:
 
 
 def edge_flexibility(depth: np.ndarray) -> np.ndarray:
-    """Give the flexibility of a single edge crack in bending, of a crack over the depth [1]."""
+    """Flexibility of a single edge crack in pure bending.
+
+    Parameters
+    ----------
+    depth
+        Length of the crack over the depth of the member [1].
+
+    Returns
+    -------
+    Flexibility, up to a constant factor [1].
+
+    References
+    ----------
+    .. [1] H. Tada, P. C. Paris and G. R. Irwin, "The Stress Analysis of Cracks Handbook",
+       single edge notch in pure bending.
+    """
     factor = 5.93 + depth * (-19.69 + depth * (37.14 + depth * (-35.84 + 13.12 * depth)))
     return np.asarray((depth / (1.0 - depth)) ** 2 * factor)
 
@@ -111,7 +184,21 @@ CRACK = Curve("Paris crack", crack, ("exponent", "end", "depth", "compliance"))
 
 
 def columns(curve: Curve, points: Points, age: np.ndarray) -> np.ndarray:
-    """Give the linear coefficients' columns [point, age, column]: level and scaled growth."""
+    """Columns of the linear coefficients of a curve: level and scaled growth.
+
+    Parameters
+    ----------
+    curve
+        The law.
+    points
+        Shape parameters.
+    age
+        Scaled ages [age] or [point, age].
+
+    Returns
+    -------
+    Columns [point, age, column]; only the remaining share where the curve fades.
+    """
     grown = curve.shape(points, age)
     if curve.fades:
         return grown[..., None]

@@ -115,14 +115,38 @@ class GammaPosterior:
         return np.asarray(weight / weight.sum())
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GammaPosterior":
-        """See `law.Posterior`."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         parts = tuple(_followed(self.history, one, time, value, sd) for one in self.parts)
         return dataclasses.replace(self, parts=parts)
 
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         owners = rng.choice(len(weight := self._weights()), size=count, p=weight)
         density = np.concatenate([one.density for one in self.parts])[owners]
         sizes = [len(one.sample.points) for one in self.parts]

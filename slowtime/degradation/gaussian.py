@@ -59,7 +59,19 @@ class GaussianPosterior:
     p_value: float
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GaussianPosterior":
-        """See `law.Posterior`: evidence grows by what the members foretold together."""
+        """Update the belief by further readings, at a constant cost each.
+
+        The evidence grows by what the members predicted together.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         gained = self.log_evidence
         begun = self.begun
         for i in range(len(time)):
@@ -78,7 +90,21 @@ class GaussianPosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         if not count:
             return Drawn(np.zeros((0, len(later))), np.zeros(0))
         seed = int(rng.integers(2**31))

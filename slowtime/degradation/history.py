@@ -73,7 +73,17 @@ class History:
     scatter: float
 
     def age(self, time: Float[np.ndarray, " any"]) -> Float[np.ndarray, " any"]:
-        """Give the virtual age at slow times, over the span [1]."""
+        """Virtual age at slow times, relative to the span.
+
+        Parameters
+        ----------
+        time
+            Slow times.
+
+        Returns
+        -------
+        Ages [1].
+        """
         age = time - self.origin
         removed = 0.0
         for event in self.events:
@@ -83,7 +93,17 @@ class History:
         return np.asarray(age / self.span)
 
     def steps(self, time: Float[np.ndarray, " any"]) -> Float[np.ndarray, "any step"]:
-        """Give one column for each event that shifts the level: 0 before it and 1 after."""
+        """Step functions of the events that shift the level: 0 before an event and 1 after it.
+
+        Parameters
+        ----------
+        time
+            Slow times.
+
+        Returns
+        -------
+        One column for each event that shifts the level.
+        """
         places = [event.time for event in self.events if event.sd > 0.0]
         return np.asarray(time[:, None] > np.array(places), dtype=float)
 
@@ -112,7 +132,7 @@ def history_of(
     events: Sequence[Event] = (),
     origin: float | None = None,
 ) -> History:
-    """Give the usable readings in order, with their scales.
+    """Sort the usable readings by time, and compute their scales.
 
     Parameters
     ----------
@@ -122,6 +142,10 @@ def history_of(
         Known jumps and repairs.
     origin
         Slow time at which the age is zero; by default that of the first reading.
+
+    Returns
+    -------
+    The readings in ascending order of time, with their scales.
 
     Raises
     ------

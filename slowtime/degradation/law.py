@@ -43,13 +43,37 @@ class Posterior(Protocol):
         ...
 
     def follow(self, time: Series, value: Series, sd: Series) -> "Posterior":
-        """Take in further readings, at a constant cost each."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         ...
 
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """Sample paths at future slow times, the first of which is the last reading's."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         ...
 
     def hyperparameters(self) -> FleetPrior | None:
@@ -75,5 +99,9 @@ class Law(Protocol):
             The readings, with their scales and events.
         fleet
             What sister assets say of the parameters; None for the weakly informative prior.
+
+        Returns
+        -------
+        Belief after the readings.
         """
         ...

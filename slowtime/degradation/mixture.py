@@ -81,7 +81,16 @@ class Mixture:
         )
 
     def follow(self, time: Series, value: Series, sd: Series) -> "Mixture":
-        """Take in further readings, at a constant cost each.
+        """Update every law by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        The laws after the readings.
 
         Raises
         ------
@@ -166,7 +175,7 @@ class Mixture:
         seed: int = 0,
         only: str | None = None,
     ) -> RemainingLife:
-        """Give the distribution of the first crossing of a threshold.
+        """Distribution of the time of the first crossing of a threshold.
 
         Parameters
         ----------
@@ -182,6 +191,10 @@ class Mixture:
             Probabilities whose times are told.
         points, paths, seed, only
             As for `futures`.
+
+        Returns
+        -------
+        Distribution of the time of the first crossing.
         """
         futures = self.futures(horizon, points=points, paths=paths, seed=seed, only=only)
         return futures.crossing(
@@ -229,6 +242,10 @@ def learn(
         and one for a law that is not named there.
     bound
         Lower bound of the quantity.
+
+    Returns
+    -------
+    The laws with their probabilities.
 
     Examples
     --------

@@ -58,6 +58,10 @@ def importance_sample(
     points, rounds
         Points of each proposal, and how many proposals follow the first.
 
+    Returns
+    -------
+    Points with importance weights.
+
     References
     ----------
     .. [1] J.-M. Cornuet et al., "Adaptive multiple importance sampling" (2012).
@@ -81,7 +85,17 @@ def importance_sample(
 
 
 def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
-    """Logarithm of the standard normal density."""
+    """Logarithm of the standard normal density.
+
+    Parameters
+    ----------
+    points
+        Points [point, parameter].
+
+    Returns
+    -------
+    Logarithm of the density at each point.
+    """
     size = points.shape[1]
     return np.asarray(-0.5 * np.sum(points**2, axis=1) - 0.5 * size * np.log(2.0 * np.pi))
 

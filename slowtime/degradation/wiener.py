@@ -95,7 +95,17 @@ class WienerPosterior:
         return float(self.weights @ chdtrc(max(self.count - 2, 1), self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "WienerPosterior":
-        """See `law.Posterior`."""
+        """Update the belief by further readings, at a constant cost each.
+
+        Parameters
+        ----------
+        time, value, sd
+            Slow time, value, and standard deviation of each reading; NaN readings are left out.
+
+        Returns
+        -------
+        Belief after the readings.
+        """
         mean, covariance = self.mean.copy(), self.covariance.copy()
         total, misfit, now = self.log_likelihood.copy(), self.misfit.copy(), self.time
         count, floor = self.count, 1e-6 * self.history.scatter
@@ -150,7 +160,21 @@ class WienerPosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """See `law.Posterior`."""
+        """Sample paths at future slow times, the first of which is the last reading's.
+
+        Parameters
+        ----------
+        later
+            Slow times, ascending; the first is that of the last reading.
+        count
+            Number of paths.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Paths in the unit of the readings, and the roughness of each.
+        """
         owners = rng.choice(len(self.sigma), size=count, p=self.weights)
         shocks = rng.standard_normal((count, 2))
         factor = np.linalg.cholesky(self.covariance[owners] + 1e-300 * np.eye(2))

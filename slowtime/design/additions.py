@@ -106,7 +106,19 @@ class AddedStructure:
     def matrices(
         self, d: Float[np.ndarray, "row variable"], factors: Float[np.ndarray, "row factor"]
     ) -> dict[Part, Matrices]:
-        """Mass, damping and stiffness matrix of each row."""
+        """Compute mass, damping and stiffness matrix of each row.
+
+        Parameters
+        ----------
+        d
+            Design variables, in SI units.
+        factors
+            Factors on the parts that scatter [1].
+
+        Returns
+        -------
+        Part → matrices [row, dof, dof], in SI units.
+        """
         whole: dict[Part, np.ndarray] = {
             "mass": self.structure.mass,
             "damping": self.structure.damping,
@@ -120,7 +132,17 @@ class AddedStructure:
         return found
 
     def described(self, d: Float[np.ndarray, " variable"]) -> Description:
-        """Give the structure with a design built in, as a description of its own."""
+        """Make the description of the structure with a design built in.
+
+        Parameters
+        ----------
+        d
+            Design variables, in SI units.
+
+        Returns
+        -------
+        The description.
+        """
         nodes, elements = list(self.description.nodes), list(self.description.elements)
         values = d[self._columns].tolist()
         for one, value in zip(self.additions, values, strict=True):

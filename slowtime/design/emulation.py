@@ -77,7 +77,19 @@ class Emulator:
         self._take(unit)
 
     def refine(self, designs: np.ndarray, scores: np.ndarray) -> float:
-        """Run at further points, and tell the largest relative error made there before."""
+        """Run at further points, and return the largest relative error of the surrogates there.
+
+        Parameters
+        ----------
+        designs
+            Design variables of each run [row, variable].
+        scores
+            Normal scores of the inputs of each run [row, input].
+
+        Returns
+        -------
+        Largest relative error before the points were learnt [1].
+        """
         at = np.column_stack([(designs - self.lower) / self.width, scores])
         known = self._predict(at)
         self._take(at)
@@ -135,6 +147,12 @@ def optimise_emulated(
         The slow responses, all positive.
     runs
         Rows of `run` that surrogates may be learnt from.
+    seed
+        Seed of the runs and of the optimisation.
+    effort
+        Effort of the optimisation and of the reliability estimates.
+    say
+        Called with each message of progress.
 
     Returns
     -------

@@ -52,6 +52,8 @@ def worst_points(
         Its limit state is evaluated; calls are batched over the starts.
     beta
         Distance from the origin in standard normal space.
+    rng
+        Generator of the starts.
     known
         Points of an earlier search, in standard normal space, as further starts.
 

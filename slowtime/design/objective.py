@@ -79,7 +79,17 @@ class RobustObjective:
         self.reference = (mean or 1.0, 1.0 if certain else sd)
 
     def moments(self, designs: Float[np.ndarray, "design variable"]) -> Moments:
-        """Mean and standard deviation at each design."""
+        """Mean and standard deviation of the objective at each design.
+
+        Parameters
+        ----------
+        designs
+            Design variables, in their units.
+
+        Returns
+        -------
+        Both moments, in the unit of the objective.
+        """
         count = len(self._x)
         d = np.repeat(designs, count, axis=0)
         x = np.tile(self._x, (len(designs), 1))

@@ -100,6 +100,10 @@ def optimise(
     say
         Called with a line of progress after each round.
 
+    Returns
+    -------
+    The best design, evaluated.
+
     Raises
     ------
     ValueError
@@ -151,7 +155,25 @@ def evaluate(
     seed: int,
     effort: Effort,
 ) -> Evaluated:
-    """Evaluate a design: moments of its objective, and its probabilities of failure."""
+    r"""Evaluate a design: moments of its objective, and its probabilities of failure.
+
+    Parameters
+    ----------
+    problem
+        Design problem.
+    design
+        Design variables, in their units.
+    reference
+        References :math:`\mu^*` and :math:`\sigma^*` of the objective, in its unit.
+    seed
+        Seed of the points and samples.
+    effort
+        Method and effort of the reliability estimates.
+
+    Returns
+    -------
+    Moments, objective, and each constraint with its probability of failure.
+    """
     objective = RobustObjective(problem, seed, reference)
     moments = objective.moments(design[None])
     constraints = {

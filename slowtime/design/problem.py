@@ -133,7 +133,19 @@ class DesignProblem:
         return np.array([one.begin for one in self.variables.values()])
 
     def reliability(self, name: str, design: Float[np.ndarray, " variable"]) -> Problem:
-        """Give the reliability problem of one constraint at a design."""
+        """Make the reliability problem of one constraint at a design.
+
+        Parameters
+        ----------
+        name
+            Name of the constraint.
+        design
+            Design variables, in their units.
+
+        Returns
+        -------
+        The reliability problem.
+        """
         limit_state = self.constraints[name].limit_state
 
         def at_design(x: np.ndarray) -> np.ndarray:
@@ -145,7 +157,22 @@ class DesignProblem:
 def values_of(
     function: Function, d: Variables, x: Inputs, what: str
 ) -> Float[np.ndarray, " sample"]:
-    """Values of a function of design and inputs, refused where they are no numbers.
+    """Evaluate a function of design and inputs, and check its values.
+
+    Parameters
+    ----------
+    function
+        Function of design variables and inputs.
+    d
+        Design variables of each row, in their units.
+    x
+        Inputs of each row, in their units.
+    what
+        Name of the function in messages.
+
+    Returns
+    -------
+    Values, in the unit of the function.
 
     Raises
     ------

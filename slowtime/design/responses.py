@@ -191,6 +191,17 @@ class Responses:
     ) -> tuple[Float[np.ndarray, "row response"], Float[np.ndarray, "row response"]]:
         """Compute standard deviations of the responses to noise, and of their rates.
 
+        Parameters
+        ----------
+        d
+            Design variables, in SI units.
+        factors
+            Factors on the parts that scatter [1].
+
+        Returns
+        -------
+        Standard deviations of the responses, and of their rates per second.
+
         Raises
         ------
         ValueError

@@ -26,7 +26,17 @@ def state_matrices(
     damping: Float[np.ndarray, "row dof dof"],
     stiffness: Float[np.ndarray, "row dof dof"],
 ) -> States:
-    r"""Matrix of :math:`(q, \dot q)` for each row."""
+    r"""State matrix of :math:`(q, \dot q)` for each row.
+
+    Parameters
+    ----------
+    mass, damping, stiffness
+        Matrices of each row, in SI units.
+
+    Returns
+    -------
+    State matrices [row, state, state].
+    """
     rows, dofs, _ = mass.shape
     below = -np.linalg.solve(mass, np.concatenate([stiffness, damping], axis=2))
     above = np.zeros((rows, dofs, 2 * dofs))
@@ -43,6 +53,10 @@ def stationary_covariance(a: States, noise: States) -> States:
         State matrices; every motion must die away.
     noise
         Intensity :math:`Q`, with :math:`E[w(t) w(t')^T] = Q\,\delta(t - t')`.
+
+    Returns
+    -------
+    Covariances [row, state, state].
 
     Raises
     ------

@@ -44,6 +44,21 @@ def solve(
     Sequential quadratic programming (SLSQP) with batched finite differences, from the design
     in hand and, where `wide`, from Sobol points. Where no start ends feasible, the point of
     the least violation.
+
+    Parameters
+    ----------
+    programme
+        Objective and margins over the unit box.
+    start
+        Point to start from, in the unit box [1].
+    seed
+        Seed of the further starts.
+    wide
+        Whether to start from Sobol points as well.
+
+    Returns
+    -------
+    Point in the unit box [1], and its largest violation [1].
     """
     size = len(start)
     starts = [np.clip(start, 0.0, 1.0)]

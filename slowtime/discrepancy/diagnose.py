@@ -12,17 +12,15 @@ from .data.screening import screen_records
 from .diagnosis import Diagnosis
 from .hypothesis import Hypothesis
 from .progress import Monitor, Progress, Stop
-from .proposers import PROPOSERS, Proposer
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
-from .refinement.after_effect import REFINERS, Refiner
 from .refinement.campaign_span import span_campaign
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
 from .refinement.input_offsets import offsets, with_offsets
 from .report.assembly import report
-from .search import SearchSettings
+from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
 from .selection.refutation import refute
 
@@ -36,13 +34,11 @@ def diagnose(
     campaign: Campaign,
     *,
     kinds: Mapping[str, Kind] | None = None,
-    quick: bool = False,
+    options: SearchOptions = DEFAULT_OPTIONS,
     progress: Progress | None = None,
     stop: Stop | None = None,
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
-    proposers: tuple[Proposer, ...] = PROPOSERS,
-    refiners: tuple[Refiner, ...] = REFINERS,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -52,8 +48,8 @@ def diagnose(
         Model and records.
     kinds
         Effects that may be named; the catalogue where not given.
-    quick
-        Fewer rivals are refitted, and one effect is looked for.
+    options
+        How thoroughly effects are searched for, and by which steps.
     progress
         Told the stage in words and the share done.
     stop
@@ -62,10 +58,6 @@ def diagnose(
         Once true, no more laws are tried than those that come near the best along the force.
     over
         Once true, none are: what was found by then is the answer. With `late`, where not given.
-    proposers
-        Asked in order for candidates of the first effect; one of your own is put among them.
-    refiners
-        Steps taken in order after each effect.
     """
     tell = Monitor(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
@@ -78,14 +70,12 @@ def diagnose(
         return diagnose_ambient(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
-    how = SearchSettings(
-        known, tell, quick=quick, stated=stated, proposers=proposers, refiners=refiners
-    )
+    how = SearchSettings(known, tell, options, stated)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("judging by what was not fitted", 0.92)
     answer = report(campaign, found.trials, findings, found, known)
-    if quick and answer.verdict == "unknown_effect":
+    if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer
 

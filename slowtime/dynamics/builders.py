@@ -37,6 +37,10 @@ def chain(
     name, node, spring
         Of the description, and what its nodes and springs are called before their number.
 
+    Returns
+    -------
+    Description of the structure.
+
     Examples
     --------
     >>> from .description import assemble
@@ -165,6 +169,14 @@ def beam(
 
     Parameters
     ----------
+    length_m
+        Length [m].
+    bending_stiffness_n_m2
+        Bending stiffness EI [N m^2].
+    mass_kg_per_m
+        Mass per length [kg/m].
+    elements
+        Number of elements.
     supports
         ``"cantilever"``: clamped at its start; ``"simply supported"``: pinned at both ends;
         ``"clamped"`` at both ends; ``"propped"``: clamped at its start and pinned at its end;
@@ -173,6 +185,12 @@ def beam(
         Kelvin–Voigt, see `parts.Beam`.
     tip_mass_kg
         At the far end.
+    name
+        Name of the structure.
+
+    Returns
+    -------
+    Description of the structure.
     """
     if supports not in SUPPORTS:
         raise ValueError(f"{supports=} is not known. Allowed: {', '.join(SUPPORTS)}.")

@@ -31,10 +31,16 @@ def free_motion(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     times
         Since the release, not negative [s].
     displacement, velocity
         At the release [m], [m/s].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
 
     Examples
     --------

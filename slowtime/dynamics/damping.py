@@ -79,6 +79,12 @@ def rayleigh_coefficients(
     ----------
     frequencies
         Of the two modes [rad/s].
+    damping_ratios
+        Of the two modes [1].
+
+    Returns
+    -------
+    Coefficients :math:`a_0` [1/s] and :math:`a_1` [s].
 
     Examples
     --------
@@ -145,16 +151,23 @@ def caughey(
     r"""Caughey's series :math:`C = M \sum_j c_j (M^{-1} K)^j` through the lowest modes' ratios.
 
     As many terms as ratios, :math:`\zeta_i = \tfrac12 \sum_{j=0} c_j \omega_i^{2 j - 1}`. It is
-    a polynomial, and swings where it was not told what to do.
+    a polynomial, and oscillates between and beyond the given modes.
+
+    Parameters
+    ----------
+    mass, stiffness
+        Matrices of the structure [kg], [N/m].
+    damping_ratios
+        Of the lowest modes [1].
 
     Returns
     -------
-    The damping matrix, and the coefficients :math:`c_j`.
+    The damping matrix [N s/m], and the coefficients :math:`c_j`.
 
     Raises
     ------
     ValueError
-        If the series feeds energy into a mode that it was not told about.
+        If the number of ratios is wrong, or the series feeds energy into another mode.
     """
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
     terms = len(damping_ratios)
@@ -254,8 +267,14 @@ def fit_damping_ratio(
     ----------
     omega
         [rad/s]
+    damping_ratios
+        Measured damping ratios [1].
     sd
         Of the ratios; equal where not given.
+
+    Returns
+    -------
+    Damping ratio at any frequency, with the mean squared misfit.
     """
     spread = np.ones_like(omega) if sd is None else sd
     if not (np.all(omega > 0) and np.all(spread > 0)):

@@ -241,7 +241,23 @@ def spread(
     place: Mapping[str, int | None],
     size: int,
 ) -> Float[np.ndarray, "all all"]:
-    """Put a part's own matrix where its coordinates stand in the whole."""
+    """Expand a part's own matrix to the coordinates of the whole structure.
+
+    Parameters
+    ----------
+    matrix
+        Matrix over the part's coordinates, in SI units.
+    names
+        Names of these coordinates, in the order of the rows.
+    place
+        Name of each coordinate → its row in the whole; None for one that is left out.
+    size
+        Number of coordinates of the whole.
+
+    Returns
+    -------
+    Matrix over all coordinates, in the unit of `matrix`.
+    """
     rows = [place[name] for name in names]
     to = np.zeros((len(rows), size))
     for own, row in enumerate(rows):

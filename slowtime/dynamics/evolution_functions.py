@@ -14,7 +14,7 @@ def stiffness_change(
     ripple: float = 0.05,
     ripple_rate: float = 2e-2,
 ) -> Series:
-    r"""Fatigue that opens and closes a little as it grows (eq. 5.12).
+    r"""Relative change of stiffness by fatigue: a decay with a small oscillation (eq. 5.12).
 
     .. math:: \Delta_k(t_s) = e^{-\alpha_k t_s}
               \frac{1 + \epsilon_k \cos(\beta_k t_s)}{1 + \epsilon_k} - 1
@@ -43,7 +43,7 @@ def stiffness_change(
 def mass_change(
     time_in_periods: Series, *, amplitude: float = 0.25, rate: float = 0.15
 ) -> Series:
-    r"""Mass that comes and goes, such as fuel taken on and burnt (eq. 5.13).
+    r"""Relative change of mass as a sawtooth, such as fuel taken on and burnt (eq. 5.13).
 
     .. math:: \Delta_m(t_s) = \epsilon_m \, \mathrm{SawTooth}(\beta_m (t_s - \pi / \beta_m))
 

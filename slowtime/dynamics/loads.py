@@ -9,7 +9,7 @@ Series = Float[np.ndarray, " time"]
 
 
 def instants(duration_s: float, rate_hz: float) -> Series:
-    """Give the times of the samples, the first at 0.
+    """Compute the times of the samples, the first at 0.
 
     Parameters
     ----------

@@ -94,15 +94,21 @@ def light_shapes(structure: Structure) -> Shapes:
 
 
 def coupled_shapes(structure: Structure, frequencies: Frequencies | None = None) -> Shapes:
-    r"""Shapes for damping that is not light, but lightly non-proportional (eq. 3.221).
+    r"""Shapes for damping that is not light, but nearly proportional (eq. 3.221).
 
     .. math:: z_j \approx x_j - \sum_{k \ne j}
         \frac{i \lambda_j C'_{kj}}{\omega_k^2 - \lambda_j^2 + i \lambda_j C'_{kk}} x_k
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     frequencies
         :math:`\lambda_j`; those of eq. 3.217 where not given.
+
+    Returns
+    -------
+    Complex shapes, one column each.
     """
     modes = undamped_modes(structure)
     coupling = modal_damping_matrix(structure, modes)
@@ -121,6 +127,17 @@ def factored_shapes(structure: Structure, frequencies: Frequencies | None = None
     The print has :math:`\lambda_j - \lambda_k^*`: but the roots of
     :math:`\lambda^2 - i \lambda C'_{kk} - \omega_k^2` are :math:`\lambda_k` and
     :math:`-\lambda_k^*`, and only with them do the numbers of eq. 3.226 come out.
+
+    Parameters
+    ----------
+    structure
+        Structure with its matrices.
+    frequencies
+        :math:`\lambda_j` [rad/s]; those of eq. 3.217 where not given.
+
+    Returns
+    -------
+    Complex shapes, one column each.
     """
     modes = undamped_modes(structure)
     coupling = modal_damping_matrix(structure, modes)

@@ -129,11 +129,21 @@ def response_spectrum(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
+    frequency_hz
+        Frequencies [Hz].
     force_psd
         One-sided [N^2/Hz]: white, as one number for every translation, one for each degree of
         freedom or a matrix; or of any colour, as one matrix a frequency.
+    quantity
+        ``"displacement"``, ``"velocity"`` or ``"acceleration"``.
     shaping
         Colours a white `force_psd`.
+
+    Returns
+    -------
+    Densities [unit of the quantity, squared, per Hz].
     """
     density = (
         np.asarray(force_psd)

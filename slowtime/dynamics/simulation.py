@@ -39,6 +39,8 @@ def simulate_structure(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     force
         One row a sample [N]; of base motion, `Structure.base_force`.
     rate_hz
@@ -100,6 +102,8 @@ def ambient_structure(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     samples, rate_hz
         Length and rate of the record.
     rng
@@ -111,6 +115,10 @@ def ambient_structure(
         Degrees of freedom that are listened to, by name; all where not given.
     quantity
         Relative to a base that stands still.
+
+    Returns
+    -------
+    Record of the channels, in SI units of the quantity.
     """
     if samples < 1:
         raise ValueError(f"{samples=} is no length of a record. Give 1 or more.")

@@ -48,8 +48,16 @@ def frequency_response(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
+    omega
+        Angular frequencies [rad/s].
     quantity
         Relative to the base: of displacement, velocity or acceleration.
+
+    Returns
+    -------
+    Complex response per force, in SI units.
     """
     scale = (1j * omega) ** derivative_order(quantity)
     return np.asarray(scale[:, None, None] * transfer_function(structure, 1j * omega))
@@ -115,10 +123,18 @@ def laplace_response(
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
+    s
+        Laplace variable [1/s].
     force
         :math:`\bar f(s)`, transformed.
     displacement, velocity
         At time zero; at rest where not given.
+
+    Returns
+    -------
+    Transformed displacement [m s].
     """
     rest = np.zeros(structure.dofs)
     q0 = rest if displacement is None else displacement

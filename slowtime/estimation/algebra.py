@@ -46,7 +46,18 @@ class Process(abc.ABC):
         """What of the state is the process."""
 
     def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time *family state"]:
-        """Tell the same at each of some times, for processes that go by the clock."""
+        """Row that maps the state to the process, at each time.
+
+        Parameters
+        ----------
+        time
+            Times, in the unit of time.
+
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
+        """
         return np.broadcast_to(self.observation, (len(time), self.size))
 
     @abc.abstractmethod
@@ -65,25 +76,71 @@ class Process(abc.ABC):
 
     @abc.abstractmethod
     def at(self, logs: Float[np.ndarray, "*family parameter"]) -> "Process":
-        """Give the same kind of process with other parameters."""
+        """Make the same kind of process with other parameters.
+
+        Parameters
+        ----------
+        logs
+            Logarithms of the free parameters [family, parameter].
+
+        Returns
+        -------
+        The process, or family of processes.
+        """
 
     @abc.abstractmethod
     def spread(self) -> tuple[np.ndarray, Slopes]:
         """Covariance of the state before any reading, and its slopes."""
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading, at `time`, no later than the first."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         own, _ = self.spread()
         return Belief(float(time), np.zeros(own.shape[:-1]), own)
 
     @abc.abstractmethod
     def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:
-        """Transitions over time steps, first axis, and their slopes."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
 
     def noises(
         self, step: Float[np.ndarray, " time"], move: np.ndarray, slopes: Slopes
     ) -> tuple[np.ndarray, Slopes]:
-        """Process noise over the same steps, and its slopes."""
+        """Compute the process noise over time steps, and its slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+        move
+            Transitions over the steps [time, family, state, state].
+        slopes
+            Slopes of the transitions to the logarithms of the free parameters.
+
+        Returns
+        -------
+        Covariances [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         own, own_slopes = self.spread()
         turned = np.swapaxes(move, -1, -2)
         noise = own - move @ own @ turned
@@ -94,13 +151,38 @@ class Process(abc.ABC):
         return noise, found
 
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
-        """Transition and process noise over each of the time steps, first axis."""
+        """Compute transition and process noise over time steps.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions and covariances [time, family, state, state].
+
+        Raises
+        ------
+        ValueError
+            Where a step is negative.
+        """
         _check_ascending(step)
         move = self.transitions(step)
         return move, self._noise(step, move)
 
     def transitions(self, step: Float[np.ndarray, " time"]) -> np.ndarray:
-        """Transitions over time steps, first axis, without their slopes."""
+        """Compute the transitions of the state over time steps, without their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state].
+        """
         return self.moves(step)[0]
 
     def _noise(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
@@ -109,7 +191,22 @@ class Process(abc.ABC):
         return np.asarray(own - move @ own @ np.swapaxes(move, -1, -2))
 
     def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """Covariance of a stationary process with itself so far apart in time; one member."""
+        """Covariance of one stationary process between two times.
+
+        Parameters
+        ----------
+        apart
+            Distances in time, in the unit of time.
+
+        Returns
+        -------
+        Covariances, in the squared unit of the readings.
+
+        Raises
+        ------
+        ValueError
+            Where the process is not stationary, such as a trend or a sawtooth.
+        """
         if not self.stationary:
             raise ValueError(
                 "A trend or a sawtooth has no covariance that hangs on the distance alone."
@@ -168,7 +265,17 @@ class Leaf(Process):
         return np.stack(np.broadcast_arrays(*values), -1) if values else np.zeros(0)
 
     def at(self, logs: np.ndarray) -> "Process":
-        """See `Process`."""
+        """Make the same kind of process with other parameters.
+
+        Parameters
+        ----------
+        logs
+            Logarithms of the free parameters [family, parameter].
+
+        Returns
+        -------
+        The process, or family of processes.
+        """
         values = np.exp(np.moveaxis(logs, -1, 0))
         return dataclasses.replace(self, **dict(zip(self.free, values, strict=True)))
 
@@ -193,7 +300,18 @@ class Sum(Process):
         return np.concatenate([term.observation for term in self.terms])
 
     def seen(self, time: np.ndarray) -> np.ndarray:
-        """See `Process`."""
+        """Row that maps the state to the process, at each time.
+
+        Parameters
+        ----------
+        time
+            Times, in the unit of time.
+
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
+        """
         parts = [term.seen(time) for term in self.terms]
         most = max(part.ndim for part in parts)
         parts = [p.reshape(len(p), *(1,) * (most - p.ndim), *p.shape[1:]) for p in parts]
@@ -215,7 +333,17 @@ class Sum(Process):
         return _joined([term.logs for term in self.terms])
 
     def at(self, logs: np.ndarray) -> "Process":
-        """See `Process`."""
+        """Make the same kind of process with other parameters.
+
+        Parameters
+        ----------
+        logs
+            Logarithms of the free parameters [family, parameter].
+
+        Returns
+        -------
+        The process, or family of processes.
+        """
         return dataclasses.replace(self, terms=_split(self.terms, logs))
 
     def part(self, number: int) -> Float[np.ndarray, " state"]:
@@ -228,18 +356,54 @@ class Sum(Process):
         return _blocks([term.spread() for term in self.terms])
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         return _blocks(_aligned([term.moves(step) for term in self.terms]))
 
     def noises(
         self, step: np.ndarray, move: np.ndarray, slopes: Slopes
     ) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the process noise over time steps, and its slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+        move
+            Transitions over the steps [time, family, state, state].
+        slopes
+            Slopes of the transitions to the logarithms of the free parameters.
+
+        Returns
+        -------
+        Covariances [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         parts = [term.noises(step, *term.moves(step)) for term in self.terms]
         return _blocks(_aligned(parts))
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, without their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state].
+        """
         return _blocks(_aligned([(term.transitions(step), []) for term in self.terms]))[0]
 
     def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
@@ -284,7 +448,17 @@ class Product(Process):
         return _joined([self.first.logs, self.second.logs])
 
     def at(self, logs: np.ndarray) -> "Process":
-        """See `Process`."""
+        """Make the same kind of process with other parameters.
+
+        Parameters
+        ----------
+        logs
+            Logarithms of the free parameters [family, parameter].
+
+        Returns
+        -------
+        The process, or family of processes.
+        """
         first, second = _split((self.first, self.second), logs)
         return dataclasses.replace(self, first=first, second=second)
 
@@ -293,11 +467,32 @@ class Product(Process):
         return _kron(self.first.spread(), self.second.spread())
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         return _kron(*_aligned([self.first.moves(step), self.second.moves(step)]))
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, without their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state].
+        """
         parts: list[tuple[np.ndarray, Slopes]]
         parts = [(one.transitions(step), []) for one in (self.first, self.second)]
         return _kron(*_aligned(parts))[0]

@@ -42,7 +42,7 @@ class Consistency:
 
 
 def nis(steps: Sequence[Step | ParticleStep], *, level: float = 0.95) -> Consistency:
-    """Normalised innovations squared: needs no truth. Rejected readings are left out.
+    """Test the normalised squared innovations (NIS) of a filter, without rejected readings.
 
     Parameters
     ----------
@@ -50,6 +50,10 @@ def nis(steps: Sequence[Step | ParticleStep], *, level: float = 0.95) -> Consist
         Of one filter, in any order.
     level
         Probability that a right model passes [1].
+
+    Returns
+    -------
+    Verdict, one entry per twin.
     """
     used = np.array([step.used for step in steps])
     surprise = np.where(used > 0, np.array([step.surprise for step in steps]), 0.0)
@@ -62,9 +66,22 @@ def nees(
     *,
     level: float = 0.95,
 ) -> Consistency:
-    """Normalised errors squared, of beliefs whose errors are independent: one from each run.
+    """Test the normalised squared errors (NEES) of beliefs, one from each independent run.
 
-    Errors at successive times of one run move together; the interval is not for them.
+    Errors at successive times of one run are correlated; the interval does not hold for them.
+
+    Parameters
+    ----------
+    truth
+        True state of each run.
+    beliefs
+        Belief of each run.
+    level
+        Probability of the interval of a consistent filter [1].
+
+    Returns
+    -------
+    Verdict, one entry per twin.
     """
     total, count = np.zeros(truth.shape[1:-1]), 0
     for true, belief in zip(truth, beliefs, strict=True):
@@ -101,6 +118,10 @@ def noise_factors(log_likelihood: Objective) -> NoiseFactors:
         From pairs of factors on the covariances of process and reading noise, one pair a row,
         to the sum of `Step.log_likelihood` over a series filtered with them. Filters take
         such a family at once, as twins of different noise.
+
+    Returns
+    -------
+    Factors on both noises, with their uncertainty.
 
     Notes
     -----

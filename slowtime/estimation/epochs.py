@@ -83,7 +83,17 @@ class Constants:
         )
 
     def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Give the ends of the interval that holds each constant with probability `level`."""
+        """Compute the ends of the interval that holds each constant with probability `level`.
+
+        Parameters
+        ----------
+        level
+            Probability [1].
+
+        Returns
+        -------
+        Lower and upper ends [twins, free], in the units of the constants.
+        """
         half = float(ndtri(0.5 + 0.5 * level)) * self.log_sd
         ends = self.value * np.exp(-half), self.value * np.exp(half)
         return np.minimum(*ends), np.maximum(*ends)
@@ -193,7 +203,19 @@ class Watched:
         log_ratio: Float[np.ndarray, "*twins free"],
         log_sd: Float[np.ndarray, "*twins free"],
     ) -> Gaussian:
-        """Belief before the first reading, with the constants as given."""
+        """Belief before the first reading, with the constants as given.
+
+        Parameters
+        ----------
+        log_ratio
+            Logarithms of the constants over their nominal values [1].
+        log_sd
+            Their standard deviations [1].
+
+        Returns
+        -------
+        Belief about the state of the filter.
+        """
         still, twins = len(self.start_sd) + len(self.sensors), log_ratio.shape[:-1]
         sd = np.concatenate(
             [
@@ -249,6 +271,10 @@ def identify_epoch(
         Where the constants are taken to be before, over the nominal values.
     passes
         How often the record is gone through.
+
+    Returns
+    -------
+    The constants, one entry per twin.
 
     Notes
     -----

@@ -40,7 +40,23 @@ class Gaussian:
         mean: Float[np.ndarray, "*twins state"],
         covariance: Float[np.ndarray, "*twins state state"],
     ) -> "Gaussian":
-        """Make one of a covariance, which may be singular.
+        """Make a belief from a covariance, which may be singular.
+
+        Parameters
+        ----------
+        mean
+            Mean of the state.
+        covariance
+            Covariance of the state.
+
+        Returns
+        -------
+        The belief.
+
+        Raises
+        ------
+        ValueError
+            Where the matrix is no covariance.
 
         Examples
         --------
@@ -108,20 +124,56 @@ class Filter(Protocol):
         mean: Float[np.ndarray, "*twins state"],
         covariance: Float[np.ndarray, "*twins state state"],
     ) -> Gaussian:
-        """Belief one step before the first reading."""
+        """Belief one step before the first reading.
+
+        Parameters
+        ----------
+        mean
+            Mean of the state.
+        covariance
+            Covariance of the state.
+
+        Returns
+        -------
+        The belief.
+        """
         ...
 
     def step(
         self, belief: Gaussian, reading: Float[np.ndarray, "*twins reading"], known: Any = None
     ) -> tuple[Gaussian, Step]:
-        """One step on, and one reading taken in; a reading of NaN is missing."""
+        """Predict one step, and update by one reading.
+
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        reading
+            Reading; NaN entries are missing.
+        known
+            Input that drives the step; its meaning depends on the filter.
+
+        Returns
+        -------
+        Belief after the reading, and the details of the step.
+        """
         ...
 
 
 def triangular(
     columns: Float[np.ndarray, "*twins row column"],
 ) -> Float[np.ndarray, "*twins row row"]:
-    """Lower triangular L with ``L @ L.T == columns @ columns.T``, diagonal not negative."""
+    """Compute the lower triangular L with ``L @ L.T == columns @ columns.T``.
+
+    Parameters
+    ----------
+    columns
+        Any root of a covariance.
+
+    Returns
+    -------
+    Lower triangular root; its diagonal is not negative.
+    """
     rows, count = columns.shape[-2:]
     if count < rows:
         empty = np.zeros((*columns.shape[:-1], rows - count))
@@ -137,10 +189,19 @@ def root_of(
 ) -> Float[np.ndarray, "*twins row row"]:
     """Lower triangular root of a covariance, which may be singular.
 
+    Parameters
+    ----------
+    covariance
+        Covariance.
+
+    Returns
+    -------
+    Root.
+
     Raises
     ------
     ValueError
-        If the matrix is no covariance: lopsided, or negative in some direction beyond rounding.
+        If the matrix is not symmetric, or negative in some direction beyond rounding.
     """
     lopsided = np.abs(covariance - np.swapaxes(covariance, -1, -2)).max(initial=0.0)
     scale = np.abs(covariance).max(initial=0.0)
@@ -171,7 +232,7 @@ def take_in(
     noise_root: Float[np.ndarray, "... reading noise"],
     gate: float | None,
 ) -> tuple[Gaussian, dict[str, Any]]:
-    r"""Belief after a reading, and the rest of a `Step`, by one orthogonal transformation.
+    r"""Update a belief by a reading, by one orthogonal transformation.
 
     .. math:: \begin{pmatrix} A_y & R^{1/2} \\ A_x & 0 \end{pmatrix} \Theta =
               \begin{pmatrix} S_y & 0 \\ G & S^+ \end{pmatrix}
@@ -182,6 +243,31 @@ def take_in(
 
     Entries of NaN are missing and the rest is used. With a `gate`, a reading whose surprise
     would be met by chance with less than that probability is rejected whole.
+
+    Parameters
+    ----------
+    predicted
+        Belief before the reading.
+    expected
+        Expected reading.
+    state_deviations
+        Deviations :math:`A_x` of the state.
+    reading_deviations
+        Deviations :math:`A_y` of the reading.
+    reading
+        Reading; NaN entries are missing.
+    noise_root
+        Root of the covariance of the reading's noise.
+    gate
+        Probability below which a reading is rejected; None accepts all [1].
+
+    Returns
+    -------
+    Belief after the reading, and the remaining fields of a `Step`.
+
+    References
+    ----------
+    .. [1] T. Kailath, A. H. Sayed and B. Hassibi, "Linear Estimation" (2000), ch. 12.
     """
     shape = np.broadcast_shapes(reading.shape, expected.shape)
     there = np.broadcast_to(~np.isnan(reading), shape)

@@ -32,7 +32,17 @@ class Prior:
     def log_density(
         self, points: Float[np.ndarray, "family parameter"]
     ) -> Float[np.ndarray, " family"]:
-        """Logarithm of the prior density, up to a constant."""
+        """Logarithm of the prior density, up to a constant.
+
+        Parameters
+        ----------
+        points
+            Logarithms of parameters.
+
+        Returns
+        -------
+        Logarithm of the density of each point.
+        """
         density: Float[np.ndarray, " family"] = -0.5 * np.sum(
             ((points - self.centre) / self.sd) ** 2, axis=1
         )
@@ -80,11 +90,26 @@ def climb(
     *,
     iterations: int = 8,
 ) -> Optimum:
-    """Newton's method on `objective`, whose argument holds one point per row.
+    """Maximise `objective` by Newton's method.
 
     All is measured in widths of the prior, which may be narrow for some parameters and wide for
     others. Directions in which the objective does not curve down are given the curvature of the
     prior; of several step lengths the best is taken, and none if none is better.
+
+    Parameters
+    ----------
+    objective
+        Function from points, one per row, to values.
+    start
+        Point to start from, as logarithms of parameters.
+    prior
+        Prior, whose widths scale the steps.
+    iterations
+        Largest number of steps.
+
+    Returns
+    -------
+    The maximum found, and minus the second derivatives there.
     """
 
     def scaled(points: np.ndarray) -> np.ndarray:
@@ -126,6 +151,10 @@ def fit(
     straight
         Whether the mean may slope.
 
+    Returns
+    -------
+    The process, and its log-likelihood.
+
     Notes
     -----
     Maximum of the likelihood with a weak prior (a factor of about four either way) on the
@@ -158,7 +187,26 @@ def fit(
 def weak_prior(
     time: Float[np.ndarray, " time"], value: Float[np.ndarray, " time"], *, straight: bool
 ) -> tuple[Prior, SlowProcess]:
-    """Prior on the logarithms of length and spread, and a process with a vague mean."""
+    """Make a prior on the logarithms of length and spread, and a process with a vague mean.
+
+    Parameters
+    ----------
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    straight
+        Whether the mean may have a slope.
+
+    Returns
+    -------
+    The prior and the process.
+
+    Raises
+    ------
+    ValueError
+        With fewer than three readings, or all at one time.
+    """
     known = np.isfinite(value)
     if known.sum() < 3 or not time[known][-1] > time[known][0]:
         raise ValueError(

@@ -24,10 +24,24 @@ def update(
     observation: Float[np.ndarray, "*twins reading state"],
     reading_noise: Float[np.ndarray, "*twins reading reading"],
 ) -> Gaussian:
-    """Belief after a reading, without a step in time (eq. 1.24 to 1.26).
+    """Update a belief by a reading, without a step in time (eq. 1.24 to 1.26).
 
-    NaN entries of the reading are missing: the rest is used. Eq. 1.26 is printed with a 1
-    where the identity matrix belongs.
+    Eq. 1.26 is printed with a 1 where the identity matrix belongs.
+
+    Parameters
+    ----------
+    belief
+        Belief before the reading.
+    reading
+        Reading; NaN entries are missing.
+    observation
+        Matrix H that maps the state to the reading.
+    reading_noise
+        Covariance R of the noise of the reading.
+
+    Returns
+    -------
+    Belief after the reading.
     """
     expected = (observation @ belief.mean[..., None])[..., 0]
     seen = observation @ belief.root
@@ -76,7 +90,19 @@ class Kalman:
         mean: Float[np.ndarray, "*twins state"],
         covariance: Float[np.ndarray, "*twins state state"],
     ) -> Gaussian:
-        """Belief one step before the first reading."""
+        """Belief one step before the first reading.
+
+        Parameters
+        ----------
+        mean
+            Mean of the state.
+        covariance
+            Covariance of the state.
+
+        Returns
+        -------
+        The belief.
+        """
         return Gaussian.of(mean, covariance)
 
     def step(
@@ -85,9 +111,20 @@ class Kalman:
         reading: Float[np.ndarray, "*twins reading"],
         known: Any = None,
     ) -> tuple[Gaussian, Step]:
-        """One step on, and one reading taken in; a reading of NaN is missing.
+        """Predict one step, and update by one reading (eq. 1.22 to 1.26).
 
-        `known` is what is added to the state on the way (eq. 1.22, 1.23).
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        reading
+            Reading; NaN entries are missing.
+        known
+            Vector that is added to the state in the step [state]; None for none.
+
+        Returns
+        -------
+        Belief after the reading, and the details of the step.
         """
         carried = self.transition @ belief.root
         noise = np.broadcast_to(self._process_root, carried.shape)
@@ -107,7 +144,19 @@ class Kalman:
     def run(
         self, belief: Gaussian, readings: Float[np.ndarray, "time *twins reading"]
     ) -> list[Step]:
-        """Every step over a whole series."""
+        """Filter a whole series.
+
+        Parameters
+        ----------
+        belief
+            Belief one step before the first reading.
+        readings
+            Readings; NaN entries are missing.
+
+        Returns
+        -------
+        Details of every step.
+        """
         steps = []
         for reading in readings:
             belief, step = self.step(belief, reading)

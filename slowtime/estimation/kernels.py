@@ -13,12 +13,36 @@ SMOOTHNESSES = (0.5, 1.5, 2.5)
 
 
 def rate(smoothness: float, length: np.ndarray | float) -> np.ndarray:
-    r"""Rate :math:`\lambda` at which the process forgets [1 / unit of time]."""
+    r"""Rate :math:`\lambda = \sqrt{2 \nu} / \ell` at which a Matérn process forgets.
+
+    Parameters
+    ----------
+    smoothness
+        Smoothness: 0.5, 1.5 or 2.5 [1].
+    length
+        Length scale, in the unit of time.
+
+    Returns
+    -------
+    Rate [1 / unit of time], of the shape of `length`.
+    """
     return np.asarray(np.sqrt(2.0 * smoothness) / length)
 
 
 def correlation(smoothness: float, distance: np.ndarray) -> np.ndarray:
-    r"""Correlation of the process across `distance`, in units of the length scale [1]."""
+    """Correlation of a Matérn process across a distance.
+
+    Parameters
+    ----------
+    smoothness
+        Smoothness: 0.5, 1.5 or 2.5 [1].
+    distance
+        Distance in time, in units of the length scale [1].
+
+    Returns
+    -------
+    Correlation [1], of the shape of `distance`.
+    """
     s = np.sqrt(2.0 * smoothness) * np.abs(distance)
     polynomial = {0.5: 1.0, 1.5: 1.0 + s, 2.5: 1.0 + s + s**2 / 3.0}[smoothness]
     value: np.ndarray = polynomial * np.exp(-s)
@@ -26,7 +50,17 @@ def correlation(smoothness: float, distance: np.ndarray) -> np.ndarray:
 
 
 def stationary(smoothness: float) -> Float[np.ndarray, "state state"]:
-    """Covariance of the state of a process of unit variance, long after its start."""
+    """Stationary covariance of the state of a Matérn process of unit variance.
+
+    Parameters
+    ----------
+    smoothness
+        Smoothness: 0.5, 1.5 or 2.5 [1].
+
+    Returns
+    -------
+    Covariance [1].
+    """
     if smoothness == 0.5:
         return np.ones((1, 1))
     if smoothness == 1.5:
@@ -38,10 +72,21 @@ def stationary(smoothness: float) -> Float[np.ndarray, "state state"]:
 def matern_transition(
     smoothness: float, s: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch state state"]:
-    r"""Transition over a time of `s`, in units of :math:`1 / \lambda`.
+    r"""Transition of the state of a Matérn process over a time.
 
     The generator has the one eigenvalue -1, so its exponential is :math:`e^{-s}` times a
     polynomial of degree `smoothness` - 1/2.
+
+    Parameters
+    ----------
+    smoothness
+        Smoothness: 0.5, 1.5 or 2.5 [1].
+    s
+        Time, in units of :math:`1 / \lambda` [1].
+
+    Returns
+    -------
+    Transitions [1].
     """
     if smoothness == 0.5:
         entries = [[np.ones_like(s)]]
@@ -62,7 +107,17 @@ def matern_transition(
 
 
 def trend_noise(step: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch 2 2"]:
-    """Covariance that white noise of unit density in the slope adds to level and slope."""
+    """Covariance that white noise of unit density in the slope adds to level and slope.
+
+    Parameters
+    ----------
+    step
+        Time steps, in the unit of time.
+
+    Returns
+    -------
+    Covariances.
+    """
     rows = [
         np.stack([step**3 / 3.0, step**2 / 2.0], axis=-1),
         np.stack([step**2 / 2.0, step], axis=-1),

@@ -30,11 +30,31 @@ class Moving(Protocol):
     """What a process must be able to do to be foretold."""
 
     def seen(self, time: Float[np.ndarray, " time"]) -> np.ndarray:
-        """Tell what of the state is the process at each time, first axis."""
+        """Row that maps the state to the process, at each time.
+
+        Parameters
+        ----------
+        time
+            Times, in the unit of time.
+
+        Returns
+        -------
+        Rows [time, family, state].
+        """
         ...
 
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
-        """Transition and process noise over each of the time steps, first axis."""
+        """Compute transition and process noise over time steps.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions and covariances [time, family, state, state].
+        """
         ...
 
 
@@ -95,11 +115,31 @@ class SlowProcess:
         return seen
 
     def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time state"]:
-        """See `Moving`; the same at all times."""
+        """Row that maps the state to the process; the same at all times.
+
+        Parameters
+        ----------
+        time
+            Times, in the unit of time.
+
+        Returns
+        -------
+        Rows.
+        """
         return np.broadcast_to(self.observation, (len(time), len(self.observation)))
 
     def start(self, time: float) -> "Belief":
-        """Belief before any reading, at `time`, no later than the first."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         family = np.broadcast_shapes(np.shape(self.length), np.shape(self.sd))
         size = len(self.observation)
         mean, covariance = np.zeros((*family, size)), np.zeros((*family, size, size))
@@ -119,15 +159,45 @@ class SlowProcess:
         sd: float,
         advanced: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> tuple["Belief", "Reading"]:
-        """Take in one reading, in constant time; a `value` of NaN only moves on in time.
+        """Update a belief by one reading, in constant time.
 
-        What `advance` gives for the one time step may be given, where several beliefs share it.
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        time
+            Time of the reading.
+        value
+            Reading; NaN only advances the time.
+        sd
+            Its standard deviation, in the unit of the readings.
+        advanced
+            Result of `advance` for the one time step, where several beliefs share it.
+
+        Returns
+        -------
+        Belief after the reading, and the reading as the filter met it.
         """
         move, noise = advanced or self.advance(np.array([time - belief.time]))
         return self._step(belief, time, value, sd, move[0], noise[0])
 
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
-        """Transition and process noise over each of the time steps, first axis."""
+        """Compute transition and process noise over time steps.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions and covariances [time, family, state, state].
+
+        Raises
+        ------
+        ValueError
+            Where a step is negative.
+        """
         if step.size and not step.min() >= 0.0:
             raise ValueError(
                 f"The time goes back by {-step.min():g}. Give readings in ascending order of "
@@ -255,9 +325,24 @@ def run(
     *,
     jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, list[Reading]]:
-    """Filter a whole series; `time` ascending, NaN values missing.
+    """Filter a whole series.
 
-    With `jumps` the level goes elsewhere between readings, as far as each of them says.
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level jumps, each with its standard deviation.
+
+    Returns
+    -------
+    Belief after the last reading, and each reading as the filter met it.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
@@ -279,7 +364,19 @@ def run(
 
 
 def lifted(belief: Belief, sd: float) -> Belief:
-    """Give what is believed once the level may have gone elsewhere, by about `sd`."""
+    """Widen a belief by a jump of the level of unknown size.
+
+    Parameters
+    ----------
+    belief
+        Belief before the jump.
+    sd
+        Standard deviation of the jump, in the unit of the readings.
+
+    Returns
+    -------
+    Belief after the jump.
+    """
     covariance = belief.covariance.copy()
     covariance[..., 0, 0] += sd**2
     return dataclasses.replace(belief, covariance=covariance)
@@ -293,7 +390,25 @@ def log_likelihood(
     *,
     jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes."""
+    """Log-likelihood of the series, one entry per member of a family of processes.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level jumps, each with its standard deviation.
+
+    Returns
+    -------
+    Log-likelihoods.
+    """
     each = [reading.log_likelihood for reading in run(process, time, value, sd, jumps=jumps)[1]]
     total: Float[np.ndarray, "*family"] = np.asarray(np.sum(each, axis=0))
     return total
@@ -302,7 +417,21 @@ def log_likelihood(
 def predict(
     process: Moving, belief: Belief, times: Float[np.ndarray, " later"]
 ) -> tuple[Float[np.ndarray, "*family later"], Float[np.ndarray, "*family later"]]:
-    """Mean and standard deviation of the process at future times, without noise of readings."""
+    """Mean and standard deviation of the process at future times, without noise of readings.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    belief
+        Belief after the last reading.
+    times
+        Future times, ascending.
+
+    Returns
+    -------
+    Mean and standard deviation, in the unit of the readings.
+    """
     move, noise = process.advance(times - belief.time)
     seen = process.seen(times)
     seen = seen.reshape(len(times), *(1,) * (move.ndim - 1 - seen.ndim), *seen.shape[1:])
@@ -322,9 +451,29 @@ def smooth(
 ) -> Smoothed:
     """Estimate the process at every time of the series given all of it.
 
-    Ask for times without a reading, past or future, by putting them in with a value of NaN.
-    The way back carries scores instead of inverting predicted covariances (de Jong, 1989), so
-    that readings close together in time do no harm.
+    Times without a reading, past or future, are given with a value of NaN. The backward pass
+    carries scores instead of inverting predicted covariances (de Jong, 1989), so that readings
+    close together in time do no harm.
+
+    Parameters
+    ----------
+    process
+        Process.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+
+    Returns
+    -------
+    Mean and standard deviation of the process and of its trend, at each time.
+
+    References
+    ----------
+    .. [1] P. de Jong, "Smoothing and interpolation with the state-space model", J. Amer.
+       Statist. Assoc. 84 (1989) 1085-1088.
     """
     _, readings = run(process, time, value, sd)
     seen = process.observation

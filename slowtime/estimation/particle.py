@@ -118,7 +118,21 @@ class ParticleFilter:
         *,
         seed: int = 0,
     ) -> Particles:
-        """Cloud of a Gaussian belief one step before the first reading."""
+        """Draw the cloud of a Gaussian belief one step before the first reading.
+
+        Parameters
+        ----------
+        mean
+            Mean of the state.
+        covariance
+            Covariance of the state.
+        seed
+            Seed of the draws.
+
+        Returns
+        -------
+        The cloud.
+        """
         shape = (*mean.shape[:-1], self.particles, mean.shape[-1])
         normal = np.random.default_rng([seed, 0]).standard_normal(shape)
         points = mean[..., None, :] + normal @ np.swapaxes(root_of(covariance), -1, -2)
@@ -130,7 +144,21 @@ class ParticleFilter:
         reading: Float[np.ndarray, "*twins reading"],
         known: Any = None,
     ) -> tuple[Particles, ParticleStep]:
-        """One step on, and one reading taken in; a reading of NaN is missing."""
+        """Predict one step, and update by one reading.
+
+        Parameters
+        ----------
+        belief
+            Cloud after the reading before.
+        reading
+            Reading; NaN entries are missing.
+        known
+            Input that is passed to `move` and `read`.
+
+        Returns
+        -------
+        Cloud after the reading, and the details of the step.
+        """
         rng = np.random.default_rng([belief.seed, belief.count])
         points = self.move(belief.points, known, rng)
         predicted = Particles(points, belief.weights, belief.seed, belief.count + 1)
@@ -174,7 +202,23 @@ class ParticleFilter:
 def systematic(
     weights: Float[np.ndarray, "*twins particle"], offset: Float[np.ndarray, "*twins"]
 ) -> Int[np.ndarray, "*twins particle"]:
-    """Which particles are drawn: each as often as its share of them, to within one.
+    """Resample systematically: each particle as often as its share of the draws, to within one.
+
+    Parameters
+    ----------
+    weights
+        Weights of the particles [1].
+    offset
+        Uniform random number of each twin, in [0, 1).
+
+    Returns
+    -------
+    Indices of the particles drawn.
+
+    References
+    ----------
+    .. [1] G. Kitagawa, "Monte Carlo filter and smoother for non-Gaussian nonlinear state space
+       models", J. Comput. Graph. Stat. 5 (1996) 1-25.
 
     Examples
     --------

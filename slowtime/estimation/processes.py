@@ -63,7 +63,18 @@ class Matern(Leaf):
         return own, self._chosen({"sd": 2.0 * own}, own)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         scaled = _apart(step, self.length, self.sd) * kernels.rate(self.smoothness, self.length)
         move = kernels.matern_transition(self.smoothness, scaled)
         slope = -scaled[..., None, None] * (_GENERATORS[self.smoothness] @ move)
@@ -91,7 +102,18 @@ class Constant(Leaf):
         return own, self._chosen({"sd": 2.0 * own}, own)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         move = np.ones((*_apart(step, self.sd).shape, 1, 1))
         return move, self._chosen({}, move)
 
@@ -131,7 +153,18 @@ class Trend(Leaf):
         return own, self._chosen({}, own)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         apart = _apart(step, self.drift)
         apart = np.broadcast_to(apart, (len(step), *np.shape(self.drift)))
         move = np.zeros((*apart.shape, 2, 2))
@@ -142,7 +175,22 @@ class Trend(Leaf):
     def noises(
         self, step: np.ndarray, move: np.ndarray, slopes: Slopes
     ) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the process noise over time steps, and its slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+        move
+            Transitions over the steps [time, family, state, state].
+        slopes
+            Slopes of the transitions to the logarithms of the free parameters.
+
+        Returns
+        -------
+        Covariances [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         noise = self._noise(step, move)
         return noise, self._chosen({"drift": 2.0 * noise}, noise)
 
@@ -172,7 +220,18 @@ class Cosine(Leaf):
         return own, self._chosen({"sd": 2.0 * own}, own)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         angle = 2.0 * np.pi * _apart(step, self.period, self.sd) / self.period
         move, slope = _turn(angle)
         return move, self._chosen({"period": slope}, move)
@@ -260,7 +319,18 @@ class Periodic(Leaf):
         return twice * ive(order, x), twice * bessel * (-2.0 * x)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         angle = 2.0 * np.pi * _apart(step, self.period, self.length, self.sd) / self.period
         size = 1 + 2 * self.count
         move = np.zeros((*angle.shape, size, size))
@@ -282,7 +352,29 @@ def quasi_periodic(
     harmonics: int | None = None,
     edges: bool = False,
 ) -> Product:
-    """Make a wave of any form that changes slowly: periodic times Matérn of length `memory`."""
+    """Make a wave of any form that changes slowly: periodic times Matérn.
+
+    Parameters
+    ----------
+    period
+        Period, in the unit of time.
+    sd
+        Standard deviation, in the unit of the readings.
+    memory
+        Length scale over which the form changes, in the unit of time.
+    length
+        Roughness within a period, see `Periodic` [1].
+    smoothness
+        Smoothness of the change of form: 0.5, 1.5 or 2.5 [1].
+    harmonics
+        Number of harmonics; None for as many as it takes.
+    edges
+        Whether the wave may jump and bend; see `Periodic`.
+
+    Returns
+    -------
+    The process.
+    """
     wave = Periodic(period=period, length=length, sd=sd, harmonics=harmonics, edges=edges)
     fading = Matern(smoothness=smoothness, length=memory, sd=1.0, fixed=("sd",))
     return Product(wave, fading)

@@ -52,7 +52,18 @@ class Sawtooth(Leaf):
         return np.ones(1)
 
     def seen(self, time: np.ndarray) -> np.ndarray:
-        """See `Process`."""
+        """Row that maps the state to the process, at each time.
+
+        Parameters
+        ----------
+        time
+            Times, in the unit of time.
+
+        Returns
+        -------
+        Rows [time, family, state]; the same at all times unless the process depends on the
+        clock.
+        """
         family = np.broadcast_shapes(np.shape(self.period), np.shape(self.edge))
         since = time.reshape(-1, *(1,) * len(family)) - self.edge
         return np.asarray(2.0 * ((since / self.period) % 1.0) - 1.0)[..., None]
@@ -64,7 +75,18 @@ class Sawtooth(Leaf):
         return own, self._chosen({"sd": 2.0 * own}, own)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """See `Process`."""
+        """Compute the transitions of the state over time steps, and their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state], and their slopes to the logarithms of the free
+        parameters.
+        """
         _, memory = np.broadcast_arrays(self.sd, self.memory)
         gone = step.reshape(-1, *(1,) * np.ndim(memory)) / memory
         move = np.exp(-gone)[..., None, None]

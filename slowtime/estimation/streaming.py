@@ -64,19 +64,59 @@ class Stream:
     process: Process
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading, at `time`, no later than the first."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         return self.process.start(time)
 
     def step(
         self, belief: Belief, time: float, value: float, sd: float
     ) -> tuple[Belief, Reading]:
-        """Take in one reading, in constant time; a `value` of NaN only moves on in time."""
+        """Update the belief by one reading, in constant time.
+
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        time
+            Time of the reading.
+        value
+            Reading; NaN only advances the time.
+        sd
+            Its standard deviation, in the unit of the readings.
+
+        Returns
+        -------
+        Belief after the reading, and the reading as the filter met it.
+        """
         move, noise = self.process.advance(np.array([time - belief.time]))
         seen = self.process.seen(np.array([time]))[0]
         return _step(seen, belief, time, value, sd, move[0], noise[0])
 
     def resume(self, time: Series, value: Series, sd: Series) -> Belief:
-        """Belief after a series of readings, `time` ascending."""
+        """Belief after a series of readings.
+
+        Parameters
+        ----------
+        time
+            Times of the readings, ascending.
+        value
+            Readings; NaN where missing.
+        sd
+            Their standard deviations, in the unit of the readings.
+
+        Returns
+        -------
+        Belief after the last reading.
+        """
         return run(self.process, time, value, sd)[0]
 
 
@@ -122,9 +162,25 @@ def run(
     *,
     jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, list[Reading]]:
-    """Filter a whole series; `time` ascending, NaN values missing.
+    """Filter a whole series.
 
-    With `jumps` the first number of the state, a level, goes elsewhere between readings.
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Belief after the last reading, and each reading as the filter met it.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
@@ -147,7 +203,26 @@ def log_likelihood(
     *,
     jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes."""
+    """Log-likelihood of the series, one entry per member of a family of processes.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Log-likelihoods.
+    """
     each = [reading.log_likelihood for reading in run(process, time, value, sd, jumps=jumps)[1]]
     return np.asarray(np.sum(each, axis=0))
 
@@ -158,6 +233,21 @@ def likelihood_and_slopes(
     """Log-likelihood, and its slopes to the logarithms of the free parameters, exact.
 
     The sensitivities of mean and covariance are carried along with them.
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+
+    Returns
+    -------
+    Log-likelihood, and its slopes.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, of_moves = process.moves(steps)
@@ -211,11 +301,23 @@ def smooth(
 
     Parameters
     ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     part
         What of the state is asked for, as `processes.Sum.part` tells, or at each time; all of
         it if not given.
     jumps
         As for `run`.
+
+    Returns
+    -------
+    Mean and standard deviation at each time.
     """
     readings = run(process, time, value, sd, jumps=jumps)[1]
     all_seen, size = process.seen(time), process.size
@@ -237,9 +339,24 @@ def smooth(
 def leave_one_out(
     process: Process, time: Series, value: Series, sd: Series
 ) -> tuple[Series, Series]:
-    """Tell what all other readings say of each: mean and sd of the process there.
+    """Predict the process at each reading from all other readings.
 
-    In one pass there and back (de Jong, 1988); NaN values are left out anyhow.
+    In one pass there and back (de Jong, 1988).
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+
+    Returns
+    -------
+    Mean and standard deviation of the process, in the unit of the readings.
     """
     readings = run(process, time, value, sd)[1]
     all_seen, size = process.seen(time), process.size
@@ -279,11 +396,21 @@ def fit(
     ----------
     process
         Kind of process, and where the search and the prior are centred.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     prior_sd
         Standard deviations of the prior on the logarithms. Give a narrow one for a period: the
         likelihood has a peak for each count of waves.
     starts
         From how many points the search begins: the likeliest of a net over the prior.
+
+    Returns
+    -------
+    The process, and its log-likelihood.
     """
     if np.isfinite(value).sum() < 3:
         raise ValueError(
@@ -330,7 +457,25 @@ def sample(
     paths: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "path later"]:
-    """Draw futures of the process, each a whole path, from a belief; `times` ascending."""
+    """Draw futures of the process, each a whole path.
+
+    Parameters
+    ----------
+    process
+        Process, one member.
+    belief
+        Belief after the last reading.
+    times
+        Future times, ascending.
+    paths
+        Number of paths.
+    rng
+        Generator of the draws.
+
+    Returns
+    -------
+    Paths, in the unit of the readings.
+    """
     apart = np.diff(times, prepend=belief.time)
     scale = max(float(apart.max(initial=0.0)), 1e-300)
     steps, which = np.unique(np.round(apart / scale, 12), return_inverse=True)

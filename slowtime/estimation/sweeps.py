@@ -33,7 +33,17 @@ class Startable(Moving, Protocol):
     """A process that can also say what is believed before any reading."""
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading."""
+        """Belief before any reading.
+
+        Parameters
+        ----------
+        time
+            Time of the belief, no later than the first reading.
+
+        Returns
+        -------
+        Mean and covariance of the state.
+        """
         ...
 
 
@@ -64,12 +74,31 @@ class Interventions(NamedTuple):
 
         .. math:: \ln \frac{p(y | i)}{p(y)} =
                   \frac{s_i^2 \tau^2}{2 (1 + \tau^2 S_i)} - \tfrac12 \ln(1 + \tau^2 S_i) .
+
+        Parameters
+        ----------
+        sd
+            Standard deviation of the shift, in the unit of the readings.
+
+        Returns
+        -------
+        Gains [1].
         """
         grown = 1.0 + sd**2 * self.information
         return np.asarray(0.5 * (self.score * sd) ** 2 / grown - 0.5 * np.log(grown))
 
     def loss(self, sd: float) -> Float[np.ndarray, "family time"]:
-        """Loss of log-likelihood by forgetting a shift of this `sd` that is taken for given."""
+        """Loss of log-likelihood by removing a shift that the model holds before each reading.
+
+        Parameters
+        ----------
+        sd
+            Standard deviation of the shift, in the unit of the readings.
+
+        Returns
+        -------
+        Losses [1].
+        """
         left = np.maximum(1.0 - sd**2 * self.information, 1e-12)
         return np.asarray(0.5 * (self.score * sd) ** 2 / left + 0.5 * np.log(left))
 
@@ -92,6 +121,10 @@ def filtered(
         Ascending times, readings and their standard deviations; NaN values are missing.
     jumps
         As for `matern.run`.
+
+    Returns
+    -------
+    Belief after the last reading, and the log-likelihood of each member.
     """
     return carried(process, process.start(float(time[0])), time, value, sd, jumps=jumps)
 
@@ -105,9 +138,29 @@ def carried(
     *,
     jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, Float[np.ndarray, "*family"]]:
-    """Go on from a belief with further readings, as `filtered` does from none.
+    """Continue from a belief with further readings, as `filtered` does from none.
 
     Where a series is cut changes nothing, to the last bit.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    belief
+        Belief before the readings.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Belief after the last reading, and the log-likelihood of the readings.
     """
     steps, which = _steps(belief.time, time)
     known = _Known(process, belief, steps, time)
@@ -132,7 +185,26 @@ def carried(
 def log_likelihood(
     process: Startable, time: Series, value: Series, sd: Series, *, jumps: Sequence[Jump] = ()
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes."""
+    """Log-likelihood of the series, one entry per member of a family of processes.
+
+    Parameters
+    ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
+    jumps
+        Instants between readings at which the level, the first number of the state, jumps,
+        each with its standard deviation.
+
+    Returns
+    -------
+    Log-likelihoods.
+    """
     return filtered(process, time, value, sd, jumps=jumps)[1]
 
 
@@ -156,7 +228,22 @@ class Passes:
     def interventions(
         self, value: Series, sd: Series, *, jumps: Sequence[Jump] = ()
     ) -> Interventions:
-        """Score a shift of the level before every reading, as the function of this name."""
+        """Score a shift of the level before every reading, as the function of this name.
+
+        Parameters
+        ----------
+        value
+            Readings; NaN where missing.
+        sd
+            Their standard deviations, in the unit of the readings.
+        jumps
+            Instants between readings at which the level, the first number of the state, jumps,
+            each with its standard deviation.
+
+        Returns
+        -------
+        Scores of a shift before each reading.
+        """
         mean, covariance = self._start()
         total = np.zeros(len(mean))
         shape = (len(mean), len(self._time))
@@ -178,8 +265,20 @@ def interventions(
 
     Parameters
     ----------
+    process
+        Process, or family of processes.
+    time
+        Times of the readings, ascending.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     jumps
         Shifts that are taken for given, as for `matern.run`.
+
+    Returns
+    -------
+    Scores of a shift before each reading.
     """
     return Passes(process, time).interventions(value, sd, jumps=jumps)
 
@@ -195,12 +294,20 @@ def sample(
 
     Parameters
     ----------
+    process
+        Family of processes.
+    belief
+        Belief after the last reading.
     times
         Ascending, none before the belief.
     owners
         Of each path, the number of its member.
     shocks
         Independent standard normal numbers: for the belief, then for each time.
+
+    Returns
+    -------
+    Paths, in the unit of the readings.
     """
     apart = np.diff(times, prepend=belief.time)
     scale = max(float(apart.max(initial=0.0)), 1e-300)

@@ -97,7 +97,19 @@ class Unscented:
         mean: Float[np.ndarray, "*twins state"],
         covariance: Float[np.ndarray, "*twins state state"],
     ) -> Gaussian:
-        """Belief one step before the first reading."""
+        """Belief one step before the first reading.
+
+        Parameters
+        ----------
+        mean
+            Mean of the state.
+        covariance
+            Covariance of the state.
+
+        Returns
+        -------
+        The belief.
+        """
         return Gaussian.of(mean, covariance)
 
     def step(
@@ -106,10 +118,23 @@ class Unscented:
         reading: Float[np.ndarray, "*twins reading"],
         known: Any = None,
     ) -> tuple[Gaussian, Step]:
-        """One step on, and one reading taken in; a reading of NaN is missing.
+        """Predict one step, and update by one reading.
 
         A twin for which f or h has no finite value near its mean stays where it was, and its
         reading counts as rejected.
+
+        Parameters
+        ----------
+        belief
+            Belief after the reading before.
+        reading
+            Reading; NaN entries are missing.
+        known
+            Input that is passed to f and h.
+
+        Returns
+        -------
+        Belief after the reading, and the details of the step.
         """
         mean, moved, fine = self._carry(self.move, belief, known)
         stays = np.concatenate([belief.root, np.zeros_like(belief.root)], axis=-1)
@@ -141,7 +166,21 @@ class Unscented:
         readings: Float[np.ndarray, "time *twins reading"],
         known: Sequence[Any] | np.ndarray | None = None,
     ) -> list[Step]:
-        """Every step over a whole series."""
+        """Filter a whole series.
+
+        Parameters
+        ----------
+        belief
+            Belief one step before the first reading.
+        readings
+            Readings; NaN entries are missing.
+        known
+            Input of each step, which is passed to f and h.
+
+        Returns
+        -------
+        Details of every step.
+        """
         steps = []
         for k, reading in enumerate(readings):
             belief, step = self.step(belief, reading, None if known is None else known[k])
@@ -196,7 +235,23 @@ def of_parameters(
     reading_noise: Float[np.ndarray, "... reading reading"],
     **settings: Any,
 ) -> Unscented:
-    """Filter of parameters alone, which stay or wander: `read` is the model that has them."""
+    """Make a filter of parameters alone, which are constant or wander.
+
+    Parameters
+    ----------
+    read
+        Model that has the parameters: (points, known) to the readings.
+    wander_root
+        Root of the covariance by which the parameters wander in a step.
+    reading_noise
+        Covariance of the noise of a reading.
+    **settings
+        Further settings of `Unscented`.
+
+    Returns
+    -------
+    The filter.
+    """
     return Unscented(
         move=_stay, read=read, process_root=wander_root, reading_noise=reading_noise, **settings
     )
@@ -210,9 +265,26 @@ def joint(
     reading_noise: Float[np.ndarray, "... reading reading"],
     **settings: Any,
 ) -> Unscented:
-    """Filter of states and parameters together: the first `states` entries are states.
+    """Make a filter of states and parameters together.
 
-    `move` and `read` take states, parameters, and what is known, at each point.
+    Parameters
+    ----------
+    move
+        (states, parameters, known) to the states one step later.
+    read
+        (states, parameters, known) to the readings.
+    states
+        Number of states; the entries after them are parameters.
+    process_root
+        Root of the covariance of process noise, or a function; see `Unscented`.
+    reading_noise
+        Covariance of the noise of a reading.
+    **settings
+        Further settings of `Unscented`.
+
+    Returns
+    -------
+    The filter.
     """
 
     def moved(points: np.ndarray, known: Any) -> np.ndarray:

@@ -156,7 +156,20 @@ def check_level(level: float) -> float:
 
 
 def check_damping(damping_ratio_0: PerReading, *, below: float) -> None:
-    """Refuse a nominal damping ratio with which the nominal model would not ring."""
+    """Check that the nominal damping ratio lies in the range of a formula.
+
+    Parameters
+    ----------
+    damping_ratio_0
+        Nominal damping ratio [1].
+    below
+        Ratio that it must stay below [1].
+
+    Raises
+    ------
+    ValueError
+        Where the ratio is outside [0, below).
+    """
     if not (at_least(damping_ratio_0, 0.0) and under(damping_ratio_0, below)):
         raise ValueError(
             f"damping_ratio_0={damping_ratio_0} is outside [0, {below:.4g}), where the nominal "
@@ -166,7 +179,20 @@ def check_damping(damping_ratio_0: PerReading, *, below: float) -> None:
 
 
 def check_nominal(nominal_relative_sd: PerReading, quantile: float) -> None:
-    """Refuse a nominal frequency so uncertain that no interval of a ratio is bounded."""
+    """Check that the nominal frequency is known well enough for a bounded interval of a ratio.
+
+    Parameters
+    ----------
+    nominal_relative_sd
+        Standard deviation of the nominal frequency over that frequency [1].
+    quantile
+        Half width of the interval [standard deviations].
+
+    Raises
+    ------
+    ValueError
+        Where the deviation is negative or at least 1 / max(quantile, 1).
+    """
     most = 1.0 / max(quantile, 1.0)
     if not (at_least(nominal_relative_sd, 0.0) and under(nominal_relative_sd, most)):
         raise ValueError(

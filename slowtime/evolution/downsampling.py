@@ -28,6 +28,10 @@ def extremes(
     lo, hi
         Ends of the interval about `value`, drawn as a band; by default `value` itself.
 
+    Returns
+    -------
+    Ascending indices of the readings.
+
     Examples
     --------
     >>> extremes(np.array([0.0, 9.0, 1.0, -7.0, 1.0, 2.0, 1.0, 0.0]), 6)

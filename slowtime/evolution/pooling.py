@@ -142,6 +142,10 @@ def pool(
         1/2 the spread is smaller. By default the root mean square of the rates, since rates of
         like assets rarely differ by more than what they are.
 
+    Returns
+    -------
+    Pooled rates, and their spread among the assets.
+
     Raises
     ------
     ValueError

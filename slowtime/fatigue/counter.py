@@ -66,12 +66,18 @@ class Counter:
     mean_stress: MeanStress = dataclasses.field(default_factory=MeanStress)
 
     def step(self, count: Count, series: Series) -> Count:
-        """Take samples; those that are not finite are skipped and counted.
+        """Process samples; those that are not finite are skipped and counted.
 
         Parameters
         ----------
+        count
+            State after the samples before.
         series
             Stress at equal steps, in the unit of the curve.
+
+        Returns
+        -------
+        State after the samples.
         """
         finite = np.isfinite(series)
         skipped = len(series) - int(finite.sum())

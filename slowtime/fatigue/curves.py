@@ -76,10 +76,23 @@ class Curve:
 
     @classmethod
     def of_amplitudes(cls, constant: float, slope: float, log10_sd: float = 0.2) -> "Curve":
-        """Make the curve of N = constant × amplitude**(-slope).
+        """Make the curve N = constant × amplitude**(-slope), which is given in amplitudes.
 
         A range is twice an amplitude, so that the constant for ranges is 2**slope times that
         for amplitudes.
+
+        Parameters
+        ----------
+        constant
+            Cycles times unit of stress to the power of `slope`.
+        slope
+            Slope m [1].
+        log10_sd
+            Standard deviation of log10 of the life [1].
+
+        Returns
+        -------
+        The curve in ranges.
         """
         return cls(constant=constant * 2.0**slope, slope=slope, log10_sd=log10_sd)
 
@@ -93,9 +106,15 @@ class Curve:
         ----------
         category
             Range of 2 million cycles at 95 % survival [MPa], such as 71.
+        log10_sd
+            Standard deviation of log10 of the life [1].
         characteristic
             Whether to keep the curve of 95 % survival; otherwise the median, which is
             ``10**(1.645 log10_sd)`` times as long.
+
+        Returns
+        -------
+        The curve, in MPa.
         """
         _positive("category", category)
         shift = 1.0 if characteristic else 10 ** (EN_CHARACTERISTIC_SD * log10_sd)
@@ -110,7 +129,17 @@ class Curve:
         )
 
     def damage(self, ranges: Values) -> Values:
-        """Damage of one cycle of each range, 1 / N [1]."""
+        """Damage of one cycle of each range, 1 / N.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Damage [1]; 0 below the cut-off.
+        """
         with np.errstate(over="ignore", under="ignore"):
             damage = ranges**self.slope / self.constant
             if self.lower_slope is not None:
@@ -120,12 +149,32 @@ class Curve:
         return np.asarray(np.where(ranges < self.cut_off, 0.0, damage))
 
     def life(self, ranges: Values) -> Values:
-        """Cycles of each range that are borne at the median; infinite below the cut-off."""
+        """Compute the number of cycles of each range that the median specimen bears.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Cycles [1]; infinite below the cut-off.
+        """
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / self.damage(ranges))
 
     def slopes(self, ranges: Values) -> Values:
-        """Slope that holds at each range [1]."""
+        """Slope of the curve at each range.
+
+        Parameters
+        ----------
+        ranges
+            Stress ranges [unit of stress].
+
+        Returns
+        -------
+        Slopes [1].
+        """
         lower = self.slope if self.lower_slope is None else self.lower_slope
         return np.asarray(np.where(ranges < self.knee, lower, self.slope))
 

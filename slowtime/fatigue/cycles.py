@@ -53,7 +53,19 @@ class Cycles(NamedTuple):
 
 
 def cycles_of(low: Points, high: Points, count: float) -> Cycles:
-    """List the cycles between pairs of points, in any order, each counted `count` times."""
+    """List the cycles between pairs of points, in any order, each counted `count` times.
+
+    Parameters
+    ----------
+    low, high
+        Both turning points of each cycle [unit of stress].
+    count
+        Count of each cycle: 1, or 0.5 for a half cycle.
+
+    Returns
+    -------
+    Ranges and means [unit of stress], and counts.
+    """
     return Cycles(np.abs(high - low), (low + high) / 2, np.full(len(low), count))
 
 
@@ -64,6 +76,10 @@ def turning_points(series: Series) -> Float[np.ndarray, " point"]:
     ----------
     series
         Finite samples; of samples that repeat, one counts.
+
+    Returns
+    -------
+    Turning points, in the unit of the series.
 
     Examples
     --------
@@ -125,7 +141,17 @@ def extract(points: Points) -> tuple[Cycles, Float[np.ndarray, " left"]]:
 
 
 def residue_cycles(residue: Points) -> Cycles:
-    """Count what was left over: half a cycle for each range."""
+    """Count half a cycle for each range that is left over.
+
+    Parameters
+    ----------
+    residue
+        Turning points whose ranges are not closed [unit of stress].
+
+    Returns
+    -------
+    The half cycles.
+    """
     return cycles_of(residue[:-1], residue[1:], 0.5)
 
 
@@ -136,6 +162,10 @@ def rainflow(series: Series) -> Cycles:
     ----------
     series
         Samples, such as stress [Pa].
+
+    Returns
+    -------
+    Ranges and means, in the unit of the series, and counts.
 
     Raises
     ------

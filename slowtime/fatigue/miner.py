@@ -75,7 +75,21 @@ class MinerSum:
 
     @classmethod
     def of(cls, curve: Curve, damage: float, upper_damage: float) -> "MinerSum":
-        """Make it of the sum by the median curve, and of its part above the knee."""
+        """Make the sum from the damage by the median curve and its part above the knee.
+
+        Parameters
+        ----------
+        curve
+            S-N curve.
+        damage
+            Damage by the median curve [1].
+        upper_damage
+            Part of it that is done by ranges above the knee [1].
+
+        Returns
+        -------
+        The sum; its slope is weighted by both parts.
+        """
         lower = curve.slope if curve.lower_slope is None else curve.lower_slope
         share = upper_damage / damage if damage > 0 else 1.0
         slope = share * curve.slope + (1 - share) * lower
@@ -89,7 +103,7 @@ class MinerSum:
         return cls.of(curve, float(each.sum()), float(each[ranges >= curve.knee].sum()))
 
     def with_stress_error(self, ln_sd: float, factor: float = 1.0) -> "MinerSum":
-        """Take in an error of all stresses by one lognormal factor.
+        """Include an error of all stresses by one lognormal factor.
 
         Parameters
         ----------
@@ -97,6 +111,10 @@ class MinerSum:
             Standard deviation of the logarithm of true over estimated stress [1].
         factor
             Median of true over estimated stress [1].
+
+        Returns
+        -------
+        The sum with the error included.
         """
         return dataclasses.replace(
             self,
@@ -115,7 +133,17 @@ class MinerSum:
         return self.mean * math.sqrt(math.expm1(self.ln_sd**2))
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval that holds the sum with probability `level`."""
+        """Interval that holds the sum with probability `level`.
+
+        Parameters
+        ----------
+        level
+            Probability [1].
+
+        Returns
+        -------
+        Lower and upper end [1].
+        """
         reach = float(ndtri((1 + level) / 2)) * self.ln_sd
         return self.median * math.exp(-reach), self.median * math.exp(reach)
 
@@ -157,7 +185,28 @@ class TimeToFailure:
         rate_variation: float = 0.0,
         capacity: Capacity | None = None,
     ) -> "TimeToFailure":
-        """Make it of a sum and of the rate at which it goes on."""
+        """Make the time to failure from a sum and the rate at which it grows.
+
+        Parameters
+        ----------
+        total
+            Miner's sum so far.
+        rate
+            Damage a second from now on, by the median curve [1/s].
+        rate_variation
+            Coefficient of variation of the rate [1].
+        capacity
+            Capacity; by default that of `Capacity()`.
+
+        Returns
+        -------
+        Distribution of the time to failure.
+
+        Raises
+        ------
+        ValueError
+            Where the rate is negative or not a number.
+        """
         if not rate >= 0:
             raise ValueError(f"rate={rate} is not allowed. Give damage a second, 0 or more.")
         capacity = Capacity() if capacity is None else capacity
@@ -170,7 +219,17 @@ class TimeToFailure:
         )
 
     def probability(self, seconds: float) -> float:
-        """Probability that the capacity is reached within so many seconds from now [1]."""
+        """Probability that the capacity is reached within a time from now.
+
+        Parameters
+        ----------
+        seconds
+            Time from now [s].
+
+        Returns
+        -------
+        Probability [1].
+        """
         spread = math.sqrt(math.log1p(self.rate_variation**2))
         then = self.damage + self.rate * np.exp(spread * NODES) * seconds
         survival = np.exp(self._log_survival(then) - self._log_survival(self.damage))
@@ -182,7 +241,22 @@ class TimeToFailure:
         return float(-np.expm1(self._log_survival(self.damage)))
 
     def quantile(self, probability: float) -> float:
-        """Seconds within which the capacity is reached with `probability`; may be infinite."""
+        """Time within which the capacity is reached with a given probability.
+
+        Parameters
+        ----------
+        probability
+            Probability, between 0 and 1.
+
+        Returns
+        -------
+        Time from now [s]; infinite where the rate is 0.
+
+        Raises
+        ------
+        ValueError
+            Where the probability is not between 0 and 1.
+        """
         if not 0 < probability < 1:
             raise ValueError(f"{probability=} is not allowed. Give one between 0 and 1.")
         if self.rate == 0:
@@ -204,7 +278,19 @@ class TimeToFailure:
 
 
 def equivalent_range(histogram: Histogram, slope: float) -> float:
-    r"""Range of equal damage at constant amplitude, :math:`(\sum n S^m / \sum n)^{1/m}`."""
+    r"""Range of equal damage at constant amplitude, :math:`(\sum n S^m / \sum n)^{1/m}`.
+
+    Parameters
+    ----------
+    histogram
+        Cycles counted by range.
+    slope
+        Slope m of the S-N curve [1].
+
+    Returns
+    -------
+    Range [unit of stress]; 0 without cycles.
+    """
     counts = histogram.counts
     if not counts.sum():
         return 0.0

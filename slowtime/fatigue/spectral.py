@@ -45,7 +45,7 @@ class Moments:
     def of(
         cls, frequency_hz: Float[np.ndarray, " f"], density: Float[np.ndarray, " f"]
     ) -> "Moments":
-        """Integrate a density by trapezoids.
+        """Integrate a spectral density by the trapezoidal rule.
 
         Parameters
         ----------
@@ -53,6 +53,10 @@ class Moments:
             Ascending [Hz].
         density
             One-sided [unit of stress squared per Hz].
+
+        Returns
+        -------
+        Spectral moments.
         """
         if not (np.isfinite(density).all() and (density >= 0).all() and density.any()):
             raise ValueError(
@@ -84,7 +88,7 @@ class Moments:
 
 
 def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float:
-    """Estimate the damage a second of Gaussian stress of zero mean [1/s].
+    """Damage per second by Gaussian stress of zero mean.
 
     Parameters
     ----------
@@ -96,6 +100,10 @@ def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float
         ``"narrow_band"``: exact for a narrow band, too much otherwise; ``"wirsching_light"``
         corrects it by a factor, ``"tovo_benasciutti"`` between two bounds; ``"dirlik"`` fits
         the distribution of rainflow ranges.
+
+    Returns
+    -------
+    Damage per second [1/s].
 
     Examples
     --------
@@ -135,7 +143,19 @@ def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
 
 
 def dirlik_density(moments: Moments, amplitude: Densities) -> Densities:
-    """Density of rainflow amplitudes over amplitude in standard deviations (Dirlik)."""
+    """Density of rainflow amplitudes by Dirlik's formula.
+
+    Parameters
+    ----------
+    moments
+        Spectral moments of the stress.
+    amplitude
+        Amplitudes, in standard deviations of the stress [1].
+
+    Returns
+    -------
+    Densities over the amplitude in standard deviations [1].
+    """
     gamma = moments.alpha2
     x = moments.m1 / moments.m0 * math.sqrt(moments.m2 / moments.m4)
     if gamma > 1 - 1e-9:

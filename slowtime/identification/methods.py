@@ -29,10 +29,20 @@ def by_method(
 
     Parameters
     ----------
+    samples
+        Samples of all channels.
+    rate_hz
+        Sampling rate [Hz].
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
         the fast Bayesian FFT. `fdd`, `efdd`: peaks of the first singular value, plain or
         enhanced; no stabilisation.
+    band_hz
+        Where to look for modes [Hz].
+
+    Returns
+    -------
+    The modes, with their errors.
     """
     if method == "modes":
         return identify_modes(samples, rate_hz, band_hz=band_hz)

@@ -68,9 +68,18 @@ class Assessment:
         return np.asarray(np.maximum(-np.gradient(log, self.slow_time), 0.0))
 
     def when(self, accepted: float) -> float:
-        """Slow time at which the probability of failure so far passes `accepted`; or infinity.
+        """Slow time at which the probability of failure so far reaches an accepted one.
 
-        Straight between the instants.
+        Interpolated linearly between the instants.
+
+        Parameters
+        ----------
+        accepted
+            Accepted probability of failure [1].
+
+        Returns
+        -------
+        Slow time; infinite where the probability is not reached.
         """
         failed = self.failure
         if failed[0] >= accepted:
@@ -87,7 +96,7 @@ class Assessment:
 def assess(
     state: LimitState, slow_time: Times, futures: Mapping[str, Float[np.ndarray, "path time"]]
 ) -> Assessment:
-    """Assess a limit state.
+    """Assess a limit state over slow time, from futures of the changes.
 
     Parameters
     ----------
@@ -97,6 +106,10 @@ def assess(
         Now and later, ascending.
     futures
         Quantity → its change along each future; rows of one number belong together.
+
+    Returns
+    -------
+    Failure probability and survival over slow time.
 
     Raises
     ------
@@ -142,8 +155,14 @@ def history(
 
     Parameters
     ----------
+    state
+        Limit state.
     value, sd
         Quantity → its change at each reading, and the standard deviation.
+    paths
+        Number of draws of the changes.
+    seed
+        Seed of the draws.
 
     Returns
     -------

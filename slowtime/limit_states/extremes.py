@@ -33,6 +33,10 @@ def gumbel_of_maxima(maxima: Float[np.ndarray, " period"]) -> Marginal:
     maxima
         Largest value of each past period, in the unit of the load.
 
+    Returns
+    -------
+    The distribution.
+
     Raises
     ------
     ValueError

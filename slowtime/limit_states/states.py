@@ -41,7 +41,17 @@ class LimitState(Protocol):
         """Load events over one unit of slow time; None where the state itself fails."""
 
     def given(self, changes: Changes) -> tuple[np.ndarray, Float[np.ndarray, " capacity"]]:
-        """Probability of failure for each capacity [capacity ...], and their weights."""
+        """Probability of failure for each capacity, given the changes.
+
+        Parameters
+        ----------
+        changes
+            Quantity → its relative change, in arrays of one shape [1].
+
+        Returns
+        -------
+        Probabilities, first axis by capacity, and the weights of the capacities [1].
+        """
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -73,7 +83,17 @@ class Threshold:
         return
 
     def given(self, changes: Changes) -> tuple[np.ndarray, Float[np.ndarray, " capacity"]]:
-        """1 where the value is passed."""
+        """Tell where the quantity has passed the threshold.
+
+        Parameters
+        ----------
+        changes
+            Quantity → its relative change, in arrays of one shape [1].
+
+        Returns
+        -------
+        1 where it has and 0 elsewhere, with a first axis of one, and its weight.
+        """
         x = changes[self.quantity]
         failed = np.asarray(x <= self.at if self.toward == "below" else x >= self.at)
         return failed[None].astype(float), np.ones(1)
@@ -114,7 +134,17 @@ class Resonance:
         return
 
     def given(self, changes: Changes) -> tuple[np.ndarray, Float[np.ndarray, " capacity"]]:
-        """Probability that the excitation lies within the margin of the frequency."""
+        """Probability that the excitation lies within the margin of the frequency.
+
+        Parameters
+        ----------
+        changes
+            Quantity → its relative change, in arrays of one shape [1].
+
+        Returns
+        -------
+        Probabilities, with a first axis of one, and its weight [1].
+        """
         factor = np.ones_like(changes[self.quantities[0]])
         if self.stiffness is not None:
             factor = factor * np.maximum(1.0 + changes[self.stiffness], 0.0)
@@ -173,7 +203,17 @@ class ResponseLimit:
         return self.rate
 
     def given(self, changes: Changes) -> tuple[np.ndarray, Float[np.ndarray, " capacity"]]:
-        """Probability that one event exceeds each capacity."""
+        """Probability that one event exceeds each capacity.
+
+        Parameters
+        ----------
+        changes
+            Quantity → its relative change, in arrays of one shape [1].
+
+        Returns
+        -------
+        Probabilities, first axis by capacity, and the weights of the capacities [1].
+        """
         shape = changes[self.names[0]].shape
         factors = np.stack([1.0 + changes[name].ravel() for name in self.names], axis=1)
         # A stiffness of nothing has no stationary response: such a part has failed.
@@ -222,6 +262,16 @@ def _nodes(law: Marginal | float) -> tuple[Float[np.ndarray, " node"], np.ndarra
 
 
 def normal_index(probability: np.ndarray) -> np.ndarray:
-    r"""Reliability index :math:`\beta = -\Phi^{-1}(P_f)`, at most `FAR` in size."""
+    r"""Reliability index :math:`\beta = -\Phi^{-1}(P_f)`, at most `FAR` in size.
+
+    Parameters
+    ----------
+    probability
+        Failure probabilities, of any shape [1].
+
+    Returns
+    -------
+    Indices, of the same shape [1].
+    """
     clipped = np.clip(probability, float(ndtr(-FAR)), 1.0 - 1e-16)
     return np.asarray(-ndtri(clipped))

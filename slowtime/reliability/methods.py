@@ -79,6 +79,8 @@ def estimate(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
     method
         A name of `METHODS`.
     variation
@@ -87,6 +89,10 @@ def estimate(
         Calls of the limit state at most.
     seed
         Of all random numbers: the same seed gives the same result.
+
+    Returns
+    -------
+    Probability of failure, with its interval.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class Problem:
 
     Examples
     --------
-    >>> from .marginals import marginal
+    >>> from slowtime.reliability.random_inputs.marginals import marginal
     >>> problem = Problem(
     ...     {"r": marginal("normal", mean=10.0, sd=1.0),
     ...      "s": marginal("normal", mean=5.0, sd=1.0)},
@@ -117,7 +117,17 @@ class Problem:
         return len(self.inputs)
 
     def scores(self, u: Float[np.ndarray, "sample input"]) -> Float[np.ndarray, "sample input"]:
-        """Dependent normal scores of independent ones."""
+        """Transform independent normal scores to dependent ones by the copulas.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         z = np.array(u, dtype=float)
         for group, copula in self.dependence.items():
             columns = [self.names.index(name) for name in group]
@@ -127,7 +137,17 @@ class Problem:
     def physical(
         self, u: Float[np.ndarray, "sample input"]
     ) -> Float[np.ndarray, "sample input"]:
-        """Transform independent standard normal inputs to those in their own units."""
+        """Transform independent standard normal inputs to those in their own units.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Points, each input in its own unit.
+        """
         z = self.scores(u)
         x = np.empty_like(z)
         for k, law in enumerate(self.inputs.values()):
@@ -142,7 +162,17 @@ class Problem:
     def standard(
         self, x: Float[np.ndarray, "sample input"]
     ) -> Float[np.ndarray, "sample input"]:
-        """Invert `physical`."""
+        """Transform inputs in their own units to independent standard normal ones.
+
+        Parameters
+        ----------
+        x
+            Points, each input in its own unit.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         u = np.empty_like(np.asarray(x, dtype=float))
         for k, law in enumerate(self.inputs.values()):
             known = Marginal(law.law(x[:, :k])) if isinstance(law, Conditional) else law
@@ -158,11 +188,29 @@ def correlated(
     correlations: Mapping[tuple[str, str], float],
     kind: Kind = "linear",
 ) -> dict[tuple[str, ...], Copula]:
-    """Dependence by correlations of pairs of inputs (Nataf); see `copulas.nataf` for kinds.
+    """Make the dependence of inputs with given correlations of pairs (Nataf).
+
+    Parameters
+    ----------
+    inputs
+        Name → marginal distribution, as in `Problem`.
+    correlations
+        Two names → their correlation [1]; pairs that are not named have none.
+    kind
+        Kind of the correlations; see `copulas.nataf`.
+
+    Returns
+    -------
+    Names of the correlated inputs → their copula.
+
+    Raises
+    ------
+    ValueError
+        Where a correlation names an input that does not exist, or none has that correlation.
 
     Examples
     --------
-    >>> from .marginals import marginal
+    >>> from slowtime.reliability.random_inputs.marginals import marginal
     >>> inputs = {name: marginal("normal", mean=0.0, sd=1.0) for name in "ab"}
     >>> correlated(inputs, {("a", "b"): 0.5})[("a", "b")].correlation.round(6)
     array([[1. , 0.5],

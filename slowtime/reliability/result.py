@@ -134,12 +134,30 @@ def sampled(
     warnings: tuple[str, ...] = (),
     freedom: float = math.inf,
 ) -> Result:
-    """Make the result of a sampling method, its interval even in the logarithm.
+    """Make the result of a sampling method; its interval is symmetric in the logarithm.
 
     Parameters
     ----------
+    method
+        Name of the method.
+    probability
+        Estimate of the failure probability [1].
+    variation
+        Its coefficient of variation [1].
+    calls
+        Number of evaluations of the limit state.
+    stopping
+        Targets of the sampling.
+    design_points
+        Design points found, if any.
+    warnings
+        Warnings to the user.
     freedom
         Degrees of freedom of the variance, where few independent runs told it.
+
+    Returns
+    -------
+    The result.
     """
     if probability <= 0.0 or not math.isfinite(variation):
         said = "No sampled point failed. Allow more calls, or use subset simulation."
@@ -174,5 +192,27 @@ def approximated(
     warnings: tuple[str, ...] = (),
     bounds: tuple[float, float] | None = None,
 ) -> Result:
-    """Make the result of a method whose error is not known: no interval, and why."""
+    """Make the result of a method whose error is not known: it has no interval.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    probability
+        Estimate of the failure probability [1].
+    calls
+        Number of evaluations of the limit state.
+    why
+        Why there is no interval.
+    design_points
+        Design points found, if any.
+    warnings
+        Warnings to the user.
+    bounds
+        Lower and upper bound of the probability [1], if the method has some.
+
+    Returns
+    -------
+    The result.
+    """
     return Result(method, probability, None, why, None, calls, design_points, warnings, bounds)

@@ -53,6 +53,10 @@ def decimated(
     factor
         Whole number from 1 up.
 
+    Returns
+    -------
+    Samples at the lower rate, with the first instant [s].
+
     Examples
     --------
     >>> sine = np.sin(2 * np.pi * 3.0 * np.arange(10_000) / 1000.0)[:, None]
@@ -72,7 +76,7 @@ def decimated(
 def moved_down(
     series: Float[np.ndarray, " time"], rate_hz: float, centre_hz: float, half_width_hz: float
 ) -> Decimated:
-    r"""Move a band of a series down, to a rate of about six times half its width.
+    r"""Shift a band of a series down, to a rate of about six times half its width.
 
     The band :math:`f_c \pm w` comes to lie about a quarter of the lower rate: with the complex
     filter h of that band,
@@ -91,6 +95,10 @@ def moved_down(
         Samples per second [Hz].
     centre_hz, half_width_hz
         :math:`f_c` and w [Hz]; what is beyond 1.5 w is gone.
+
+    Returns
+    -------
+    Real samples at the lower rate, with the first instant [s] and the frequency shift [Hz].
 
     Examples
     --------

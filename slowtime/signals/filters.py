@@ -87,6 +87,10 @@ def ewma(x: Series, a: float) -> Series:
         Readings.
     a
         Weight of the newest, in (0, 1].
+
+    Returns
+    -------
+    Filtered series, in the unit of `x`.
     """
     check_weight(a)
     present = np.isfinite(x)
@@ -131,14 +135,16 @@ def median(x: Series, window: int) -> Series:
 
 
 def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarray, " time"]:
-    r"""Which readings are outliers among their neighbours.
+    r"""Tell which readings are outliers among their neighbours.
 
-    A reading is one where :math:`|x - \mathrm{med}| > 3 \cdot 1.4826 \, \mathrm{MAD}`, with
+    An outlier has :math:`|x - \mathrm{med}| > 3 \cdot 1.4826 \, \mathrm{MAD}`, with
     median and median absolute deviation over the `window` readings around it (Hampel, 1974).
     Looks to both sides, so it is for series at rest, not for streams.
 
     Parameters
     ----------
+    x
+        Readings; NaN where missing.
     window
         Odd number of readings, the judged one in the middle; fewer at the ends.
     threshold
@@ -177,7 +183,18 @@ def _check_window(window: int) -> None:
 
 
 def check_weight(a: float) -> None:
-    """Refuse a weight outside (0, 1]."""
+    """Check that a weight is in (0, 1].
+
+    Parameters
+    ----------
+    a
+        Weight of the newest reading [1].
+
+    Raises
+    ------
+    ValueError
+        Where it is not.
+    """
     if not (0 < a <= 1 and math.isfinite(a)):
         raise ValueError(
             f"{a=} is outside (0, 1]. Give the newest reading's weight, such as 0.3."

@@ -55,6 +55,10 @@ def kaiser_order(stop_db: float, width: float) -> tuple[int, float]:
     width
         Of the transition, as a fraction of the Nyquist frequency [1].
 
+    Returns
+    -------
+    Number of coefficients, and beta [1].
+
     References
     ----------
     .. [1] J. F. Kaiser, "Nonrecursive digital filter design using the I0-sinh window
@@ -78,6 +82,10 @@ def windowed_sinc(
         Odd number of coefficients.
     edge
         Where the gain is a half, as a fraction of the Nyquist frequency [1].
+    beta
+        Shape of the Kaiser window [1].
+    kind
+        ``"lowpass"`` or ``"highpass"``.
 
     Returns
     -------

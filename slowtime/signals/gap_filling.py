@@ -57,6 +57,10 @@ def bridge(
     present
         Which rows were measured. The first and the last must have been.
 
+    Returns
+    -------
+    Samples with gaps filled, and the expected error of the worst channel [1].
+
     Raises
     ------
     ValueError

@@ -53,6 +53,10 @@ def at_instants(
     positions
         In samples, counted from the first; held to `REACH` beyond the ends.
 
+    Returns
+    -------
+    Values, in the unit of the series.
+
     Examples
     --------
     >>> wave = np.sin(0.9 * np.arange(200))
@@ -104,11 +108,17 @@ def polynomials(series: Series, hold: str) -> Float[np.ndarray, "time power"]:
 
     Parameters
     ----------
+    series
+        Samples of the signal.
     hold
         ``"band_limited"``: the band-limited signal through the samples, by quintic Hermite
         polynomials with its own derivatives (a part in 3000 at a quarter of the sampling rate,
         in 10^6 at a tenth); ``"first"``: straight lines; ``"zero"``: steps. The last row
         stays at the last value.
+
+    Returns
+    -------
+    Coefficients, in the unit of the series.
     """
     if hold not in HOLDS:
         raise ValueError(f"{hold=} is no way to hold a signal. Allowed: {', '.join(HOLDS)}.")

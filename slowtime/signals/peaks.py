@@ -47,6 +47,8 @@ def prominences(
 
     Parameters
     ----------
+    series
+        Values, one per place.
     peaks
         All of the series, as `local_maxima` gives them.
 

@@ -85,6 +85,8 @@ def filtered(sections: Sections, rows: Rows, memory: Memory) -> tuple[Rows, Memo
     ----------
     sections
         Of each :math:`b_0, b_1, b_2, 1, a_1, a_2`.
+    rows
+        Rows to filter, one after the other.
     memory
         As the rows before left it; `at_rest` times the first row to begin without ringing.
 
@@ -135,8 +137,16 @@ def butterworth(
 
     Parameters
     ----------
+    order
+        Order of the filter.
     edge
         Where the gain is 1/sqrt(2), as a fraction of the Nyquist frequency, in (0, 1).
+    kind
+        ``"lowpass"`` or ``"highpass"``.
+
+    Returns
+    -------
+    Second-order sections.
     """
     angle = np.pi * (2 * np.arange((order + 1) // 2) + 1) / (2 * order)
     return _bilinear(-np.sin(angle) + 1j * np.cos(angle), order, edge, kind, 1.0)
@@ -147,10 +157,16 @@ def chebyshev(order: int, ripple_db: float, edge: float) -> Float[np.ndarray, "s
 
     Parameters
     ----------
+    order
+        Order of the filter, even.
     ripple_db
         Of the gain below `edge` [dB].
     edge
         As a fraction of the Nyquist frequency, in (0, 1).
+
+    Returns
+    -------
+    Second-order sections.
     """
     squared = 10 ** (ripple_db / 10) - 1
     spread = np.arcsinh(1 / np.sqrt(squared)) / order

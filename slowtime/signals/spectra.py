@@ -90,6 +90,10 @@ def transform(
         Samples per second [Hz].
     taper
         ``boxcar`` or ``hann``: the window :math:`h_n`.
+
+    Returns
+    -------
+    Frequencies [Hz], and coefficients.
     """
     count = len(samples)
     tapered, power = _tapered(samples, taper)

@@ -77,6 +77,19 @@ def polynomials(
 ) -> Float[np.ndarray, "sample degree"]:
     r"""Orthonormal polynomials :math:`\psi_0 \dots \psi_p` of a law, at points.
 
+    Parameters
+    ----------
+    x
+        Points of one input, in its unit.
+    law
+        Distribution of the input.
+    degree
+        Highest degree p.
+
+    Returns
+    -------
+    Values of the polynomials, from degree 0 to p.
+
     Examples
     --------
     >>> from scipy import stats
@@ -100,10 +113,18 @@ def indices(
 
     Parameters
     ----------
+    inputs
+        Number of inputs.
+    degree
+        Largest degree p of a term.
     interaction
         Most inputs in one term; all of them if None.
     q_norm
         Below 1 it drops terms in many inputs (hyperbolic truncation, Blatman and Sudret 2011).
+
+    Returns
+    -------
+    Degree of each input in each term.
 
     Examples
     --------
@@ -148,7 +169,21 @@ def products(
     laws: Sequence[Law],
     terms: Int[np.ndarray, "term input"],
 ) -> Float[np.ndarray, "sample term"]:
-    """Product of one orthonormal polynomial per input, for each term."""
+    """Products of one orthonormal polynomial per input, for each term.
+
+    Parameters
+    ----------
+    x
+        Points, each input in its own unit.
+    laws
+        Distribution of each input.
+    terms
+        Degree of each input in each term.
+
+    Returns
+    -------
+    Values of the products.
+    """
     values = np.ones((len(x), len(terms)))
     for i, law in enumerate(laws):
         table = polynomials(x[:, i], law, int(terms[:, i].max(initial=0)))

@@ -73,12 +73,20 @@ def choose(
 
     Parameters
     ----------
+    X
+        Points [sample, input].
+    y
+        Outputs [sample].
     candidates
         By name; six of different kinds if None.
     folds
         Parts of the design, each left out once, the same for all.
     random_state
         Seed of the parts.
+
+    Returns
+    -------
+    The best surrogate, fitted, and the scores of all.
 
     Examples
     --------

@@ -28,13 +28,33 @@ class Domain:
     reach: float
 
     def beyond(self, x: Float[np.ndarray, "sample input"]) -> Bool[np.ndarray, "sample input"]:
-        """Which inputs of which points lie outside the box."""
+        """Tell which inputs of which points lie outside the box of the design.
+
+        Parameters
+        ----------
+        x
+            Points, in the units of the design.
+
+        Returns
+        -------
+        True for each input that lies outside.
+        """
         edge = self.margin * (self.hi - self.lo) + 1e-9 * np.abs(self.hi - self.lo)
         outside: Bool[np.ndarray, "sample input"] = (x < self.lo - edge) | (x > self.hi + edge)
         return outside
 
     def outside(self, x: Float[np.ndarray, "sample input"]) -> Bool[np.ndarray, " sample"]:
-        """Which points lie where the design has none: outside box, or hull or ellipsoid."""
+        """Tell which points lie outside the box of the design, or its hull or ellipsoid.
+
+        Parameters
+        ----------
+        x
+            Points, in the units of the design.
+
+        Returns
+        -------
+        True for each point that lies outside.
+        """
         unit = (x - self.centre) / np.where(self.hi > self.lo, self.hi - self.lo, 1.0)
         if self.faces is None:
             far = np.sum((unit @ self.whitening) ** 2, axis=1) > self.reach
@@ -45,7 +65,17 @@ class Domain:
 
 
 def domain(x: Float[np.ndarray, "sample input"]) -> Domain:
-    """Domain of a design."""
+    """Domain of a design: its box, and its hull (up to three inputs) or ellipsoid.
+
+    Parameters
+    ----------
+    x
+        Points of the design, each input in its own unit.
+
+    Returns
+    -------
+    The domain.
+    """
     count, inputs = x.shape
     lo, hi = x.min(axis=0), x.max(axis=0)
     centre = x.mean(axis=0)

@@ -25,8 +25,16 @@ def homotopy(
 
     Parameters
     ----------
+    design
+        Value of each term at each point.
+    outputs
+        Output at each point.
     weights
         :math:`w_p > 0`: what a coefficient costs.
+
+    Returns
+    -------
+    Coefficients.
 
     References
     ----------

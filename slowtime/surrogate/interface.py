@@ -61,7 +61,24 @@ class Surrogate(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return (mean, self.y_scale_ * sd) if return_std else mean
 
     def predict_interval(self, X: Any, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Give the ends of the band that holds the function with probability `level`."""
+        """Compute the ends of the band that holds the function with probability `level`.
+
+        Parameters
+        ----------
+        X
+            Points [sample, input].
+        level
+            Probability [1].
+
+        Returns
+        -------
+        Lower and upper end at each point [unit of the outputs].
+
+        Raises
+        ------
+        ValueError
+            Where `level` is outside (0, 1).
+        """
         if not 0.0 < level < 1.0:
             raise ValueError(f"{level=} is outside (0, 1). Give 0.95 for a 95 % band.")
         mean, sd = self.predict(X, return_std=True)

@@ -33,11 +33,31 @@ def nested(
     outputs: Float[np.ndarray, " sample"],
     order: Int[np.ndarray, " ranked"],
 ) -> Expansion:
-    r"""Keep as many leading columns of `order` as foretell best.
+    r"""Fit the leading columns of `order` whose number predicts best.
 
     The mean of :math:`((y_i - \hat y_i) / (1 - h_i))^2` is corrected for small samples by
     :math:`\frac{n}{n - p} (1 + \mathrm{tr}(\Phi^T \Phi)^{-1})` (Chapelle, Vapnik and
     Bengio 2002; Blatman and Sudret 2011).
+
+    Parameters
+    ----------
+    design
+        Value of each term at each point.
+    outputs
+        Output at each point.
+    order
+        Columns of `design`, the most important first.
+
+    Returns
+    -------
+    The expansion with the least corrected leave-one-out error.
+
+    References
+    ----------
+    .. [1] O. Chapelle, V. Vapnik and Y. Bengio, "Model selection for small sample regression",
+       Machine Learning 48 (2002) 9-23.
+    .. [2] G. Blatman and B. Sudret, "Adaptive sparse polynomial chaos expansion based on least
+       angle regression", J. Comput. Phys. 230 (2011) 2345-2367.
     """
     count = len(outputs)
     order = _independent(design, order)[: count - 1]
@@ -66,7 +86,19 @@ def nested(
 def all_of(
     design: Float[np.ndarray, "sample term"], outputs: Float[np.ndarray, " sample"]
 ) -> Expansion:
-    """Ordinary least squares on every column, with its corrected leave-one-out error."""
+    """Fit every column by ordinary least squares, with the corrected leave-one-out error.
+
+    Parameters
+    ----------
+    design
+        Value of each term at each point.
+    outputs
+        Output at each point.
+
+    Returns
+    -------
+    The expansion; its error is infinite where the columns are dependent or too many.
+    """
     count, size = design.shape
     q, r = np.linalg.qr(design)
     values = np.linalg.svd(r, compute_uv=False)

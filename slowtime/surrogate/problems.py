@@ -47,7 +47,21 @@ class Problem:
 def ishigami(x: Inputs, a: float = 7.0, b: float = 0.1) -> Outputs:
     r""":math:`\sin x_1 + a \sin^2 x_2 + b x_3^4 \sin x_1` on :math:`[-\pi, \pi]^3`.
 
-    Ishigami and Homma (1990).
+    Parameters
+    ----------
+    x
+        Points [sample, 3].
+    a, b
+        Coefficients of the function [1].
+
+    Returns
+    -------
+    Values [sample].
+
+    References
+    ----------
+    .. [1] T. Ishigami and T. Homma, "An importance quantification technique in uncertainty
+       analysis for computer models", Proc. ISUMA (1990) 398-403.
     """
     return np.asarray(
         np.sin(x[:, 0]) + a * np.sin(x[:, 1]) ** 2 + b * x[:, 2] ** 4 * np.sin(x[:, 0])
@@ -56,6 +70,15 @@ def ishigami(x: Inputs, a: float = 7.0, b: float = 0.1) -> Outputs:
 
 def ishigami_sobol(a: float = 7.0, b: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     """First-order and total Sobol indices of `ishigami`, in closed form.
+
+    Parameters
+    ----------
+    a, b
+        Coefficients of the function [1].
+
+    Returns
+    -------
+    First-order and total index of each input [1].
 
     Examples
     --------
@@ -70,7 +93,24 @@ def ishigami_sobol(a: float = 7.0, b: float = 0.1) -> tuple[np.ndarray, np.ndarr
 
 
 def borehole(x: Inputs) -> Outputs:
-    """Flow of water through a borehole [m³/yr], eight inputs (Morris et al. 1993)."""
+    """Flow of water through a borehole.
+
+    Parameters
+    ----------
+    x
+        Radius of the borehole [m], radius of influence [m], transmissivity [m²/yr] and head [m]
+        of the upper aquifer, the same of the lower one, length [m] and conductivity [m/yr] of
+        the borehole [sample, 8].
+
+    Returns
+    -------
+    Flow [m³/yr].
+
+    References
+    ----------
+    .. [1] M. D. Morris, T. J. Mitchell and D. Ylvisaker, "Bayesian design and analysis of
+       computer experiments", Technometrics 35 (1993) 243-255.
+    """
     radius, reach, upper, upper_head, lower, lower_head, length, conductivity = x.T
     log = np.log(reach / radius)
     leak = 2.0 * length * upper / (log * radius**2 * conductivity)
@@ -84,15 +124,34 @@ SOBOL_G = np.array([0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0])
 
 
 def sobol_g(x: Inputs, a: np.ndarray = SOBOL_G) -> Outputs:
-    r""":math:`\prod_i (|4 x_i - 2| + a_i) / (1 + a_i)` on the unit cube: many kinks."""
+    r""":math:`\prod_i (|4 x_i - 2| + a_i) / (1 + a_i)` on the unit cube, which has many kinks.
+
+    Parameters
+    ----------
+    x
+        Points [sample, input].
+    a
+        Coefficient of each input [1]: the larger, the less the input matters.
+
+    Returns
+    -------
+    Values [sample].
+    """
     return np.asarray(np.prod((np.abs(4.0 * x - 2.0) + a) / (1.0 + a), axis=1))
 
 
 def frame_frequency(x: Inputs) -> Outputs:
-    """First natural frequency [Hz] of a shear frame of five storeys.
+    """First natural frequency of a shear frame of five storeys.
 
-    Inputs are the relative changes of the stiffness of each storey, then of the mass of each
-    floor, from the lowest upwards: as built, 100 MN/m and 50 t each.
+    Parameters
+    ----------
+    x
+        Relative changes of the stiffness of each storey, then of the mass of each floor, from
+        the lowest upwards [sample, 10]; as built, 100 MN/m and 50 t each.
+
+    Returns
+    -------
+    Frequencies [Hz].
     """
     storeys, floors = 1e8 * (1.0 + x[:, :5]), 5e4 * (1.0 + x[:, 5:])
     found = []

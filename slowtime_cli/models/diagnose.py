@@ -1,4 +1,4 @@
-"""The verb `diagnose`: finds what a model lacks, from its records."""
+"""The verb `diagnose`: finds effects that a model lacks, from its records."""
 
 import contextlib
 import functools
@@ -10,6 +10,7 @@ import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.search import SearchOptions
 from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
@@ -40,7 +41,7 @@ def diagnose(
     patience_s: float | None,
     unchecked: bool,
 ) -> None:
-    """Find what a model lacks, where and how much, from its records."""
+    """Find effects that a model lacks, with their place and size."""
     if history is not None:
         _refuse_unwritable(out)
         # Only then: it brings the whole server along, which takes half a second.
@@ -66,8 +67,9 @@ def diagnose(
     roles = roles_of(channels)
     with _stages() as progress:
         found, document = diagnose_records(
-            description, learnt, judged, roles=roles, kinds=kinds, quick=quick,
-            unchecked=unchecked, progress=progress, patience_s=patience_s,
+            description, learnt, judged, roles=roles, kinds=kinds,
+            options=SearchOptions(quick=quick), unchecked=unchecked, progress=progress,
+            patience_s=patience_s,
         )  # fmt: skip
     for text in document.notes:
         note(text)
@@ -90,7 +92,7 @@ def _refuse_unwritable(out: Path) -> None:
 
 @contextlib.contextmanager
 def _stages() -> Iterator[Callable[[str, float], None]]:
-    """Show a bar with the stage in words; nothing off a terminal."""
+    """Show a progress bar with the stage in words; nothing if not on a terminal."""
     words = TextColumn("{task.description}")
     columns = (words, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(
@@ -101,7 +103,7 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
 
 
 def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
-    """Say it: the sentence, the effects with their numbers, the gap, where the files are."""
+    """Print the verdict, the effects with their numbers, the error, and the files written."""
     click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
     rows, plain = [], []
     for effect in document.effects:

@@ -1,4 +1,4 @@
-"""The option `diagnose --history`: finds what the history of a feature follows."""
+"""The option `diagnose --history`: finds the effects that a history of features follows."""
 
 import tempfile
 from collections.abc import Callable
@@ -27,7 +27,7 @@ MAX_READINGS = 200_000
 def diagnose_history(
     source: str, twin: str | None, out: Path, progress: Callable[[str, float], None]
 ) -> None:
-    """Diagnose a history, write the report, and say what was found."""
+    """Diagnose a history, write the report, and print the result."""
     history = _history(source, twin)
     report, document = diagnose_with_document(history, progress=progress)
     write_history_results(out, report, document)

@@ -33,7 +33,7 @@ SPECTRAL_WINDOWS = 16
 def fatigue(
     record: Record, path: Path, model: Path | None, channel: str | None, **given: Any
 ) -> None:
-    """Count cycles of a stress, and tell the damage."""
+    """Count cycles of a stress, and print the damage."""
     given.pop("second", None)
     as_json = given.pop("as_json")
     try:

@@ -27,7 +27,7 @@ def reliability(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Apply each method in turn, and show what all of them found.
+    """Apply each method in turn, and print the results.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def reliability(
 
 
 def as_object(result: Result, problem: Problem) -> dict[str, Any]:
-    """One result as JSON holds it; what is not finite is null."""
+    """Convert one result to JSON; values that are not finite become null."""
     return {
         "method": result.method,
         "probability": result.probability,

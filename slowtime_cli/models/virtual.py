@@ -161,7 +161,7 @@ def estimate_quantity(
 
 
 def note_limits(found: dict[str, Any]) -> None:
-    """Note the lower edge of the band, and why the estimate may be worse than it says."""
+    """Note the lower edge of the band, and reasons for larger errors than stated."""
     note(
         f"Only motion above {found['lowest_hz']:.3g} Hz: accelerations do not show what is "
         "slower."

@@ -16,7 +16,7 @@ def backup(database: Path, out: Path) -> None:
 
 
 def restore(copy: Path, database: Path) -> None:
-    """Put a backup in the place of a twin's database."""
+    """Replace a twin's database by a backup."""
     aside = database_errors_told(lambda: put_back(copy, database, print_progress))
     kept = f" What was there is {aside} now." if aside else ""
     click.echo(f"{database} is as {copy} was.{kept}")

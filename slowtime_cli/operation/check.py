@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def check(database: Path, *, ledger: bool, key: str | None, head: Path | None) -> None:
-    """Look through a twin's database for damage, and for forgery."""
+    """Check a twin's database for damage and forgery."""
     if (key or head) and not ledger:
         raise click.UsageError(
             "--key and --head say what the ledger is held against: --ledger."

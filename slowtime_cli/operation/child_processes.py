@@ -21,7 +21,7 @@ class Children:
         logs.mkdir(parents=True, exist_ok=True)
 
     def start(self, name: str, arguments: Sequence[str]) -> None:
-        """Start ``slowtime ARGUMENTS``; what it says goes to its own log file."""
+        """Start ``slowtime ARGUMENTS``, with its output in a log file of its own."""
         with (self._logs / f"{name}.log").open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "slowtime_cli", *arguments],
@@ -34,7 +34,7 @@ class Children:
         self._running.append((name, process))
 
     def check(self) -> None:
-        """Raise where a child has died, with the end of what it said.
+        """Raise if a child has died, with the end of its output.
 
         Raises
         ------

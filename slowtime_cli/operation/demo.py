@@ -181,7 +181,7 @@ def latest(client: Client, name: str) -> tuple[dict[str, Any], bool]:
 
 
 def summary(name: str, history: dict[str, Any], *, whole: bool = True) -> str:
-    """How often the intervals of a twin held the simulator's truth."""
+    """Return how often the intervals of a twin held the true values."""
     points = [point for point in history["points"] if point.get("truth")]
     judged: dict[str, list[bool]] = {}
     for point in points:

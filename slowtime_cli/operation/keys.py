@@ -16,7 +16,7 @@ HOSTS = ("localhost", "127.0.0.1")
 def make(
     site: str, assets: tuple[str, ...], hosts: tuple[str, ...], days: int, home: Path
 ) -> None:
-    """Make what is missing: authority, router, server, observer, player, and each edge."""
+    """Make missing credentials: authority, router, server, observer, player, and each edge."""
     authority = Authority.open(home, site)
     lasts = datetime.timedelta(days=days)
     at = tuple(dict.fromkeys((*HOSTS, *hosts)))
@@ -37,7 +37,7 @@ def make(
 
 
 def renew(within_days: int, days: int, home: Path) -> None:
-    """Issue anew what is about to expire; the old one is good until it does."""
+    """Issue expiring certificates again; the old ones are valid until they expire."""
     authority = Authority.open(home)
     made = authority.renew(datetime.timedelta(days=within_days), datetime.timedelta(days=days))
     for issued in made:
@@ -46,7 +46,7 @@ def renew(within_days: int, days: int, home: Path) -> None:
 
 
 def withdraw(asset: str | None, role: str | None, home: Path) -> None:
-    """Refuse, from the router's next start, all that was issued to an edge or a role."""
+    """Withdraw all certificates of an edge or a role, from the router's next start."""
     count = Authority.open(home).withdraw(role or "edge", asset)
     if not count:
         raise click.UsageError(f"Nothing valid was issued to {asset or role}.")
@@ -54,7 +54,7 @@ def withdraw(asset: str | None, role: str | None, home: Path) -> None:
 
 
 def list_(home: Path) -> None:
-    """Show what was issued, and until when it is valid."""
+    """Show the certificates issued, with their dates of expiry."""
     now = datetime.datetime.now(datetime.UTC)
     table = Table(box=SIMPLE_HEAD)
     for heading in ("folder", "name", "expires", ""):

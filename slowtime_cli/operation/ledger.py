@@ -39,7 +39,7 @@ def head(server: str, out: Path) -> None:
 
 
 def verify(recording: Path, key: str | None) -> None:
-    """Hold the features of a recording against what the server signed."""
+    """Compare the features of a recording with the signed ledger."""
     known = None if key is None else public_key_of(key)
     try:
         found = verdicts(recording, known)
@@ -53,7 +53,7 @@ def verify(recording: Path, key: str | None) -> None:
     wrong = []
     for asset, one in found.items():
         click.echo(
-            f"  {asset}: {plural(one.vouched, 'feature')} as accepted, vouched for by "
+            f"  {asset}: {plural(one.vouched, 'feature')} as accepted, covered by "
             f"{plural(one.heads, 'head')}; {one.waiting:,} before the first or after the last; "
             f"{one.missing:,} accepted and not recorded"
         )
@@ -64,7 +64,7 @@ def verify(recording: Path, key: str | None) -> None:
 
 
 def print_audit(found: "Audit", database: Path, key: str | None) -> None:
-    """Say what the ledger says of a database."""
+    """Print the result of comparing a database with its ledger."""
     for note in found.notes:
         click.echo(f"  {note}")
     if found.wrong:
@@ -72,12 +72,12 @@ def print_audit(found: "Audit", database: Path, key: str | None) -> None:
             f"{database} is not what was accepted: {'; '.join(found.wrong[:5])}."
         )
     if found.last is None:
-        click.echo(f"{database} agrees with its chains, for which nobody vouches.")
+        click.echo(f"{database} agrees with its chains, which no signed head covers.")
         return
     click.echo(
         f"{database} is as it was accepted{_by(key)}: "
         f"{plural(found.vouched, 'accepted row')} up to head {found.last.number}; "
-        f"{found.waiting:,} since then, for which nobody vouches yet."
+        f"{found.waiting:,} since then, not yet covered by a signed head."
     )
 
 

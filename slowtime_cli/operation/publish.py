@@ -20,7 +20,7 @@ def publish(
     seed: int,
     connect: str,
 ) -> int:
-    """Play an acceleration board on a structure in software."""
+    """Simulate an acceleration board on a simulated structure."""
     rng = np.random.default_rng(seed)
     board = Board(rate_hz=rate_hz, frequency_hz=frequency_hz)
     most = None if seconds is None else max(1, round(seconds * rate_hz / samples))

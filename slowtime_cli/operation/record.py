@@ -32,7 +32,7 @@ def record(
     keep_bytes: int | None,
     when_full: Literal["drop-oldest", "stop"],
 ) -> int:
-    """Record what travels on the bus into an MCAP file."""
+    """Record the messages of the bus into an MCAP file."""
     chosen = names(streams, "--streams")
     wanted = _meant_for_recording() if chosen is None else [_stream(name) for name in chosen]
     site, _, name = asset.partition(".")

@@ -50,7 +50,7 @@ def replay(
     database: Path | None,
     edge: bool,
 ) -> int:
-    """Play a recording again and print the hash of its history."""
+    """Replay a recording and print the hash of its history."""
     if edge:
         return _through_the_edge(recording)
     if database is not None:
@@ -138,7 +138,7 @@ def _into(recording: Path, database: Path) -> int:
 
 
 def _features_of_samples(recording: Path) -> Iterator[Sample]:
-    """Read what a recording has of registrations, and features out of its raw blocks."""
+    """Read registrations of a recording, and compute features from its raw blocks."""
     for message in read_recording(recording, streams=[REGISTRATION]):
         yield Sample(message.key, message.payload, message.publish_ns, replayed=True)
     for payload in rerun(raw_blocks(recording), Processing()):
@@ -179,7 +179,7 @@ def _through_the_edge(recording: Path) -> int:
 
 
 def _is_older(payload: bytes) -> bool:
-    """Whether features are of a version in which units were not told."""
+    """Whether features are of a version without units."""
     return bool(from_json(payload)["version"] < Features.VERSION)
 
 

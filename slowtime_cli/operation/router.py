@@ -19,7 +19,7 @@ def router(
     credentials: Path | None,
     insecure: bool,
 ) -> None:
-    """Run a Zenoh router: what edges, twin and recorder connect to."""
+    """Run a Zenoh router that edges, twin server and recorder connect to."""
     router_process.run(
         endpoints(listen, credentials),
         connect,
@@ -32,7 +32,7 @@ def router(
 def status(
     connect: tuple[str, ...], credentials: Path | None, asset: str | None, timeout_s: float
 ) -> int:
-    """Tell whether the router answers and which edge agents live."""
+    """Show whether the router answers, and which edges are online."""
     logging.getLogger("slowtime_services").setLevel(logging.CRITICAL)
     site, _, name = (asset or "*.*").partition(".")
     connect = endpoints(connect, credentials)
@@ -53,7 +53,7 @@ def status(
 
 
 def _alive(bus: Bus, key: str, timeout_s: float) -> set[str]:
-    """Keys of who is alive: the first to be heard of, or all within `timeout_s`."""
+    """Return keys of present processes: the first one, or all within `timeout_s`."""
     seen: set[str] = set()
     heard = threading.Event()
 

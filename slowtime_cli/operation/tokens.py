@@ -13,14 +13,14 @@ from twin_server.identity.tokens import TokenFile
 
 
 def add(name: str, scope: str, sites: tuple[str, ...], days: float, path: Path) -> None:
-    """Make a token for NAME and print it, this once."""
+    """Make a token for NAME and print it; it cannot be shown again."""
     text = TokenFile(path).add(name[:80], scope, sites, datetime.timedelta(days=days))
     click.echo(text)
     ERR.print("Keep it safe: it cannot be shown again.")
 
 
 def list_(path: Path) -> None:
-    """Show whose tokens there are, and which are good."""
+    """Show all tokens, and which are valid."""
     now = datetime.datetime.now(datetime.UTC)
     table = Table(box=SIMPLE_HEAD)
     for heading in ("number", "name", "scope", "sites", "until", ""):
@@ -39,6 +39,6 @@ def list_(path: Path) -> None:
 
 
 def revoke(number: str, path: Path) -> None:
-    """Take back the token of that NUMBER, now."""
+    """Revoke the token of that NUMBER at once."""
     token = TokenFile(path).revoke(number)
-    ERR.print(f"The token of {token.name} lets nobody in any more.")
+    ERR.print(f"The token of {token.name} is revoked.")

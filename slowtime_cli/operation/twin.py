@@ -25,7 +25,7 @@ def twin(
     connect: tuple[str, ...],
     credentials: Path | None,
 ) -> int:
-    """Run the twin server: features in; knowledge, REST and page out."""
+    """Run the twin server: features in; estimates, REST and page out."""
     from twin_server.__main__ import run
     from twin_server.registration.twin import registrations as read_registrations
     from twin_server.settings import TwinSettings

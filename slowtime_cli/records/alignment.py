@@ -14,7 +14,7 @@ from slowtime_services.files import Record, accelerations
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ClockErrors:
-    """How far the boards' clocks may be apart (one standard deviation each)."""
+    """Standard deviations of the boards' clocks: start and rate."""
 
     start_sd_ms: float
     rate_sd_ppm: float
@@ -26,7 +26,7 @@ def aligned_record(
     clocks: ClockErrors,
     band_hz: tuple[float, float] | None,
 ) -> Record:
-    """Put both records on the clock of the one that samples faster.
+    """Align both records to the clock of the one that samples faster.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def _apart_s(first: Record, second: Record) -> float:
 def _board(
     record: Record, start_s: float, clocks: ClockErrors, *, first: bool = False
 ) -> Board:
-    """Longest part of a record without a gap; what is not known is laid to the second."""
+    """Make a board of the longest part without a gap; the second has all clock error."""
     edges = [0, *(gap.row for gap in record.gaps), len(record.samples)]
     lost = np.cumsum([0, *(gap.missing for gap in record.gaps)])
     parts = [

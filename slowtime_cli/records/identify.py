@@ -158,7 +158,7 @@ def reference_modes(
 
 
 def note_mixed_units(mixed: str) -> None:
-    """Say why there are no shapes."""
+    """Explain why there are no shapes."""
     note(
         f"channels are of several units ({mixed}), so that no shapes are told: components "
         "would be of several sizes. Give --unit or --sensitivity, or choose with --channels. "
@@ -205,7 +205,7 @@ def _decays(mode: Identified) -> bool:
 
 
 def _flagged(mode: F, force: Excitation) -> F:
-    """Put what is plain of the force among the flags of a mode, once."""
+    """Add flags of the force to those of a mode, once."""
     new: tuple[str, ...] = tuple(f for f in force.flags if f not in mode.flags)
     return dataclasses.replace(mode, flags=(*mode.flags, *new))
 
@@ -213,7 +213,7 @@ def _flagged(mode: F, force: Excitation) -> F:
 def _say_force(
     force: Excitation, duration_s: float, told: ModesAndLines, whole: ModalResult | None
 ) -> None:
-    """Say that a record was not forced as ambient identification takes it to be."""
+    """Report that the force violates the assumptions of ambient identification."""
     if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
         return
     why = []
@@ -255,7 +255,7 @@ def _by_method(
 
 
 def _say_lines(told: ModesAndLines) -> None:
-    """Say which speeds of machines the lines are multiples of."""
+    """Report the speeds of machines whose multiples are among the lines."""
     speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
     if told.lines:
         of = f", multiples of {' and of '.join(speeds)}" if speeds else ""
@@ -263,7 +263,7 @@ def _say_lines(told: ModesAndLines) -> None:
 
 
 def _mark(result: dict[str, Any], estimated: bool) -> None:
-    """Flag what was found in samples of which some were estimated."""
+    """Flag modes found in samples of which some were estimated."""
     if not estimated:
         return
     of_windows = [mode for epoch in result.get("epochs", ()) for mode in epoch["modes"]]
@@ -272,7 +272,7 @@ def _mark(result: dict[str, Any], estimated: bool) -> None:
 
 
 def _accelerations_of(record: Record) -> Record:
-    """Leave out what is no acceleration by its name, where others are, and say so."""
+    """Leave out channels that are no accelerations by name, if others are, with a note."""
     chosen = accelerations(record.channels, record.units)
     left_out = [name for name in record.channels if name not in chosen]
     if not left_out:
@@ -409,7 +409,7 @@ def _cells(mode: Identified) -> tuple[str, ...]:
 
 
 def _plain(mode: Identified | None) -> dict[str, Any]:
-    """Tell the same as fields of a line; all empty where there is no mode."""
+    """Return the mode as fields of a line; all empty if there is none."""
     fields: dict[str, Any] = dict.fromkeys(
         ("frequency_hz", "frequency_sd", "damping_ratio", "damping_sd", "snr_db", "method")
     )

@@ -155,7 +155,7 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
 
 
 def _guessed_s(opened: RecordStream) -> float:
-    """How long a record lasts, by the size of the file and of its samples [s]."""
+    """Estimate the duration of a record from the sizes of file and samples [s]."""
     row = opened.head.samples.nbytes / max(1, len(opened.head.samples))
     return float(opened.size / row / opened.head.rate_hz)
 
@@ -178,7 +178,7 @@ def _tell(
     modes: tuple[Mode, ...],
     flags: dict[str, Any],
 ) -> None:
-    """Say what was found, as for a record that is read whole."""
+    """Print the modes as for a record that is read whole."""
     out, geometry, head = flags["out"], flags["geometry"], opened.head
     left_out = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
     said = (*left_out, *opened.end_notes)

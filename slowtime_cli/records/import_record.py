@@ -60,7 +60,7 @@ def import_(
 
 
 def _metadata(record: Record, path: Path) -> dict[str, str]:
-    """How the file was read, for the recording's own metadata."""
+    """Return notes on how the file was read, for the recording's metadata."""
     said = {"imported_from": path.name}
     for key, texts in (("assumptions", record.assumptions), ("notes", record.notes)):
         if texts:
@@ -73,7 +73,7 @@ def _start_ns(record: Record, start_ns: int | None) -> int:
         return start_ns
     if record.start_ns is not None:
         return record.start_ns
-    note("the file does not say when it began; 2000-01-01 is put there. Give --start.")
+    note("the file does not state its start; 2000-01-01 is assumed. Give --start.")
     return UNDATED_NS
 
 

@@ -202,7 +202,7 @@ def write_report(
 
 
 def _range(result: ModalResult) -> list[float]:
-    """From zero to well beyond the highest mode; the reader may look further."""
+    """Range from zero to well beyond the highest mode; the reader may zoom out."""
     highest = float(result.spectrum_hz[-1])
     if result.modes:
         highest = min(highest, 1.4 * result.modes[-1].frequency_hz.value)

@@ -10,7 +10,7 @@ from slowtime_services.record import recover as recover_file
 
 
 def recover(damaged: Path, out: Path) -> int:
-    """Make a recording sound again; the exit status is 1 where nothing was whole in it."""
+    """Repair a recording; the exit status is 1 if no message was readable."""
     kept = recover_file(damaged, out)
     if kept.messages == 0:
         out.unlink(missing_ok=True)
@@ -24,7 +24,7 @@ def recover(damaged: Path, out: Path) -> int:
 
 
 def _describe(kept: Recovered) -> str:
-    """Say what was kept, and what was not."""
+    """Describe what was kept and what was lost."""
     by_topic = ", ".join(f"{count} of {topic}" for topic, count in sorted(kept.counts.items()))
     said = plural(kept.messages, "message") + (f" ({by_topic})" if by_topic else "")
     if kept.was_sound:

@@ -25,7 +25,7 @@ def connected(
     *,
     patience_s: float = TIMEOUT_S,
 ) -> Iterator[ZenohBus]:
-    """Give a client's bus.
+    """Yield a client's bus.
 
     Raises
     ------

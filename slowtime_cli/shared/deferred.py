@@ -16,7 +16,7 @@ from .extras import missing_extra
 
 
 class Deferred(click.Command):
-    """A command whose work stands elsewhere.
+    """A command whose function is imported when it runs.
 
     The function that it decorates holds the help, and refuses whatever can be refused without
     importing anything; then the work is called with the same arguments.
@@ -36,7 +36,7 @@ class Deferred(click.Command):
         self.work, self.extra = work, extra
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Refuse what is plainly wrong, then import the work and do it.
+        """Validate the options, then import the function and call it.
 
         Raises
         ------

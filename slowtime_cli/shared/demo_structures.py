@@ -1,4 +1,4 @@
-"""The simulated structures of the demo: what they are, and how their twins are registered.
+"""The simulated structures of the demo, and the registrations of their twins.
 
 Slow time runs in periods of the structure, T0, as in chapter 5 of the book; an epoch of half a
 minute or more of vibration is heard after every period, so that a life of a thousand periods
@@ -127,7 +127,7 @@ def structure(name: str) -> dict[str, Any]:
 
 
 def registration(name: str) -> dict[str, Any]:
-    """Tell what a demo structure's twin knows beforehand: how it was built, what may change.
+    """Return the registration of a demo structure's twin: nominal model, free parameters.
 
     The damping coefficient of the simulated wing never changes, and its twin is told so. On a
     real structure it does, and mass and stiffness are known no better than it is. The bridge's
@@ -164,7 +164,7 @@ def registration(name: str) -> dict[str, Any]:
 
 
 def _owned() -> dict[str, Any]:
-    """Tell what the demo tower's owner fears, what it costs, and what can be done."""
+    """Return the demo owner's failure limit, costs, and possible actions."""
     return {
         "limit_states": [
             {

@@ -18,7 +18,7 @@ LIBRARIES: Mapping[str, tuple[str, ...]] = {
 
 
 def missing_extra(verb: str, extra: str | None, error: ModuleNotFoundError) -> str | None:
-    """Say which extra a verb needs; None where what is missing is in none.
+    """Return which extra a verb needs; None if the missing module belongs to none.
 
     Parameters
     ----------

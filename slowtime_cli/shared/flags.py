@@ -16,7 +16,7 @@ EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
 key_option = click.option(
     "--key",
     metavar="KEY",
-    help="The server's public key, from elsewhere: its .pub file, or the 44 characters.",
+    help="The server's public key, from another source: its .pub file, or the 44 characters.",
 )
 
 
@@ -45,7 +45,7 @@ class Effects(click.Path):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Any:
-        """Leave a name to be looked up where the work is done."""
+        """Keep a name, to be looked up where effects are loaded."""
         if Path(str(value)).suffix or Path(str(value)).exists():
             return super().convert(value, param, ctx)
         return str(value)
@@ -63,12 +63,12 @@ CLOCK = (
     click.option(
         "--date-order",
         type=click.Choice(["dmy", "mdy"]),
-        help="What comes first in dates such as 04/05/2024.  [default: found out]",
+        help="First part of dates such as 04/05/2024.  [default: detected]",
     ),
     click.option(
         "--wrapped/--not-wrapped",
         default=None,
-        help="Whether all columns are one series, several values a line.  [default: found out]",
+        help="Whether all columns are one series, several values a line.  [default: detected]",
     ),
 )
 """What a text file may leave open of its clock and lines."""
@@ -87,7 +87,7 @@ UNITS = (
         "sensitivities",
         multiple=True,
         metavar="[CHANNEL=]SENSITIVITY",
-        help="What volts or counts mean: 100mV/g, a=10.2mV/(m/s^2), 256LSB/g.",
+        help="Scale of volts or counts: 100mV/g, a=10.2mV/(m/s^2), 256LSB/g.",
     ),
 )
 """Units of the samples of a file, and sensitivities of its sensors."""
@@ -102,18 +102,17 @@ READING = (
     click.option(
         "--skip-lines",
         type=click.IntRange(min=0),
-        help="Lines before header or data.  [default: found out]",
+        help="Lines before header or data.  [default: detected]",
     ),
     click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
     click.option(
         "--time-column",
-        help="Column of time, by name or number; none if there is none.  [default: found out]",
+        help="Column of time, by name or number; none if there is none.  [default: detected]",
     ),
     *CLOCK,
     click.option(
         "--keep",
-        help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
-        "or all.",
+        help="Columns to keep although they are counters, magnitudes or the like: a,b; or all.",
     ),
     *UNITS,
 )
@@ -128,7 +127,7 @@ AS_BUILT = (
         type=click.Choice(["stiffness", "mass", "both"]),
         default="stiffness",
         show_default=True,
-        help="What may change; the rest is assumed to stay.",
+        help="Quantities that may change; others are assumed constant.",
     ),
     click.option(
         "--nominal-hz",

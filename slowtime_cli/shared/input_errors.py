@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 
 
 def is_validation_error(error: Exception) -> "TypeGuard[ValidationError]":
-    """Tell whether pydantic refused somebody's input, without importing pydantic to ask."""
+    """Whether pydantic refused an input, without importing pydantic."""
     pydantic = sys.modules.get("pydantic")
     return pydantic is not None and isinstance(error, pydantic.ValidationError)
 
 
 def validation_message(error: "ValidationError") -> str:
-    """Say where which value was, and what it should have been."""
+    """Name the invalid value, its place, and the values allowed."""
     parts = []
     for item in error.errors(include_url=False):
         where = ".".join(str(step) for step in item["loc"]) or "input"
@@ -28,7 +28,7 @@ def validation_message(error: "ValidationError") -> str:
 
 
 def invisible_character(value: Any, said: str = "") -> str:
-    r"""Name the character of a text that is not seen, where `said` does not.
+    r"""Name an invisible character of a text, if `said` does not.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from twin_server.settings import TwinSettings
 
 @contextlib.contextmanager
 def offline_twin(database: Path | None = None) -> Iterator[tuple[Pipeline, SqliteStore]]:
-    """Give a working pipeline and its store; in a temporary file if no database is named."""
+    """Yield a working pipeline and its store; in a temporary file by default."""
     with contextlib.ExitStack() as stack:
         if database is None:
             folder = tempfile.TemporaryDirectory(prefix="slowtime-")

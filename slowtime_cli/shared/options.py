@@ -25,7 +25,7 @@ class Number(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Refuse what the range itself lets through."""
+        """Refuse values that the range itself does not refuse, such as NaN."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number. Give one such as 1.5.", param, ctx)
@@ -50,7 +50,7 @@ class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """Refuse what could not be part of a key."""
+        """Refuse names that cannot be part of a key."""
         if not self._pattern.fullmatch(str(value)):
             self.fail(
                 f"{value!a} is no name{invisible_character(str(value))}. "
@@ -69,7 +69,7 @@ class PlainText(click.ParamType):  # type: ignore[type-arg]  # generic only in t
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """Refuse what would be shown as something else."""
+        """Refuse texts that would not be displayed as they are."""
         try:
             return plain_text(str(value))
         except ValueError as error:
@@ -84,7 +84,7 @@ class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in th
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """Refuse what is no endpoint before anything is opened."""
+        """Refuse an invalid endpoint before anything is opened."""
         if not re.fullmatch(r"[a-z][a-z0-9_+.-]*/\S+", str(value)):
             self.fail(
                 f"{value!r} is no endpoint. Give PROTOCOL/ADDRESS, such as {ROUTER}.",
@@ -102,7 +102,7 @@ class Database(click.ParamType):  # type: ignore[type-arg]  # generic only in th
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Path | str:
-        """Tell a URL from a path; refuse a folder."""
+        """Distinguish a URL from a path; refuse a folder."""
         text = str(value)
         if text.startswith(("postgresql://", "postgres://")):
             return text
@@ -137,7 +137,7 @@ class Size(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
 
 
 class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
-    """A date and time of ISO 8601; UTC unless it says otherwise. In nanoseconds since 1970."""
+    """A date and time of ISO 8601, in UTC by default, as nanoseconds since 1970."""
 
     name = "time"
 
@@ -160,7 +160,7 @@ class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the
 
 
 class OutFile(click.Path):
-    """A file to write, of a kind that its name tells, in a folder that is there.
+    """A file to write, whose ending names its kind, in an existing folder.
 
     Asked before the work, so that an hour of it is not thrown away at its end.
     """
@@ -206,7 +206,7 @@ def names(text: str | None, flag: str) -> tuple[str, ...] | None:
 
 
 def together(given: Sequence[tuple[str, object]]) -> None:
-    """Refuse two of several ways to say one thing.
+    """Refuse several options that set the same thing.
 
     Raises
     ------
@@ -230,7 +230,7 @@ connect_option = click.option(
 credentials_option = click.option(
     "--credentials",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
+    help="Folder made by `slowtime keys`: use TLS with the certificate in it.",
 )
 
 

@@ -19,7 +19,7 @@ BINARY_SUFFIXES = (".mcap", ".npy", ".npz", ".mat")
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ReadingFlags:
-    """What flags say of a record."""
+    """Options for reading a record."""
 
     rate_hz: float | None = None
     channels: tuple[str, ...] | None = None
@@ -39,7 +39,7 @@ TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep")
 
 
 def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them, and a second."""
+    """Read the record of the options `verbs.flags.RECORD`, and a second, for a verb."""
 
     @functools.wraps(verb)
     def reading(record_path: Path, **flags: Any) -> Any:
@@ -58,7 +58,7 @@ def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def note_reading(record: Record) -> None:
-    """Say what a person should know of how a file was read, and what was assumed, in a line."""
+    """Print on one line how a file was read, and the assumptions made."""
     for text in record.notes:
         note(text)
     if record.assumptions:
@@ -89,7 +89,7 @@ def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
 
 
 def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Record:
-    """Let flags overrule what a recording says of itself, as they do for other files."""
+    """Let flags overrule what a recording states, as for other files."""
     rate_hz, channels, columns = given.rate_hz, given.channels, given.columns
     if columns is not None:
         if len(columns) != len(record.channels):

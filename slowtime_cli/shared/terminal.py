@@ -38,7 +38,7 @@ class Stop(threading.Event):
 
 @contextlib.contextmanager
 def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
-    """Give an event that Ctrl-C, SIGTERM, or the end of `duration_s` sets."""
+    """Yield an event that Ctrl-C, SIGTERM, or the end of `duration_s` sets."""
     stop = Stop()
 
     def end(number: int, _frame: FrameType | None) -> None:
@@ -61,7 +61,7 @@ def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
 
 @contextlib.contextmanager
 def counting(title: str) -> Iterator[Callable[[str], None]]:
-    """Show a line that changes while work of unknown length goes on; nothing off a terminal."""
+    """Show a changing line during work of unknown length; nothing if not on a terminal."""
     if not shows_progress():
         yield lambda _text: None
         return
@@ -81,7 +81,7 @@ def bar(title: str, total: float) -> Iterator[Callable[[float], None]]:
 
 
 def note(text: str) -> None:
-    """Say on stderr what a person should know of a result, unless told to be quiet."""
+    """Print a note on stderr, unless quiet."""
     if not _is_quiet():
         click.echo(f"note: {text}", err=True)
 
@@ -130,7 +130,7 @@ def write_json(out: Path, body: dict[str, Any]) -> None:
 
 @contextlib.contextmanager
 def removed_unless_finished(out: Path) -> Iterator[None]:
-    """Leave no half of a file behind where writing it fails or is interrupted."""
+    """Remove an incomplete file if writing it fails or is interrupted."""
     existed = out.exists()
     try:
         yield
@@ -141,7 +141,7 @@ def removed_unless_finished(out: Path) -> Iterator[None]:
 
 
 def plural(count: int, noun: str) -> str:
-    """Put a number before a noun.
+    """Return a number with its noun, in the plural if needed.
 
     Examples
     --------
@@ -163,5 +163,5 @@ def _is_quiet() -> bool:
 
 
 def shows_progress() -> bool:
-    """Whether progress is seen by a person who wants to."""
+    """Whether progress is shown: on a terminal, unless quiet."""
     return ERR.is_terminal and not _is_quiet()

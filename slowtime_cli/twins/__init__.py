@@ -1,1 +1,1 @@
-"""Verbs on what a twin knows: evolve, forecast, plan, risk, export and others."""
+"""Verbs on the history of a twin: evolve, forecast, plan, risk, export and others."""

@@ -15,7 +15,7 @@ FINAL_STATES = ("delivered", "failed", "dropped")
 
 
 def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> int:
-    """Send a test alarm of TWIN, and say whom it has reached."""
+    """Send a test alarm of TWIN, and print which receivers it reached."""
     client = Client(server)
     try:
         sent = client.test_alarm(twin, receiver)
@@ -49,7 +49,7 @@ def deliveries(twin: str, server: str) -> None:
     ]
     show("", columns, rows, plain=plain)
     if not rows:
-        note(f"No event of {twin} leaves the house: its registration has no alarm_routes.")
+        note(f"No event of {twin} is sent to receivers: its registration has no alarm_routes.")
 
 
 def _followed(

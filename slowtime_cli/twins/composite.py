@@ -47,7 +47,7 @@ def list_(server: str) -> None:
 
 
 def show(composite_id: str, horizon: float | None, as_json: bool, server: str) -> None:
-    """Tell what is known of a composite."""
+    """Print health, failure probability, importance and pooled rates of a composite."""
     with _sentences():
         client = Client(server)
         if as_json:
@@ -150,7 +150,7 @@ def _number(value: float | None) -> str:
 
 @contextlib.contextmanager
 def _sentences() -> Iterator[None]:
-    """Say in a sentence what the server does not do."""
+    """Convert a server's refusal to a sentence."""
     try:
         yield
     except (AnswerError, UnreachableError) as error:

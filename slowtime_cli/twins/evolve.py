@@ -65,7 +65,7 @@ def evolve(
     asset: str | None,
     out: Path | None,
 ) -> None:
-    """Tell how stiffness and mass have changed, from frequencies."""
+    """Estimate changes of stiffness and mass from frequencies."""
     registration = registration_of(changes, nominal_hz, nominal_damping, learn_epochs)
     twin_id, samples = samples_of(source, asset)
     with offline_twin() as (pipeline, store):
@@ -89,7 +89,7 @@ def evolve(
 
 
 def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
-    """Features and told events of a file as the bus would have brought them, and their twin."""
+    """Return features and reported events of a file as bus messages, and their twin."""
     if source.suffix.lower() == ".mcap":
         return _of_recording(source, asset)
     if asset is not None:
@@ -217,7 +217,7 @@ def _of_text(source: Path) -> Iterator[Features]:
 
 
 def _fault(error: Exception) -> str:
-    """Say in words what was wrong with a number, whoever noticed."""
+    """Describe the fault of a number in a sentence."""
     if isinstance(error, ValidationError):
         return validation_message(error)
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
@@ -253,7 +253,7 @@ def _of_row(number: int, row: dict[str, str | None]) -> Features:
 def _features(
     number: int, slow_time: float, mode: dict[str, Any] | None, *, after_s: float | None = None
 ) -> Features:
-    """Put an epoch as the edge would have told it.
+    """Convert an epoch to the features message of an edge.
 
     Its sensor time is that many seconds after the beginning; without them it keeps the order.
     """

@@ -13,7 +13,7 @@ SQLITE = b"SQLite format 3\0"
 def export(
     source: Path | None, server: str | None, form: str | None, out: Path, **given: Any
 ) -> None:
-    """Write what a twin knows, or the samples of a record, in the form that is asked for."""
+    """Export the history of a twin, or the samples of a record, in the requested form."""
     kind = form or out.suffix.removeprefix(".").lower()
     kind = "uff" if kind == "unv" else kind
     of_twin = {name: given.pop(name) for name in FLAGS}

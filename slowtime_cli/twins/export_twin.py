@@ -38,7 +38,7 @@ def export_twin(
     out: Path,
     dtdl: str | None = None,
 ) -> None:
-    """Write what a twin knows as CSV, Parquet or DTDL."""
+    """Export the history of a twin as CSV, Parquet or DTDL."""
     graph_form: Form = "json-ld" if form == "jsonld" else "dtdl-2" if dtdl == "2" else "dtdl-3"
     with removed_unless_finished(out), _sentences():
         if server is not None:
@@ -121,7 +121,7 @@ def _write(out: Path, whole: object) -> None:
 
 @contextlib.contextmanager
 def _sentences() -> Iterator[None]:
-    """Say in a sentence why there is nothing."""
+    """Convert a missing result to a sentence."""
     try:
         yield
     except (AnswerError, MomentError, NotInstalledError, WrongStoreError) as error:

@@ -26,7 +26,7 @@ def forecast(
     out: Path | None,
     **twin: Any,
 ) -> None:
-    """Tell where a twin is heading, and when a threshold is reached."""
+    """Forecast a twin, and when thresholds are reached."""
     asked = TwinQuery(**twin)
     more = {"threshold": threshold, "quantity": quantity, "toward": toward}
     if asked.server is not None:

@@ -22,7 +22,7 @@ def plan(
     out: Path | None,
     **twin: Any,
 ) -> None:
-    """Tell what to do with a twin, or where a fleet's teams go."""
+    """Recommend an action for a twin, or where a fleet's teams should go."""
     asked = TwinQuery(**twin)
     if fleet:
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}

@@ -9,7 +9,7 @@ from slowtime_cli.twins.twin_query import TwinQuery, ask_server, problems_told, 
 
 
 def risk(horizon: float | None, out: Path | None, **twin: Any) -> None:
-    """Tell how probable failure is, now and up to the horizon."""
+    """Compute a twin's probability of failure, now and up to the horizon."""
     asked = TwinQuery(**twin)
     if asked.server is not None:
         body = ask_server(asked, "GET", "risk", query={"horizon": horizon})

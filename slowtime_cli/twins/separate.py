@@ -28,7 +28,7 @@ KINDS = {
 
 
 def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -> None:
-    """Take a history apart, by an additive Gaussian process beside a mixture of experts.
+    """Separate a history, by an additive Gaussian process and a mixture of experts.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -
 
 
 def _history(source: Path, asset: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Slow time, value and sd, in ascending order; and what the value is."""
+    """Return slow time, value and sd, in ascending order, and the name of the value."""
     if source.suffix.lower() not in (".json", ".mcap"):
         table = read_columns(source)
         if {"slow_time", "value", "sd"} <= set(table):

@@ -73,7 +73,7 @@ def _registration_of(asked: TwinQuery, twin_id: str) -> Registration:
 
 @contextlib.contextmanager
 def problems_told() -> Iterator[None]:
-    """Say what a twin says of a question that cannot be answered."""
+    """Convert a problem document of the server to a sentence."""
     try:
         yield
     except ProblemError as error:

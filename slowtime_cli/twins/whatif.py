@@ -29,7 +29,7 @@ def whatif(
     out: Path | None,
     **options: Any,
 ) -> None:
-    """Run today's twin under a load, with bands."""
+    """Simulate a twin's current structure under a load, with bands."""
     asked = TwinQuery(**{name: options.pop(name) for name in TwinQuery._fields})
     of_load = ("amplitude", "frequency_hz", "phase_deg", "at_s", "psd")
     given = {name: options.pop(name) for name in of_load}

@@ -1,1 +1,1 @@
-"""What each verb takes and says of itself; words in, checked arguments out."""
+"""Arguments and help of each verb: words in, checked arguments out."""

@@ -17,6 +17,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import PROPOSERS, Proposal, Proposer, Round
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
+from slowtime.discrepancy.search import SearchOptions
 from slowtime.dynamics.effects import Kind
 from slowtime_services.diagnose.results import write_results
 from slowtime_services.diagnose.run import diagnose_records
@@ -78,10 +79,12 @@ def diagnose_without(
         description,
         records,
         [read_any(folder / listing["holdout"])],
-        proposers=tuple(
-            WatchedProposer(one, fired) for one in PROPOSERS if label(one) != leave_out
+        options=SearchOptions(
+            proposers=tuple(
+                WatchedProposer(one, fired) for one in PROPOSERS if label(one) != leave_out
+            ),
+            refiners=tuple(watched(one, fired) for one in REFINERS if label(one) != leave_out),
         ),
-        refiners=tuple(watched(one, fired) for one in REFINERS if label(one) != leave_out),
     )
     write_results(out, found, document)
     truth = json.loads((sealed / "truth.json").read_text())

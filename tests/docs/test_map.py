@@ -1,3 +1,4 @@
+import re
 import subprocess
 from pathlib import Path
 
@@ -40,3 +41,19 @@ def test_every_folder_on_the_map_exists():
     ]
     assert named
     assert [folder for folder in named if not (ROOT / folder).is_dir()] == []
+
+
+def test_every_path_on_the_map_exists():
+    text = (ROOT / "docs/map.md").read_text()
+    named = re.findall(r"`([\w./]+(?:/|\.py))`", text)
+    # Files of the diagnosis are named from its own folder, as the map says.
+    bases = (ROOT, ROOT / "slowtime/discrepancy")
+    assert len(named) > 200
+    assert [name for name in named if not any((base / name).exists() for base in bases)] == []
+
+
+def test_every_link_of_the_map_exists():
+    text = (ROOT / "docs/map.md").read_text()
+    links = re.findall(r"\]\(([^)#]+)", text)
+    assert links
+    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []

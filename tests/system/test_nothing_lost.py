@@ -352,7 +352,7 @@ def test_a_second_server_on_the_bus_says_so_and_acknowledges_and_publishes_nothi
     assert first.trouble == ""
     first.stop()
     assert eventually(lambda: second.trouble == "")
-    gone = "this one speaks from now on"
+    gone = "this one publishes from now on"
     assert eventually(lambda: any(gone in text for text in caplog.messages))
     third = house.twin("third")
     agent = house.agent("b1")

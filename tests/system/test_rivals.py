@@ -104,5 +104,5 @@ def test_a_second_server_is_not_ready_until_the_first_has_gone(house):
     assert house.get("/readyz") == {"status": "ok"}
     house.kill("twin")
     house.until(
-        lambda: "this one speaks from now on" in house.said("second"), "the second to speak"
+        lambda: "this one publishes from now on" in house.said("second"), "the second to speak"
     )

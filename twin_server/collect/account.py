@@ -53,7 +53,7 @@ class Account:
         self._next_number = 1
 
     def restore(self, runs: Iterable[Run], next_number: int) -> None:
-        """Remember what was made durable before; runs in the order of their numbers."""
+        """Restore runs that were made durable before, in the order of their numbers."""
         for run in runs:
             line = self._line(run.site, run.asset)
             if line.runs:
@@ -69,7 +69,7 @@ class Account:
         self._next_number = next_number
 
     def forget(self, site: str, asset: str) -> None:
-        """Know nothing of an asset any more, but that its edge is there."""
+        """Delete all runs of an asset; only the presence of its edge is kept."""
         line = self._line(site, asset)
         for run in (*line.runs, *line.waiting.values()):
             del self._runs[site, asset, run.boot]
@@ -80,7 +80,17 @@ class Account:
         self._uneasy[site, asset] = line
 
     def take(self, arrivals: Iterable[Arrival], now_s: float, change: Change) -> None:
-        """Take what arrived: order, hold or refuse it."""
+        """Sort arriving features: accept, hold or refuse each.
+
+        Parameters
+        ----------
+        arrivals
+            Features with their arrival.
+        now_s
+            Monotonic time [s].
+        change
+            Collects accepted features, held features and notices.
+        """
         for arrival in arrivals:
             features = arrival.features
             run = self._runs.get((features.site, features.asset, features.boot))
@@ -98,7 +108,17 @@ class Account:
     def hear(
         self, healths: Iterable[tuple[Health, bool]], now_s: float, change: Change
     ) -> None:
-        """Learn from health messages, replayed or not, how far each boot has got."""
+        """Take from health messages, replayed or not, the last sequence of each boot.
+
+        Parameters
+        ----------
+        healths
+            Health messages, and whether each is replayed.
+        now_s
+            Monotonic time [s].
+        change
+            Collects accepted features, held features and notices.
+        """
         for health, replayed in healths:
             key = (health.site, health.asset, health.boot)
             run = self._runs.get(key)
@@ -121,18 +141,18 @@ class Account:
                     self._worry(run, now_s)
             if 0 <= health.first_held < run.next:
                 run.held_from = health.first_held
-                # The edge still holds what is durable here: our word did not reach it.
+                # The edge still holds durable features: the acknowledgement did not reach it.
                 change.touched[run] = None
 
     def disbelieve(self, refused: Iterable[tuple[Features, str]]) -> None:
-        """Note what came and was refused for its sensor time, to say so if it is given up."""
+        """Note features refused for their sensor time, so that giving them up is reported."""
         for features, reason in refused:
             run = self._runs.get((features.site, features.asset, features.boot))
             if run is not None and len(run.disbelieved) < self._settings.max_held:
                 run.disbelieved[features.sequence] = reason
 
     def _hear_of_foreign_acks(self, line: AssetRuns, health: Health) -> None:
-        """Ask an agent that was told of another's readings, which boot it means."""
+        """Ask an agent that received another's acknowledgements which boot they concern."""
         foreign = health.counters.get(FOREIGN_ACKS, 0)
         if foreign and foreign != line.foreign_acks:
             line.inquire = True
@@ -141,7 +161,7 @@ class Account:
         line.foreign_acks = foreign
 
     def watch(self, site: str, asset: str, *, alive: bool) -> None:
-        """Learn that an edge has appeared, or gone."""
+        """Note that an edge has appeared or disappeared."""
         line = self._line(site, asset)
         line.alive = alive
         if alive:
@@ -151,7 +171,17 @@ class Account:
             self._uneasy[site, asset] = line
 
     def wants(self, now_s: float) -> list[EdgeQuery]:
-        """List what to ask of which edge now; each is asked until `settle` is told of it."""
+        """List the requests due now, by edge; each is repeated until `settle` confirms it.
+
+        Parameters
+        ----------
+        now_s
+            Monotonic time [s].
+
+        Returns
+        -------
+        Queries to send.
+        """
         wants = []
         for key, line in list(self._uneasy.items()):
             want, uneasy = line.want(now_s, self._settings)
@@ -199,13 +229,13 @@ class Account:
         self._close_finished(line, change)
 
     def still_missing(self, want: EdgeQuery) -> bool:
-        """Whether the first of what was asked for is still missing."""
+        """Whether the first requested feature is still missing."""
         run = self._runs.get((want.site, want.asset, want.boot))
         hole = None if run is None or run.closed else run.missing()
         return hole is not None and hole[0] <= want.first
 
     def give_up(self, change: Change) -> None:
-        """Wait for nothing any more: admit who waits, pass over every hole.
+        """Stop waiting: admit boots that wait and skip every hole.
 
         For a source that has ended and can be asked for nothing, such as a recording that
         was read straight into the pipeline.
@@ -252,7 +282,7 @@ class Account:
         return self._lines.setdefault((site, asset), AssetRuns(site, asset))
 
     def _meet(self, site: str, asset: str, boot: str, now_s: float, change: Change) -> Run:
-        """Note a boot never seen; the edge is asked what else it has before it is let in."""
+        """Note a new boot; its edge is asked for other features before the boot is admitted."""
         line = self._line(site, asset)
         run = Run(site, asset, boot, since_s=now_s, ack_version=line.ack_version)
         self._runs[site, asset, boot] = line.waiting[boot] = run
@@ -321,7 +351,7 @@ class Account:
         self._admit(line, listing, now_s, change)
 
     def _leave_behind(self, run: Run, holding: Holding, change: Change) -> None:
-        """Report what an edge holds of a closed boot; unacknowledged, it stays in the spool."""
+        """Report features of a closed boot that an edge holds; they stay in its spool."""
         first = max(run.next, max((last for _, last in run.lost), default=-1) + 1)
         if first <= holding.last:
             run.lost.append((first, holding.last))
@@ -331,7 +361,7 @@ class Account:
     def _admit(
         self, line: AssetRuns, listing: Sequence[Holding], now_s: float, change: Change
     ) -> None:
-        """Let in every boot that waits, and those the edge holds besides, oldest first."""
+        """Admit every waiting boot, and others that the edge holds, oldest first."""
         new = [
             (holding.boot, holding)
             for holding in listing
@@ -339,7 +369,7 @@ class Account:
             and not self._is_admitted(line.site, line.asset, holding.boot)
         ]
         listed = {boot for boot, _ in new}
-        # One that was heard of and is not held any more is older than those that are.
+        # A known boot that is no longer held is older than those that are.
         later: list[tuple[str, Holding | None]] = [
             *((boot, None) for boot in line.waiting if boot not in listed),
             *new,

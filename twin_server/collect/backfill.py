@@ -52,11 +52,11 @@ class Backfill:
         self._thread.start()
 
     def wake(self) -> None:
-        """Look for queries now: where one range was missing, the next may be."""
+        """Check for queries now: after one missing range, another may be missing."""
         self._wake.set()
 
     def stop(self) -> None:
-        """Ask nothing more; wait for what is under way."""
+        """Send no more queries, and wait for those in progress."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
@@ -69,12 +69,12 @@ class Backfill:
                 for want in self._wants():
                     self._askers.submit(self._ask, want)
             except Exception:
-                logger.exception("What to ask for could not be found out; going on.")
+                logger.exception("Listing the missing features failed; continuing.")
             self._wake.wait(0.05)
             self._wake.clear()
 
     def _ask(self, want: EdgeQuery) -> None:
-        """Ask for features first; where they do not suffice, for what the edge holds."""
+        """Query features first; if they do not suffice, query what the edge holds."""
         self.asked += 1
         listing: list[Holding] | None = None
         try:
@@ -85,7 +85,7 @@ class Backfill:
         except BusClosedError:
             return
         except Exception:
-            logger.exception("%s.%s could not be asked; trying again.", want.site, want.asset)
+            logger.exception("The query to %s.%s failed; trying again.", want.site, want.asset)
             listing, sound = None, False
         self._settle(want, listing, sound)
 
@@ -123,6 +123,6 @@ def _holding(answer: Sample) -> Holding | None:
             content.get("withheld") is True,
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        logger.warning("An account on %s makes no sense: %r (%s)", answer.key, error, answer)
+        logger.warning("An account on %s is invalid: %r (%s)", answer.key, error, answer)
         return None
     return holding if 0 <= holding.first < SEQUENCES and holding.last < SEQUENCES else None

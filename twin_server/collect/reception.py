@@ -49,7 +49,7 @@ _TAKEN = (FEATURES, HEALTH, REGISTRATION, ASSET_EVENT, FATIGUE, VIRTUAL)
 
 
 class Reception:
-    """Decodes and validates, and judges clocks; what is wrong stops nothing else.
+    """Decodes and validates messages and checks their clocks; an invalid one affects no other.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Reception:
         self._limits, self._refusals = limits, refusals
 
     def admits(self, sample: Sample) -> bool:
-        """Whether the payload is small enough to be looked at; quick, for bus callbacks."""
+        """Whether the payload is small enough to be decoded; quick, for bus callbacks."""
         size, most = len(sample.payload), self._limits.max_payload_bytes
         if size > most:
             self._refusals.refuse(
@@ -74,7 +74,7 @@ class Reception:
         return size <= most
 
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
-        """Take what is believed out of `samples`, in their order."""
+        """Return the accepted messages of `samples`, in their order."""
         received = Received([], [], [], [], [], [])
         arrivals, misdated = received.arrivals, 0
         for sample in samples:

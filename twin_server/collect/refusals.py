@@ -34,7 +34,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
 
 
 class Refusals:
-    """Counts of what was refused, and a log of it with bounded chatter.
+    """Counts of refused messages, and a log of them with a bounded rate.
 
     Parameters
     ----------

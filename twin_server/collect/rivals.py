@@ -1,4 +1,4 @@
-"""Recognises two agents that send as one asset, by their boots, clocks and readings."""
+"""Detects two agents that send as the same asset, by their boots, clocks and readings."""
 
 import datetime
 
@@ -74,7 +74,7 @@ def report_rivals(line: AssetRuns, run: Run, change: Change) -> None:
 def look_for_rivals(
     line: AssetRuns, run: Run, arrival: Arrival, reason: str, change: Change
 ) -> None:
-    """See whether what was refused comes from a second agent."""
+    """Check whether refused messages come from a second agent."""
     if arrival.replayed:
         return
     sequence = arrival.features.sequence

@@ -126,7 +126,7 @@ class Run:
         return f"boot {self.boot} of {self.site}.{self.asset}"
 
     def missing(self) -> tuple[int, int] | None:
-        """First and last of the first hole; None where nothing is known to be missing."""
+        """First and last sequence of the first hole; None if there is no hole."""
         if self.held:
             first_held = min(self.held)
             return (self.next, first_held - 1) if first_held > self.next else None
@@ -134,11 +134,11 @@ class Run:
         return (self.next, last) if last >= self.next else None
 
     def take(self, sequence: int, payload: bytes) -> None:
-        """Count what was accepted into the digest."""
+        """Add accepted features to the digest."""
         self.digest = (self.digest + digest_of(sequence, payload)) % MODULUS
 
     def extend(self, rows: Sequence[tuple[int, bytes]]) -> None:
-        """Take into the digest what was accepted right before it; ascending."""
+        """Add to the digest accepted features that directly precede it; ascending."""
         for sequence, payload in reversed(rows):
             if sequence != self.stretch - 1:
                 return
@@ -146,7 +146,7 @@ class Run:
             self.stretch = sequence
 
     def interrupt(self, first: int) -> None:
-        """Begin a new digest from `first` on, since what is before it was lost."""
+        """Begin a new digest at `first`, because earlier features are lost."""
         self.stretch, self.digest = first, 0
 
     def calm(self) -> None:
@@ -167,7 +167,7 @@ class Run:
     def impatient(
         self, certain: bool, line: "AssetRuns", now_s: float, settings: BackfillSettings
     ) -> bool:
-        """Whether to wait no longer for what is missing."""
+        """Whether to stop waiting for missing features."""
         if certain:
             self.tries += 1
             return self.tries >= settings.tries
@@ -228,7 +228,7 @@ class AssetRuns:
         self.delays += 1
 
     def impatient(self, certain: bool, now_s: float, settings: BackfillSettings) -> bool:
-        """Whether to let boots in without knowing what the edge holds."""
+        """Whether to admit boots before the edge has reported what it holds."""
         self.tries += 1
         if certain or not self.spooled:
             return self.tries >= settings.tries
@@ -261,7 +261,7 @@ class AssetRuns:
 
 
 class Ordered(NamedTuple):
-    """Features whose turn has come."""
+    """Features that are next in order."""
 
     run: Run
     features: Features
@@ -271,7 +271,7 @@ class Ordered(NamedTuple):
 
 
 class LostRange(NamedTuple):
-    """A range of features that nobody has any more."""
+    """A range of features that no edge and no twin holds any more."""
 
     run: Run
     first: int
@@ -288,7 +288,7 @@ class OldReading(NamedTuple):
 
 
 class RivalAgents(NamedTuple):
-    """Two agents that send as one asset.
+    """Two agents that send as the same asset.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ class RivalAgents(NamedTuple):
 
 
 class RepeatedFeatures(NamedTuple):
-    """Features under a sequence that is known, to be compared with what was kept."""
+    """Features with a known sequence, to be compared with those stored."""
 
     run: Run
     sequence: int

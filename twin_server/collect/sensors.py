@@ -1,4 +1,4 @@
-"""Makes notices of what edges report of live sensors: silent, back, restarted, samples lost.
+"""Makes notices of reports on live sensors: silent, back, restarted, samples lost.
 
 The watch does no I/O and has no clock: seconds are arguments. What it has told before is read
 from the history, so that a server that starts again neither repeats nor misses anything.
@@ -20,7 +20,7 @@ TOLD_EVERY_S = 600.0
 
 
 class SensorNotice(NamedTuple):
-    """An event to be made of what an edge told."""
+    """An event to be made from an edge's report on a sensor."""
 
     site: str
     asset: str
@@ -63,7 +63,19 @@ class SensorWatch:
         self._sensors: dict[tuple[str, str], _Sensor] = {}
 
     def hear(self, healths: Iterable[Health], now_s: float) -> list[SensorNotice]:
-        """Take what edges say; give what somebody should know."""
+        """Take health reports of edges; return the notices they cause.
+
+        Parameters
+        ----------
+        healths
+            Health messages.
+        now_s
+            Monotonic time [s].
+
+        Returns
+        -------
+        Notices of sensors whose state has changed.
+        """
         notices: list[SensorNotice] = []
         for health in healths:
             if SILENT in health.counters:
@@ -73,12 +85,12 @@ class SensorWatch:
         return notices
 
     def of(self, site: str, asset: str) -> dict[str, int] | None:
-        """Give counters of a live sensor, as its edge told last; None for other inputs."""
+        """Return the latest counters of a live sensor; None for other inputs."""
         sensor = self._sensors.get((site, asset))
         return None if sensor is None else dict(sensor.counters)
 
     def forget(self, site: str, asset: str) -> None:
-        """Know nothing of an asset any more."""
+        """Delete the state of an asset."""
         self._sensors.pop((site, asset), None)
 
     def _hear(self, health: Health, now_s: float) -> Iterable[SensorNotice]:
@@ -117,7 +129,7 @@ class SensorWatch:
         yield from self._restarts(key, sensor)
 
     def _recalled(self, health: Health) -> _Sensor:
-        """Begin with what was told of this sensor before, by a server before this one too."""
+        """Restore the state of a sensor from its events, of earlier server processes too."""
         sensor = _Sensor(health.boot, health.counters)
         found: set[str] = set()
         for event in self._told(health.site, health.asset):

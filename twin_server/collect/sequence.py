@@ -22,7 +22,7 @@ DAMAGED = "the edge's spool is damaged there"
 
 
 def accept(run: Run, arrival: Arrival, change: Change) -> None:
-    """Let the next features of a run through; lose them where sensor time does not increase."""
+    """Accept the next features of a run; drop them if sensor time does not increase."""
     features = arrival.features
     run.next = features.sequence + 1
     change.touched[run] = None
@@ -48,7 +48,7 @@ def accept(run: Run, arrival: Arrival, change: Change) -> None:
 
 
 def release_held(run: Run, change: Change) -> None:
-    """Let through what was held, as far as nothing is missing before it."""
+    """Release held features as far as none before them is missing."""
     while run.flows and run.next in run.held:
         sequence = run.next
         change.released.append((run, sequence))
@@ -153,7 +153,7 @@ def conclude_hole(
 
 
 def lose_damaged(run: Run, holding: Holding, change: Change) -> None:
-    """Pass over what is damaged in the spool, as far as all before it has come."""
+    """Skip features damaged in the spool, as far as all before them have arrived."""
     while (hole := run.missing()) is not None:
         damaged = _damaged_part(hole, holding)
         if damaged is None:
@@ -195,7 +195,7 @@ def lose_one(run: Run, sequence: int, change: Change) -> None:
 
 
 def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | None:
-    """Give as much of a hole, from its first on, as the edge says is damaged."""
+    """Return the part of a hole, from its start on, that the edge reports as damaged."""
     first, until = hole[0], hole[0]
     for begin, end in sorted(holding.damaged):
         if begin <= until <= end:
@@ -204,7 +204,7 @@ def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | 
 
 
 def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int], str]:
-    """Give the first part of a hole that has one reason, and that reason."""
+    """Return the first part of a hole that has one reason, and that reason."""
     reason = run.disbelieved.get(hole[0])
     until = hole[0]
     while until < hole[1] and run.disbelieved.get(until + 1) == reason:

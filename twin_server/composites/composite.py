@@ -186,7 +186,7 @@ class Composite(Frozen):
 
     @classmethod
     def from_json(cls, text: str) -> "Composite":
-        """Read what `to_json` has written."""
+        """Read the output of `to_json`."""
         return cls.model_validate_json(text, context=AS_STORED)
 
     def to_json(self) -> str:
@@ -194,7 +194,7 @@ class Composite(Frozen):
         return self.model_dump_json()
 
     def to_dict(self) -> dict[str, Any]:
-        """Give it as JSON-compatible values, without gates' empty fields."""
+        """Return it as JSON-compatible values, without gates' empty fields."""
         content: dict[str, Any] = self.model_dump(mode="json", exclude_none=True)
         return content
 

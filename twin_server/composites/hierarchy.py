@@ -24,13 +24,13 @@ Composites = Mapping[str, Composite]
 
 
 class WrongCompositeError(ValueError):
-    """A composite that cannot be; the text says what to change."""
+    """A composite that is invalid; the text says what to change."""
 
 
 def check(
     composite_id: str, wanted: Composite, composites: Composites, is_twin: Callable[[str], bool]
 ) -> None:
-    """Refuse a composite that names what is not there, or contains itself, or is too large.
+    """Refuse a composite that names unknown members, contains itself, or is too large.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _reached(
 
 
 def _cycle(composite_id: str, composites: Composites) -> tuple[str, ...] | None:
-    """Find a way from a composite down to itself."""
+    """Find a path from a composite down to itself."""
     seen: set[str] = set()
     waiting: list[tuple[str, ...]] = [(composite_id,)]
     while waiting:

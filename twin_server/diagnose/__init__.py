@@ -1,4 +1,4 @@
-"""Beside the stages of the twin: samples and a model in, what the model lacks out, as jobs.
+"""Beside the stages of the twin: samples and a model in; diagnoses, as jobs, out.
 
 Each diagnosis is a process of its own (`python -m twin_server.diagnose FOLDER`), whose folder
 holds what it needs, and where it leaves what it found.

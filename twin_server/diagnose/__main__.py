@@ -1,4 +1,4 @@
-"""One diagnosis: a folder with a task in it, and what was found left beside the task.
+"""The process of one diagnosis: reads the task in a folder, and writes the outcome beside it.
 
 How far it has come goes to standard output, a line of JSON at a time; so does why there is
 nothing to find, with exit status 1. The end of standard input means to stop.
@@ -33,12 +33,12 @@ _TOLD_EVERY_S = 0.1
 
 
 class _ProgressReporter:
-    """Says how far it has come, a few times a second at most."""
+    """Reports progress, a few times a second at most."""
 
     def __init__(self) -> None:
         self._told_s = 0.0
         self._out = os.fdopen(os.dup(1), "w")
-        # What an effect of one's own prints is nobody's progress.
+        # Output of a user's effect must not be read as progress.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
     def progress(self, stage: str, share: float) -> None:
@@ -63,7 +63,7 @@ def _watch_input(stop: threading.Event) -> None:
 
 
 def _bound_memory(more: int) -> None:
-    """Allow data of `more` bytes beside what is there already."""
+    """Limit the memory of this process to `more` bytes beyond its present use."""
     limit = more
     with contextlib.suppress(OSError, StopIteration, ValueError):
         status = Path("/proc/self/status").read_text()
@@ -74,7 +74,7 @@ def _bound_memory(more: int) -> None:
 
 
 def main(folder: Path) -> int:
-    """Do it; the exit status: 0 done, 1 for want of something, 3 stopped."""
+    """Run the diagnosis; exit status 0 if done, 1 if something is missing, 3 if stopped."""
     task, reporter = Task.model_validate_json((folder / TASK).read_bytes()), _ProgressReporter()
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()

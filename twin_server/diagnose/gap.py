@@ -80,7 +80,17 @@ class GapBaseline:
     readings: int
 
     def limit_at(self, level: float) -> float:
-        """Limit for a record of another level: the same noise weighs more in a weaker one."""
+        """Limit for a record of another level: the same noise weighs more in a weaker one.
+
+        Parameters
+        ----------
+        level
+            Level of the record [unit of the measurement].
+
+        Returns
+        -------
+        Limit of the gap [1].
+        """
         return self.limit * max(1.0, self.level / max(level, 1e-300))
 
 

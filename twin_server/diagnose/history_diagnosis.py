@@ -1,4 +1,4 @@
-"""A diagnosis in slow time: the twin's history and what was read beside it."""
+"""A diagnosis in slow time: the history of the twin and its covariates."""
 
 import threading
 from collections.abc import Callable
@@ -29,6 +29,17 @@ def diagnose_history(
 ) -> None:
     """Do it, and write the files.
 
+    Parameters
+    ----------
+    task
+        The task of this process.
+    folder
+        Folder that holds the history, and receives the results.
+    progress
+        Called with the stage in words and the share done, from 0 to 1.
+    stop
+        Set to end early.
+
     Raises
     ------
     ValueError
@@ -53,7 +64,23 @@ def diagnose_history(
 def read_task_history(
     folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str
 ) -> History:
-    """Read the history that was left in a folder."""
+    """Read the history that was left in a folder.
+
+    Parameters
+    ----------
+    folder
+        Folder of the task.
+    of
+        SITE.ASSET of the twin.
+    quantity
+        Quantity of the history.
+    slow_time_unit
+        Unit of its slow times.
+
+    Returns
+    -------
+    Slow times, values, standard deviations and covariates.
+    """
     with np.load(folder / HISTORY) as kept:
         return History(
             of=of,

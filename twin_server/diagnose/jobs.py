@@ -99,7 +99,7 @@ class Jobs:
         self._thread.start()
 
     def stop(self) -> None:
-        """End what runs, forget what waits; neither is told of as ended."""
+        """End the running jobs and drop the waiting ones; neither is reported as ended."""
         with self._changed:
             self._stopping = True
             left, self._queue = list(self._queue), collections.deque()
@@ -167,7 +167,9 @@ class Jobs:
                 try:
                     self._ended(waiting.number, ended)
                 except Exception:
-                    logger.exception("Diagnosis %d could not be kept.", waiting.number)
+                    logger.exception(
+                        "The outcome of diagnosis %d could not be stored.", waiting.number
+                    )
             with self._changed:
                 self._current = None
                 self._cancelled.discard(waiting.number)
@@ -211,7 +213,7 @@ class Jobs:
         return Ended("failed", said[-1] if said else self._died(process.returncode, log))
 
     def _wait(self, process: subprocess.Popen[bytes], number: int) -> str:
-        """Wait for its end, or bring that about; why, in a word."""
+        """Wait for the end of the process, or end it; return the reason."""
         while process.poll() is None:
             with self._changed:
                 why = (
@@ -240,13 +242,13 @@ class Jobs:
                     with self._changed:
                         self._stage, self._share = stage, min(max(share, 0.0), 1.0)
             except (ValueError, KeyError, TypeError):
-                logger.warning("A diagnosis said what makes no sense: %r", line[:200])
+                logger.warning("A diagnosis process printed an invalid line: %r", line[:200])
 
     def _died(self, status: int, log: Path) -> str:
         with contextlib.suppress(OSError):
             logger.error("A diagnosis ended with %d: %s", status, log.read_text()[-_LONGEST:])
         return (
-            f"Its process ended with status {status}, without a word. Most likely it had too "
+            f"Its process ended with status {status}, without a message. It probably had too "
             "little memory: give fewer samples, or raise diagnose.max_memory_bytes. The log of "
             "the server says more."
         )

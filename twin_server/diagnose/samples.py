@@ -10,7 +10,7 @@ from slowtime_services.files import Record, in_si
 
 
 class NoSamplesError(ValueError):
-    """There is nothing to diagnose; the text says what to do."""
+    """No samples to diagnose; the text says what to do."""
 
 
 class Piece(NamedTuple):
@@ -82,6 +82,17 @@ def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Pi
     """Part pieces in those to learn from and the last `seconds`, to judge by.
 
     Whole pieces where that leaves something to learn from; the one it falls in is cut.
+
+    Parameters
+    ----------
+    pieces
+        Records in the order of their time.
+    seconds
+        Duration to hold out [s].
+
+    Returns
+    -------
+    Pieces to learn from, and held-out pieces.
     """
     judged: list[Piece] = []
     learnt, left = list(pieces), seconds
@@ -120,6 +131,19 @@ def part(piece: Piece, first: int, last: int) -> Piece:
 
 def bounded(blocks: Iterable[Block], max_samples: int, max_seconds: float) -> Iterator[Block]:
     """Pass blocks on until there are too many.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of samples.
+    max_samples
+        Largest number of samples, over all channels.
+    max_seconds
+        Largest duration [s].
+
+    Yields
+    ------
+    The same blocks.
 
     Raises
     ------

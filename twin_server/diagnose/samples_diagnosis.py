@@ -9,6 +9,7 @@ from pathlib import Path
 
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import MIN_SAMPLES
+from slowtime.discrepancy.search import SearchOptions
 from slowtime.signals.block import Block
 from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
 from slowtime_services.models import description_of
@@ -27,6 +28,17 @@ def diagnose_samples(
 ) -> None:
     """Do it, and write the files.
 
+    Parameters
+    ----------
+    task
+        The task of this process.
+    folder
+        Folder that receives the results.
+    progress
+        Called with the stage in words and the share done, from 0 to 1.
+    stop
+        Set to end early.
+
     Raises
     ------
     ValueError
@@ -42,7 +54,7 @@ def diagnose_samples(
     )
     found = diagnose(
         campaign,
-        quick=task.order.quick,
+        options=SearchOptions(quick=task.order.quick),
         progress=progress,
         stop=stop,
         kinds=kinds,

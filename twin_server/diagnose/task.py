@@ -58,12 +58,12 @@ class Outcome(NamedTuple):
 
 
 def write_task(folder: Path, task: Task) -> None:
-    """Leave word for the process."""
+    """Write the task for the process."""
     (folder / TASK).write_text(task.model_dump_json(), encoding="utf-8")
 
 
 def read_outcome(folder: Path) -> Outcome:
-    """Read what the process has left.
+    """Read the outcome that the process has written.
 
     Raises
     ------

@@ -66,9 +66,9 @@ def _follow(
     speaks_against: Bool[np.ndarray, " time"],
     confirm: int,
 ) -> tuple[Belief, list[tuple[int, bool]]]:
-    """Find the belief after these readings, and at which of them it changed to what.
+    """Return the belief after these readings, and the rows at which the alarm changes.
 
-    A reading that speaks neither for nor against breaks no row.
+    A reading that neither supports nor contradicts the alarm does not end a row of readings.
     """
     contrary = speaks_against if belief.holds else speaks_for
     if not belief.against and not contrary.any():

@@ -65,7 +65,7 @@ class DetectedChange:
 
 @dataclasses.dataclass(slots=True)
 class ChangeDetector:
-    """One quantity that is watched; `take` gives what is noticed.
+    """Change detector of one quantity; `take` returns the detected changes.
 
     Parameters
     ----------
@@ -84,7 +84,21 @@ class ChangeDetector:
     state: change_detection.DetectorState | None = None
 
     def take(self, time: float, value: float, sd: float) -> DetectedChange | None:
-        """Take in the next reading; one that is not later than the last is passed over."""
+        """Take in the next reading; one that is not later than the last is passed over.
+
+        Parameters
+        ----------
+        time
+            Slow time of the reading.
+        value
+            Value of the quantity [1].
+        sd
+            Its standard deviation [1].
+
+        Returns
+        -------
+        The change, if this reading confirms one.
+        """
         if self.past and time <= self.past[-1][0]:
             return None
         self.past.append((time, value, max(sd, _NO_NOISE)))
@@ -109,7 +123,7 @@ class ChangeDetector:
         )
 
     def _meet_told(self, until: float) -> None:
-        """Let the level go anywhere at what was told since the last reading."""
+        """Let the level change freely at events reported since the last reading."""
         assert self.watch is not None
         assert self.state is not None
         since = self.state.process.time
@@ -120,7 +134,7 @@ class ChangeDetector:
                 self.state = self.watch.start(belief, self.state.log_weights)
 
     def _go_on_after(self, since: float) -> None:
-        """Let the rival that was right take over."""
+        """Continue with the confirmed rival."""
         assert self.state is not None
         assert self.watch is not None
         self.state = self.watch.taken_over(self.state, since)

@@ -101,7 +101,7 @@ class Checkpoint:
 
     @classmethod
     def from_json(cls, text: str) -> "Checkpoint":
-        """Read what `to_json` has written."""
+        """Read the output of `to_json`."""
         content: dict[str, Any] = json.loads(text)
         known, elements = content["known"], content.get("elements")
         return cls(
@@ -116,7 +116,7 @@ class Checkpoint:
         )
 
     def nominal(self) -> dict[str, float] | None:
-        """Give the numbers of the nominal model that are known; of elements, its first mode."""
+        """Return the known numbers of the nominal model; for elements, of the first mode."""
         if self.elements is not None and self.elements.knows:
             first = dataclasses.asdict(self.elements.baselines[0])
             first["frequency_relative_sd"] = first["relative_sd"]
@@ -130,7 +130,7 @@ class Checkpoint:
         return {name: value for name, value in known.items() if not math.isnan(value)}
 
     def nominal_modes(self) -> list[dict[str, Any]]:
-        """Give the modes of a model as they were learnt."""
+        """Return the modes of a model as they were learnt."""
         return [
             {
                 "model_mode": one.mode,
@@ -142,7 +142,7 @@ class Checkpoint:
         ]
 
     def conditions(self) -> list[tuple[int | None, Condition]]:
-        """Give what is normal under covariates, of each mode of a model or of the one mode."""
+        """Return the normal behaviour under covariates of each mode."""
         if self.elements is not None:
             return [
                 (one.mode, one.condition)

@@ -18,7 +18,7 @@ _NO_TRUTH = (_NAN,) * len(ESTIMATES)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Columns:
-    """One entry per features message; NaN where it said nothing."""
+    """One entry per features message; NaN for values that it lacks."""
 
     sequence: Int[np.ndarray, " time"]
     t_ns: Int[np.ndarray, " time"]
@@ -37,7 +37,17 @@ class Columns:
         return len(self.sequence)
 
     def of(self, rows: Int[np.ndarray, " some"]) -> "Columns":
-        """Keep some of them."""
+        """Keep some of them.
+
+        Parameters
+        ----------
+        rows
+            Indices of the messages to keep.
+
+        Returns
+        -------
+        The columns of these messages, in that order.
+        """
         parts = [getattr(self, field.name)[rows] for field in dataclasses.fields(self)]
         return Columns(*parts)
 
@@ -107,6 +117,15 @@ def _truth(message: Features, freed: bool) -> tuple[float, ...]:
 
 def without_covariates(truth: Mapping[str, float]) -> Mapping[str, float]:
     """Return the true values of a simulation, without the effect of temperature where known.
+
+    Parameters
+    ----------
+    truth
+        True values of a simulation, by name.
+
+    Returns
+    -------
+    The same; quantities with a ``lasting.`` value have that value.
 
     Examples
     --------

@@ -145,7 +145,7 @@ def _detail(reading: EpochEstimate, model: Model, freed: bool) -> Detail:
 
 
 def _truth(features: Features, names: Sequence[str], freed: bool) -> dict[str, float] | None:
-    """Take what a simulator knows of what is estimated, by our names."""
+    """Return the true values that a simulation states for the estimated quantities."""
     if features.truth is None:
         return None
     keys = {f"node.{n}" if n.endswith(MASS) else f"element.{n}": n for n in names}
@@ -207,7 +207,7 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
 def _doubted_units(
     memory: Memory, features: Sequence[Features], model: Model
 ) -> tuple[Memory, list[Notice]]:
-    """Make the notice of channels whose units are in doubt, where they have changed."""
+    """Make the notice of channels with doubtful units, if they have changed."""
     notices = []
     for row, message in enumerate(features):
         if all(mode.shape is None for mode in message.modes):
@@ -244,7 +244,7 @@ def _of_covariates(registration: Registration, found: TrackedEpochs) -> list[Not
 def _suspected(
     suspicions: Sequence[Suspicion], readings: Sequence[EpochEstimate], confirm: int
 ) -> tuple[tuple[Suspicion, ...], list[Notice]]:
-    """Follow what is believed to have changed; it takes several readings in a row."""
+    """Confirm suspected elements: several readings in a row must suspect the same."""
     held = {one.word: one for one in suspicions}
     notices = []
     for row, reading in enumerate(readings):

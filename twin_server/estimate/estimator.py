@@ -160,7 +160,7 @@ def _rows_by_owner(owner: Int[np.ndarray, " time"], count: int) -> list[Int[np.n
 
 
 def _begin(given: Columns, missing_before: Sequence[int]) -> States:
-    """States that hold what was measured, and no change yet."""
+    """States with the measured values, and no change yet."""
     states = st.blank(len(given))
     states["sequence"], states["t_ns"] = given.sequence, given.t_ns
     states["slow_time"], states["truth"] = given.slow_time, given.truth
@@ -251,7 +251,7 @@ _Kind = tuple[str, float, float]
 
 
 def _kind(registration: Registration) -> _Kind:
-    """Name what readings must have in common to be estimated in one call."""
+    """Return the key that readings estimated in one call share."""
     if registration.changes == "both":
         return "both", registration.prior_stiffness_sd, registration.prior_mass_sd
     return registration.changes, 0.0, 0.0

@@ -187,7 +187,7 @@ def _part(name: str) -> str:
 
 
 def _life(state: Threshold, order: RiskOrder) -> RemainingLife:
-    """When a threshold is first passed, looked at between the instants too."""
+    """Return the time when a threshold is first passed, checked between the instants too."""
     drawn = order.laws[state.quantity].futures(order.horizon)
     common = order.common[state.quantity] * abs(1.0 + state.at)
     return drawn.crossing(state.at, toward=state.toward, common_sd=common)

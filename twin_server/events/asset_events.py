@@ -55,7 +55,7 @@ EXAMPLES: list[Any] = [
 
 
 class AssetEventOrder(EventContent):
-    """Something that has happened to an asset: what, when, and who says so."""
+    """A report of something that happened to an asset: what, when, and by whom."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", json_schema_extra={"examples": EXAMPLES}
@@ -71,7 +71,8 @@ class AssetEventOrder(EventContent):
     ] = None
     slow_time: Annotated[Finite | None, Field(description="Instead of `at`.")] = None
     person: Annotated[
-        PersonName | None, Field(description="Who says so; by default the name of the token.")
+        PersonName | None,
+        Field(description="Who reports it; by default the name of the token."),
     ] = None
 
     @model_validator(mode="after")
@@ -117,7 +118,7 @@ class AssetEventRow(NamedTuple):
 
 
 def is_same(order: AssetEventOrder, kept: AssetEvent) -> bool:
-    """Whether an order says what is kept already, as far as it says anything."""
+    """Whether an order repeats a stored event, as far as it states values."""
     return (
         all(getattr(order, name) == getattr(kept, name) for name in _CONTENT)
         and (order.at_ns is None or order.at_ns == kept.happened_ns)
@@ -162,14 +163,14 @@ def accepted(
 
 
 def effective(events: Iterable[AssetEvent]) -> list[AssetEvent]:
-    """Give the events that hold: neither taken back, nor such that take others back."""
+    """Return the events that hold: neither withdrawn nor withdrawals."""
     every = list(events)
     gone = {event.reverses for event in every if event.reverses is not None}
     return [e for e in every if e.reverses is None and e.event not in gone]
 
 
 def sentence(event: AssetEvent) -> str:
-    """Describe an event and who told it."""
+    """Describe an event and its reporter."""
     if event.reverses is not None:
         return f"{event.person} took back the event {event.reverses}.{_text(event)}"
     of = f" of {event.quantity}" if event.quantity is not None else ""

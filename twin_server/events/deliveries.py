@@ -73,7 +73,7 @@ class Delivery(NamedTuple):
         return message_key(self.event, self.reminder)
 
     def reminding(self, now_ns: int) -> "Delivery":
-        """Give the reminder that follows."""
+        """Return the reminder that follows."""
         return self._replace(
             id=f"{message_key(self.event, self.reminder + 1)}@{self.receiver}",
             reminder=self.reminder + 1,

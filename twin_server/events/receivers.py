@@ -34,7 +34,7 @@ class _Receiver(Frozen):
 
 
 class WebhookReceiver(_Receiver):
-    """Somebody's HTTP server, which gets a signed POST.
+    """An HTTP server that receives a signed POST.
 
     Examples
     --------
@@ -159,7 +159,7 @@ Receiver = Annotated[
 
 
 class AlarmSettings(Frozen):
-    """How events leave the house, and to whom.
+    """Receivers of events, and how they are sent.
 
     Examples
     --------
@@ -219,7 +219,7 @@ class AlarmRoute(Frozen):
     ] = None
 
     def takes(self, kind: str, severity: str) -> bool:
-        """Whether an event goes there."""
+        """Whether an event is sent on this route."""
         if kind == "alarm_acknowledged":
             return self.acknowledgements
         return severity in self.severities and (self.kinds is None or kind in self.kinds)

@@ -84,7 +84,7 @@ class Buckets:
         changes: Float[np.ndarray, "time parameter 3"] | None = None,
         bodies: Bodies = (),
     ) -> Self:
-        """Give each state a bucket of its own.
+        """Make one bucket for each state.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Buckets:
 
     @classmethod
     def from_bytes(cls, rows: Sequence[bytes]) -> Self:
-        """Read what `to_bytes` has written, a bucket each."""
+        """Read the output of `to_bytes`, one item per bucket."""
         parts: dict[int, list[int]] = {}
         for place, row in enumerate(rows):
             parts.setdefault(len(row), []).append(place)
@@ -143,7 +143,7 @@ class Buckets:
         return cls(whole.head[order], whole.quantities[order])
 
     def to_bytes(self) -> list[bytes]:
-        """Give each bucket the bytes it is kept as."""
+        """Encode each bucket as it is stored."""
         heads, rest = self.head.tobytes(), np.ascontiguousarray(self.quantities).tobytes()
         long = self.quantities.shape[1] * QUANTITY.itemsize
         return [
@@ -152,7 +152,17 @@ class Buckets:
         ]
 
     def merged(self, starts: Int[np.ndarray, " group"]) -> "Buckets":
-        """Join consecutive buckets; `starts` are the first of each group, ascending from 0."""
+        """Join consecutive buckets; `starts` are the first of each group, ascending from 0.
+
+        Parameters
+        ----------
+        starts
+            Index of the first bucket of each group, ascending from 0.
+
+        Returns
+        -------
+        One bucket for each group.
+        """
         if not len(starts):
             return Buckets(self.head[:0], self.quantities[:0])
         ends = np.append(starts[1:], len(self)) - 1

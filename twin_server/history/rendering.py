@@ -124,7 +124,7 @@ def event_body(event: Event) -> str:
 
 
 def event_object(number: int, body: str) -> dict[str, Any]:
-    """Give an event as REST does: the message, its number and its identity beside it."""
+    """Return an event as REST does: the message, its number and its identity beside it."""
     content: dict[str, Any] = json.loads(body)
     event_id = identity(content)
     content.pop("version")
@@ -133,7 +133,17 @@ def event_object(number: int, body: str) -> dict[str, Any]:
 
 
 def estimate_objects(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
-    """Rows of value, sd, lo and hi as objects."""
+    """Rows of value, sd, lo and hi as objects.
+
+    Parameters
+    ----------
+    table
+        Rows of value, sd, lo and hi.
+
+    Returns
+    -------
+    An object for each row.
+    """
     return [dict(zip(("value", "sd", "lo", "hi"), row, strict=True)) for row in table]
 
 
@@ -151,7 +161,7 @@ def _core(row: tuple[Any, ...], unit: str, *, brief: bool = False) -> str:
 
 
 def _rest(row: tuple[Any, ...], body: bytes | None) -> str:
-    """Write what a simulator knows, and the details where there are some."""
+    """Write the true values of a simulation, and the details if there are any."""
     return f'"truth":{_truth(row[8])}' if body is None else body[1:-1].decode()
 
 

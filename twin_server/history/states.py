@@ -75,7 +75,7 @@ _OURS = {
     NO_MODEL_MODE: (
         "None of the modes of this epoch is one that the structure had while its model was "
         "learnt, so that nothing is estimated from it. Look at the sensors; or register the "
-        "twin anew, with a model of the structure as it is now."
+        "twin again, with a model of the current structure."
     ),
     MODEL_MISFIT: (
         "The modes have moved in a way that no change of the free parameters explains. Look at "
@@ -94,7 +94,7 @@ _OURS = {
     ),
     BEYOND_COVARIATES: (
         "A covariate is beyond all that was seen in training, so that what it does is a guess. "
-        "Register the twin anew with a longer `covariates.train_span`."
+        "Register the twin again with a longer `covariates.train_span`."
     ),
 }
 
@@ -130,7 +130,7 @@ def assumed(notes: int) -> tuple[str, ...]:
 
 
 def blank(count: int) -> States:
-    """`count` states that say nothing yet."""
+    """Return `count` empty states."""
     states: States = np.zeros(count, STATE)
     for name in (*ESTIMATES, "truth"):
         states[name] = np.nan

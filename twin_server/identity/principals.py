@@ -18,7 +18,7 @@ class Scope(enum.IntEnum):
 
     @classmethod
     def of(cls, word: str) -> Self:
-        """Read a word.
+        """Parse a scope.
 
         Raises
         ------

@@ -37,7 +37,7 @@ class WrongTokenFileError(ValueError):
 
 
 class RefusedTokenError(Exception):
-    """A token that does not let anybody in; says why, to who holds it."""
+    """A token that is refused; the text gives the holder the reason."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Token:
 
     @property
     def principal(self) -> Principal:
-        """Whom it stands for."""
+        """Return the principal of the token."""
         until = datetime.datetime.fromisoformat(self.expires).timestamp()
         sites = None if "*" in self.sites else frozenset(self.sites)
         return Principal(f"{self.name} ({self.id})", Scope.of(self.scope), sites, until)
@@ -157,7 +157,7 @@ class TokenFile:
             return tokens[number]
 
     def verify(self, text: str) -> Principal:
-        """Whom a token stands for.
+        """Return the principal of a token.
 
         Raises
         ------

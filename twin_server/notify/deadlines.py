@@ -35,7 +35,15 @@ class Deadlines:
     def within(
         self, seconds: float, connected: Callable[[], socket.socket | None]
     ) -> Iterator[None]:
-        """Shut the socket that `connected` gives by then, unless the block has ended."""
+        """Shut the socket that `connected` gives by then, unless the block has ended.
+
+        Parameters
+        ----------
+        seconds
+            Time until the socket is shut [s].
+        connected
+            Returns the socket, or None before there is one.
+        """
         entry = _Entry(time.monotonic() + seconds, next(self._numbers), connected)
         with self._changed:
             self._open.add(entry.number)

@@ -25,7 +25,7 @@ class Email:
         tls(self._receiver.ca)
 
     def send(self, message: Message) -> str:
-        """Send; of several recipients, say whom the mail server refused.
+        """Send; report recipients that the mail server refused.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The message of a delivery, and what all senders share."""
+"""The message of a delivery, and code that all senders share."""
 
 import json
 import socket
@@ -10,7 +10,7 @@ from twin_server.events.receivers import AlarmSettings
 
 
 class NotDeliveredError(Exception):
-    """An attempt that failed; the text says why, and nothing that is secret.
+    """An attempt that failed; the text gives the reason, without secrets.
 
     Parameters
     ----------

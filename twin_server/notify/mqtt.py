@@ -76,7 +76,7 @@ class Mqtt:
         return ""
 
     def _client(self) -> tuple[Any, list[Any]]:
-        """Make a client, and a list into which the answer to its greeting comes."""
+        """Make a client, and a list that receives the answer to its connection."""
         receiver = self._receiver
         answered: list[Any] = []
         client = self._paho.Client(

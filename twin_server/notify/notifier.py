@@ -53,15 +53,15 @@ class DeliveryStore(Protocol):
         ...
 
     def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
-        """Keep what has become of some, and begin others."""
+        """Store outcomes of deliveries, and begin others."""
         ...
 
     def give_up(self, delivery: Delivery) -> None:
-        """Keep that one has failed for good, with an event that says so."""
+        """Store that a delivery has failed for good, with an event that reports it."""
         ...
 
     def holds(self, delivery: Delivery) -> bool:
-        """Whether what it tells of still holds, and nobody has acknowledged it."""
+        """Whether the alarm is still raised and not acknowledged."""
         ...
 
     def is_fresh(self, delivery: Delivery) -> bool:
@@ -69,12 +69,12 @@ class DeliveryStore(Protocol):
         ...
 
     def forget(self, before_ns: int) -> None:
-        """Drop what ended before then."""
+        """Delete deliveries that ended before an instant."""
         ...
 
 
 class Notifier:
-    """Sends what is due, in threads of its own.
+    """Sends deliveries that are due, in threads of its own.
 
     Parameters
     ----------
@@ -109,7 +109,13 @@ class Notifier:
         self._thread.start()
 
     def stop(self, timeout_s: float = 3.0) -> None:
-        """Send nothing more; wait a little for what is being sent, and keep its outcome."""
+        """Send no more; wait briefly for deliveries in progress and store their outcome.
+
+        Parameters
+        ----------
+        timeout_s
+            Longest time to wait [s].
+        """
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
@@ -122,10 +128,12 @@ class Notifier:
         try:
             self._settle()
         except Exception:
-            logger.exception("What was sent last could not be kept; it will be sent again.")
+            logger.exception(
+                "Outcomes of the last deliveries could not be stored; they will be sent again."
+            )
 
     def wake(self) -> None:
-        """Look for due deliveries at once."""
+        """Check for due deliveries at once."""
         self._wake.set()
 
     def _hear(self, outcome: Outcome) -> None:
@@ -139,7 +147,7 @@ class Notifier:
             try:
                 self._turn()
             except Exception:
-                logger.exception("Deliveries could not be looked after; trying again.")
+                logger.exception("Checking for due deliveries failed; trying again.")
                 pause = _AFTER_TROUBLE_S
                 self._stop.wait(pause)
             self._wake.wait(pause)
@@ -160,14 +168,14 @@ class Notifier:
                     self._begin(queue, one)
 
     def _begin(self, queue: ReceiverQueue, delivery: Delivery) -> None:
-        """Hand one over; a reminder only of what still holds."""
+        """Hand a delivery to its receiver's queue; a reminder only of a raised alarm."""
         if delivery.reminder and not self._store.holds(delivery):
             self._store.settle([self._ended(delivery, "It has ended, or was acknowledged.")])
             return
         queue.give(delivery)
 
     def _settle(self) -> None:
-        """Make durable what has come of attempts, all at once."""
+        """Store the outcomes of attempts, all at once."""
         with self._lock:
             outcomes = list(self._outcomes)
         if not outcomes:

@@ -26,10 +26,10 @@ class PluginSender:
             raise NotDeliveredError(str(error)) from error
 
     def check(self) -> None:
-        """Nothing more: a part that cannot be imported says so when it is sent to."""
+        """Check nothing: a plug-in that cannot be imported fails when it is sent to."""
 
     def send(self, message: Message) -> str:
-        """Send; what the part says of it.
+        """Send; return the plug-in's answer.
 
         Raises
         ------

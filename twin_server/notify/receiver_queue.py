@@ -68,7 +68,7 @@ class ReceiverQueue:
             thread.start()
 
     def stop(self) -> None:
-        """Begin nothing more; what is being sent goes on."""
+        """Begin no more deliveries; those in progress continue."""
         while True:
             try:
                 self._given.get_nowait()
@@ -78,7 +78,13 @@ class ReceiverQueue:
             self._given.put(None)
 
     def join(self, timeout_s: float) -> None:
-        """Wait for what is being sent, but not for a receiver that takes longer."""
+        """Wait for deliveries in progress, but not for a receiver that takes longer.
+
+        Parameters
+        ----------
+        timeout_s
+            Longest time to wait for each thread [s].
+        """
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout_s)
@@ -94,7 +100,7 @@ class ReceiverQueue:
         return self._most - len(self._held)
 
     def give(self, delivery: Delivery) -> None:
-        """Let one be sent, unless it is being sent already."""
+        """Queue a delivery, unless it is in progress."""
         if delivery.id not in self._held and self.room > 0:
             self._held.add(delivery.id)
             self._given.put(delivery)

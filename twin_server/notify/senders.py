@@ -24,7 +24,7 @@ class Sender(Protocol):
         ...
 
     def send(self, message: Message) -> str:
-        """Send, or raise `NotDeliveredError`; what there is to say of a success."""
+        """Send, or raise `NotDeliveredError`; return a note on the success."""
         ...
 
 

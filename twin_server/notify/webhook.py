@@ -37,7 +37,7 @@ class Webhook:
         self._context()
 
     def send(self, message: Message) -> str:
-        """Send; what there is to say of a success.
+        """Send; return a note on the success.
 
         Raises
         ------

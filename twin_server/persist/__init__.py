@@ -1,4 +1,4 @@
-"""Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
+"""Third stage of the twin: accepted and estimated rows in; the durable history out."""
 
 from twin_server.persist.tables.rows import (
     DetailRow,

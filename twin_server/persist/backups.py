@@ -70,7 +70,7 @@ def _must_exist(path: Path) -> None:
 
 @contextlib.contextmanager
 def _made_whole(path: Path) -> Iterator[Path]:
-    """Give a name to write under; `path` is there afterwards, on the disk, or never was."""
+    """Yield a name to write under; `path` is afterwards complete on disk, or absent."""
     if path.exists():
         raise WrongStoreError(f"{path} exists. Give a new file, or take that one away.")
     part = path.with_name(f".{path.name}.part")
@@ -89,7 +89,7 @@ def _made_whole(path: Path) -> Iterator[Path]:
 
 
 def _set_aside(database: Path) -> Path | None:
-    """Rename a database and what belongs to it; none of it is lost."""
+    """Rename a database and its side files; none of them is lost."""
     if not database.exists():
         for end in _LEFTOVERS:
             database.with_name(database.name + end).unlink(missing_ok=True)

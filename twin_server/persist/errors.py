@@ -2,11 +2,11 @@
 
 
 class WrongStoreError(RuntimeError):
-    """The file is no store of ours, or of another version; the text says what to do."""
+    """The file is no slowtime store, or of another version; the text says what to do."""
 
 
 class StoreError(RuntimeError):
-    """Nothing can be written now, as with a full disk; the text says what is wrong."""
+    """Nothing can be written, for instance because the disk is full; the text says why."""
 
 
 class DamagedStoreError(WrongStoreError, StoreError):

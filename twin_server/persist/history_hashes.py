@@ -22,24 +22,24 @@ class HistoryHashes:
         self._times_made: dict[str, int] = {}
 
     def adopt(self, found: dict[str, RollingHash]) -> None:
-        """Begin with what has been rolled while all was looked through."""
+        """Start from hashes computed while the database was checked."""
         with self._lock:
             self._found.update(found)
 
     def known(self, twin_id: str) -> RollingHash | None:
-        """Give a hash to roll on, where there is one."""
+        """Return a hash to roll on, where there is one."""
         with self._lock:
             found = self._found.get(twin_id)
             return None if found is None else found.copy()
 
     def lose(self, twin_id: str) -> None:
-        """Know nothing of a history until `settle`: it will not be what it was, longer."""
+        """Drop the hash of a history until `settle`, because its rows are about to change."""
         with self._lock:
             self._found.pop(twin_id, None)
             self._being_made.add(twin_id)
 
     def settle(self, news: dict[str, RollingHash | None]) -> None:
-        """Take over what has become durable."""
+        """Take over hashes of rows that have become durable."""
         with self._lock:
             for twin_id, rolling in news.items():
                 if rolling is not None:
@@ -49,7 +49,7 @@ class HistoryHashes:
 
     @contextlib.contextmanager
     def remade(self, twin_id: str) -> Iterator[None]:
-        """Know nothing of a history while it is made anew, nor of the one before it."""
+        """Drop the hash of a history while it is rewritten, and that of its predecessor."""
         self.lose(twin_id)
         try:
             yield
@@ -63,7 +63,7 @@ class HistoryHashes:
         self._being_made.discard(twin_id)
 
     def begun(self, twin_id: str) -> tuple[RollingHash, int | None]:
-        """Give what is known of a history, and what to `offer` one that goes further with."""
+        """Return the known hash of a history, and the token to `offer` a longer one with."""
         with self._lock:
             if twin_id in self._being_made:
                 return RollingHash(), None
@@ -72,7 +72,7 @@ class HistoryHashes:
             return (RollingHash() if found is None else found.copy()), made
 
     def offer(self, twin_id: str, rolling: RollingHash, made: int | None) -> None:
-        """Keep a hash for the next time, unless the history was made anew meanwhile."""
+        """Keep a hash for the next request, unless the history was rewritten meanwhile."""
         with self._lock:
             before = self._found.get(twin_id)
             if (

@@ -175,7 +175,7 @@ def all_rows(reader: Any, table: Table) -> Iterable[tuple[Any, ...]]:
 
 
 def _changed(reader: sqlite3.Connection) -> list[str]:
-    """Name what differs from the tables, indices and triggers that there should be."""
+    """Name tables, indices and triggers that differ from the layout."""
     with sqlite3.connect(":memory:") as fresh:
         fresh.executescript(schema())
         # A database of version 3 or older keeps this one for good.
@@ -231,7 +231,7 @@ def build_levels(writer: Any) -> None:
     """Make the buckets of all boots out of their features."""
     numbers = [row[0] for row in writer.execute("select number from runs order by number")]
     if numbers:
-        logger.info("Buckets of the histories of %d boots are made, once.", len(numbers))
+        logger.info("Computing the buckets of the histories of %d boots, once.", len(numbers))
     for number in numbers:
         build(writer, number)
 
@@ -263,7 +263,7 @@ def _old_rows(writer: sqlite3.Connection, table: Table) -> Iterable[tuple[object
 
 
 def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
-    """Give no number of an event or a diagnosis a second time."""
+    """Keep numbers of events and diagnoses unique."""
     if "sqlite_sequence" not in {
         r[0] for r in writer.execute("select name from sqlite_master")
     }:
@@ -276,7 +276,7 @@ def _number_as_before(writer: sqlite3.Connection, names: Iterable[str]) -> None:
 
 
 def _statements(script: str) -> Iterable[str]:
-    """Cut a script into statements: `executescript` would commit what it begins in."""
+    """Split a script into statements: `executescript` would commit the open transaction."""
     part = ""
     for line in script.splitlines(keepends=True):
         part += line

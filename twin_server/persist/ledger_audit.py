@@ -71,7 +71,7 @@ def audit(
     kept: Head | None = None,
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
-    """Hold all rows against the ledger, and the ledger against its heads.
+    """Compare all rows with the ledger, and the ledger with its heads.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def audit(
 def _heads(
     reader: Any, found: Audit, public: str | None, kept: Head | None
 ) -> tuple[MerkleTree, dict[str, dict[int, str]]]:
-    """Check the chain of heads; give what the last vouches for, and each end ever signed."""
+    """Check the chain of heads; return what the last one covers, and every end ever signed."""
     standing, links = MerkleTree(), dict[str, dict[int, str]]()
     number, seen = 0, False
     while rows := heads_after(reader, number, _AT_ONCE, newest=False):
@@ -244,7 +244,7 @@ class _Chain:
         return deleted
 
     def _rows(self, deleted: int, registration: str | None, found: Audit) -> int:
-        """Hold registration, acknowledgements, told events and features to their entries."""
+        """Compare registration, acknowledgements, events and features with the ledger."""
         spans = whole(self._reader, self._twin_id)
         cursors: dict[int, Iterator[bytes]] = {
             span.number: self._features(span) for span in spans
@@ -326,7 +326,7 @@ class _Chain:
         )
 
     def _history(self, found: Audit) -> None:
-        """Hold the states against the hash of them that the last head vouches for."""
+        """Compare the states with the hash that the last signed head states."""
         if self._leaf is None or found.wrong:
             return
         if self._is_other:

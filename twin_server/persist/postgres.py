@@ -32,7 +32,7 @@ LEAVING_S = 5.0
 
 
 class _Connection:
-    """A connection of psycopg that is asked as one of sqlite3 is."""
+    """A psycopg connection with the interface of sqlite3."""
 
     def __init__(self, raw: Any) -> None:
         self.raw = raw
@@ -157,7 +157,7 @@ class PostgresStore(SqlStore):
             ) from error
 
     def _open_writer(self) -> _Connection:
-        """Give the one connection that writes; after a restart of the database a new one."""
+        """Return the one connection that writes; after a restart of the database a new one."""
         if self._writer is None or self._writer.raw.closed:
             writer = self._connect()
             question = "select pg_try_advisory_lock(?, hashtext(current_schema()))"
@@ -197,7 +197,7 @@ class PostgresStore(SqlStore):
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[_Connection]:
-        """Hold a connection of this thread that sees one moment of the database."""
+        """Hold a connection of this thread that sees one snapshot of the database."""
         reader: _Connection | None = getattr(self._local, "reader", None)
         if reader is not None:
             yield reader
@@ -245,7 +245,7 @@ class PostgresStore(SqlStore):
 
 
 def without_secret(url: str) -> str:
-    """Give a URL as it may be shown.
+    """Return a URL without its password.
 
     Examples
     --------

@@ -77,7 +77,7 @@ class SqlStore(abc.ABC):
 
     @abc.abstractmethod
     def _reading(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold a connection that sees one moment of the database."""
+        """Hold a connection that sees one snapshot of the database."""
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""
@@ -116,7 +116,7 @@ class SqlStore(abc.ABC):
     def _write(
         self, writer: Connection, cut: WriteBatch, news: dict[str, RollingHash | None]
     ) -> list[int]:
-        """Write all of a cut; what its histories' hashes will be then is put into `news`."""
+        """Write all of a cut; the new hashes of its histories are put into `news`."""
         registered = write_twins(writer, cut.twins)
         written = write_runs(writer, cut.runs, cut.features)
         insert(
@@ -209,7 +209,7 @@ class SqlStore(abc.ABC):
 
     @contextlib.contextmanager
     def _remade(self, twin_id: str) -> Iterator[Connection]:
-        """Hold the writer while a history is made anew or goes; all of it, or nothing."""
+        """Hold the writer while a history is rewritten or deleted, in one transaction."""
         with self._hashes.remade(twin_id):
             try:
                 with self._writing() as writer:
@@ -240,7 +240,7 @@ class SqlStore(abc.ABC):
         t_ns: tuple[int | None, int | None] = (None, None),
         slow_time: tuple[float | None, float | None] = (None, None),
     ) -> ThinnedHistory:
-        """At most `max_points` states between two times, and of what all of them show."""
+        """At most `max_points` states between two times, with statistics of all of them."""
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
 
@@ -303,7 +303,7 @@ class SqlStore(abc.ABC):
             return number
 
     def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
-        """Keep what has become of a diagnosis."""
+        """Store the outcome of a diagnosis."""
         with self._writing() as writer:
             diagnoses_table.update(writer, row, page, model)
 
@@ -338,7 +338,7 @@ class SqlStore(abc.ABC):
             return deliveries_table.select(reader, twin, receiver, states, due_ns, limit)
 
     def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
-        """Keep what has become of deliveries that are open still, and begin others."""
+        """Store the outcome of open deliveries, and begin others."""
         with self._writing() as writer:
             deliveries_table.settle(writer, settled)
             deliveries_table.insert(writer, begun)
@@ -354,17 +354,17 @@ class SqlStore(abc.ABC):
             deliveries_table.forget(writer, before_ns)
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
-        """Read who has taken note of which alarms of a twin."""
+        """Read the acknowledgements of alarms of a twin."""
         with self._reading() as reader:
             return deliveries_table.acknowledged(reader, twin_id)
 
     def composites(self, composite: str | None = None) -> list[CompositeRow]:
-        """Read what was registered of composites, or of one, in order."""
+        """Read the registrations of all composites, or of one, in order."""
         with self._reading() as reader:
             return composites_table.read(reader, composite)
 
     def add_composites(self, rows: Sequence[CompositeRow]) -> None:
-        """Keep what was registered, all at once, under the next numbers."""
+        """Store registrations, all at once, under the next numbers."""
         with self._writing() as writer:
             following = (last_number(writer, "composite") or 0) + 1
             composites_table.insert(writer, rows, following)
@@ -372,7 +372,7 @@ class SqlStore(abc.ABC):
                 note_number(writer, "composite", following + len(rows) - 1)
 
     def asset_events(self, twin_id: str) -> list[AssetEventRow]:
-        """Read what people have told of an asset, in the order in which it was accepted."""
+        """Read the reported events of an asset, in the order of acceptance."""
         with self._reading() as reader:
             return asset_events_table.read(reader, twin_id)
 
@@ -421,7 +421,7 @@ class SqlStore(abc.ABC):
 
 
 def _delete_derived(writer: Connection, spans: Sequence[Span]) -> None:
-    """Drop what was made out of features, to be made again."""
+    """Delete rows derived from features, so that they are computed again."""
     delete_levels(writer, spans)
     for span in spans:
         writer.execute("delete from digests where id between ? and ?", (span.first, span.last))
@@ -432,7 +432,7 @@ def _ledger_entries(
     registered: dict[str, str],
     written: Sequence[WrittenBoot],
 ) -> dict[str, list[Entry]]:
-    """Make the entries of what `cut` accepts, by twin."""
+    """Make the ledger entries of what `cut` accepts, by twin."""
     entries: dict[str, list[Entry]] = {
         twin_id: [ledger_table.of_registration(text)] for twin_id, text in registered.items()
     }

@@ -160,7 +160,7 @@ class SqliteStore(SqlStore):
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
-        """Hold a connection of this thread that sees one moment of the database."""
+        """Hold a connection of this thread that sees one snapshot of the database."""
         reader: sqlite3.Connection | None = getattr(self._local, "reader", None)
         if reader is None or self._closed:
             reader = self._local.reader = self._open_reader()
@@ -224,7 +224,7 @@ def audit_file(
     kept: Head | None = None,
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
-    """Hold a sound database against its ledger (see `auditing.audit`)."""
+    """Compare a sound database with its ledger (see `auditing.audit`)."""
     with _told(path), contextlib.closing(open_reader(path)) as reader:
         reader.execute("begin")
         return audit(reader, public=public, kept=kept, tell=tell)
@@ -232,7 +232,7 @@ def audit_file(
 
 @contextlib.contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Describe what is wrong with a file, and what to do."""
+    """Describe the fault of a file, and what to do."""
     try:
         yield
     except UnicodeDecodeError as error:  # of a message that quotes the file

@@ -1,4 +1,4 @@
-"""The interface of the store, behind which SQLite or PostgreSQL stands.
+"""The interface of the store, which SQLite and PostgreSQL implement.
 
 One thread writes, in cuts: all that follows from a batch becomes durable together, or not at
 all. Any thread reads, and sees whole cuts only.
@@ -62,7 +62,7 @@ class History(NamedTuple):
 
 
 class ThinnedHistory(NamedTuple):
-    """Part of a history: some states that show what all of them show."""
+    """Part of a history: some states, with statistics of all of them."""
 
     history: History
     bands: Buckets | None
@@ -144,7 +144,7 @@ class Store(Protocol):
         t_ns: tuple[int | None, int | None] = (None, None),
         slow_time: tuple[float | None, float | None] = (None, None),
     ) -> ThinnedHistory:
-        """At most `max_points` states between two times, and what all of them show.
+        """At most `max_points` states between two times, with statistics of all of them.
 
         It costs about the same whether there are a thousand states or a million.
         """
@@ -174,7 +174,7 @@ class Store(Protocol):
         ...
 
     def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
-        """Keep what has become of a diagnosis: its row, and where it has them, its files."""
+        """Store the outcome of a diagnosis: its row, and its files if there are any."""
         ...
 
     def diagnoses(
@@ -207,7 +207,7 @@ class Store(Protocol):
         ...
 
     def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
-        """Keep what has become of deliveries that are open still, and begin others."""
+        """Store the outcome of open deliveries, and begin others."""
         ...
 
     def tallies(self) -> list[Tally]:
@@ -227,11 +227,11 @@ class Store(Protocol):
         ...
 
     def add_composites(self, rows: Sequence[CompositeRow]) -> None:
-        """Keep what was registered, all at once, under the next numbers."""
+        """Store registrations, all at once, under the next numbers."""
         ...
 
     def asset_events(self, twin_id: str) -> list[AssetEventRow]:
-        """Read what people have told of an asset, in the order in which it was accepted."""
+        """Read the reported events of an asset, in the order of acceptance."""
         ...
 
     def ends(self) -> dict[str, Link]:

@@ -1,4 +1,4 @@
-"""Alarms of all twins: which are raised, who acknowledged them, whom they reached."""
+"""Alarms of all twins: raised ones, acknowledgements, and deliveries."""
 
 import json
 import threading
@@ -35,7 +35,7 @@ MOST_EVENTS = 10_000
 
 
 class Alarms:
-    """Store and pipeline as the notifier and the door ask them about alarms.
+    """Interface of store and pipeline for alarms, used by notifier and REST.
 
     Parameters
     ----------
@@ -76,11 +76,11 @@ class Alarms:
         return [row for row in rows if row.created_ns < before_ns]
 
     def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
-        """Keep what has become of some, and begin others."""
+        """Store outcomes of deliveries, and begin others."""
         self._store.settle(settled, begun)
 
     def give_up(self, delivery: Delivery) -> None:
-        """Keep that one has failed for good, with an event that says so."""
+        """Store that a delivery has failed for good, with an event that reports it."""
         if delivery.kind == GIVEN_UP or self._pipeline.twin(delivery.twin) is None:
             self._store.settle([delivery])
             return
@@ -102,7 +102,7 @@ class Alarms:
         self._pipeline.keep(event, self._routed(event), settled=[delivery])
 
     def holds(self, delivery: Delivery) -> bool:
-        """Whether what it tells of still holds, and nobody has acknowledged it."""
+        """Whether the alarm is still raised and not acknowledged."""
         body = json.loads(delivery.body)
         if not holds(self._pipeline.twin(delivery.twin), body["kind"], body["details"]):
             return False
@@ -114,11 +114,11 @@ class Alarms:
         return routing.is_fresh(address(delivery.twin), self._clock.now_ns())
 
     def forget(self, before_ns: int) -> None:
-        """Drop what ended before then."""
+        """Delete deliveries that ended before an instant."""
         self._store.forget_deliveries(before_ns)
 
     def alarms(self, twin_id: str, limit: int) -> list[dict[str, Any]]:
-        """Give the newest alarms of a twin: whether each still holds, and who has seen it."""
+        """Return the newest alarms of a twin: whether raised, and acknowledgements."""
         twin = self._pipeline.twin(twin_id)
         seen = self._store.acknowledgements(twin_id)
         told = []
@@ -152,7 +152,7 @@ class Alarms:
     def acknowledge(
         self, twin_id: str, event_id: str, by: str, principal: str, note: str
     ) -> dict[str, Any]:
-        """Keep that somebody has taken note of an alarm; an event says so."""
+        """Store an acknowledgement of an alarm, with an event."""
         with self._acknowledging:
             return self._acknowledge(twin_id, event_id, by, principal, note)
 
@@ -194,7 +194,7 @@ class Alarms:
         return {"event_id": event_id, **told}
 
     def test(self, twin_id: str, receiver: str | None, by: str) -> dict[str, Any]:
-        """Send an event that says it is a test, to all receivers of a twin, or one of them."""
+        """Send a test event to all receivers of a twin, or to one of them."""
         routes = [
             route
             for route in self._routes(twin_id)
@@ -218,7 +218,7 @@ class Alarms:
         return {"event_id": identity(body), "receivers": names}
 
     def deliveries(self, twin_id: str, limit: int) -> dict[str, Any]:
-        """Give how the routes of a twin fare, and its newest deliveries."""
+        """Return the state of a twin's routes, and its newest deliveries."""
         twin = self._pipeline.twin(twin_id)
         allowed = self._settings.of_site(address(twin_id)[0])
         rows = self._store.deliveries(twin=twin_id, limit=limit)
@@ -288,11 +288,11 @@ class NotifierTrigger:
             self._wake()
 
     def reset(self, twin_id: str) -> None:
-        """Ignore that a history was rewritten, of which nobody is notified."""
+        """Do nothing: receivers are not notified of a rewritten history."""
 
 
 def raised_of(twin: Twin | None) -> list[dict[str, Any]]:
-    """Give the alarms of a twin that are raised now: quantity, side and limit of each."""
+    """Return the alarms of a twin that are raised now: quantity, side and limit of each."""
     if twin is None or not twin.registration.alarms:
         return []
     watched = zip(twin.registration.watched(), twin.checkpoint.raised, strict=True)
@@ -304,7 +304,7 @@ def raised_of(twin: Twin | None) -> list[dict[str, Any]]:
 
 
 def holds(twin: Twin | None, kind: str, details: Mapping[str, Any]) -> bool:
-    """Whether what an event has told of still holds."""
+    """Whether the alarm of an event is still raised."""
     if twin is None or kind not in LASTING:
         return False
     if kind == ALARM:

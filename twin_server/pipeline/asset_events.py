@@ -33,7 +33,7 @@ AHEAD_S = 60.0
 
 
 class AssetEvents:
-    """Store and pipeline as the door asks them about repairs, inspections and notes.
+    """Interface of store and pipeline for repairs, inspections and notes, used by REST.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class AssetEvents:
     def record(
         self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str
     ) -> tuple[dict[str, Any], bool]:
-        """Record an event; what is kept of it, and whether that is new.
+        """Record an event; return the stored event, and whether it is new.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class AssetEvents:
         )
 
     def listed(self, twin_id: str) -> dict[str, Any]:
-        """Give all events of an asset, the newest first, and the questions about it."""
+        """Return all events of an asset, the newest first, and the questions about it."""
         rows = self._store.asset_events(twin_id)
         events = [row.message for row in rows]
         taken_back = {e.reverses: e.event for e in events if e.reverses is not None}
@@ -86,7 +86,7 @@ class AssetEvents:
                     "another-event",
                     f"An event with the id {order.event} is recorded already, and says "
                     f"otherwise: {sentence(before.message)} Give another id; to correct what "
-                    "is recorded, take it back (reverses) and record the event anew.",
+                    "is recorded, take it back (reverses) and record the event again.",
                 )
             told = self._told(twin_id, before, before.message, _undone(rows, order.event))
             return told, False
@@ -106,7 +106,7 @@ class AssetEvents:
         order: AssetEventOrder,
         rows: Sequence[AssetEventRow],
     ) -> None:
-        """Refuse what does not fit the twin, its history, or the events before."""
+        """Refuse an event that does not fit the twin, its history, or earlier events."""
         if len(rows) >= MOST_KEPT:
             raise ProblemError(
                 409,
@@ -159,7 +159,7 @@ class AssetEvents:
     def _told(
         self, twin_id: str, row: AssetEventRow, event: AssetEvent, undone_by: str | None
     ) -> dict[str, Any]:
-        """Give an event as REST does, with both times where the history has them."""
+        """Return an event as REST does, with both times where the history has them."""
         content = event.model_dump(mode="json")
         for name in ("version", "site", "asset", "boot", "sequence", "t_ns", "happened_ns"):
             content.pop(name)
@@ -185,7 +185,7 @@ class AssetEvents:
     def _questions(
         self, twin_id: str, told: Sequence[dict[str, Any]], holding: Sequence[AssetEvent]
     ) -> list[dict[str, Any]]:
-        """Give what was asked, the newest first, and which event answers it."""
+        """Return questions, the newest first, with the events that answer them."""
         holds = {event.event for event in holding}
         answers = [one for one in told if one["event"] in holds]
         found = []
@@ -215,7 +215,7 @@ class AssetEvents:
 
 
 def answers_to(one: dict[str, Any], event_id: str, details: dict[str, Any]) -> bool:
-    """Whether an event answers a question: it says so, or it is a repair at that time."""
+    """Whether an event answers a question: explicitly, or as a repair at that time."""
     if one["answers"] == event_id:
         return True
     if one["kind"] not in ("repair", "replacement") or one["slow_time"] is None:
@@ -225,7 +225,7 @@ def answers_to(one: dict[str, Any], event_id: str, details: dict[str, Any]) -> b
 
 
 def quantities_of(registration: Registration) -> tuple[str, ...]:
-    """Name what of a twin is estimated, and may be repaired."""
+    """Name the estimated quantities of a twin, which may be repaired."""
     if registration.changes == "elements":
         return tuple(registration.structure().free)
     if registration.changes == "both":
@@ -271,7 +271,7 @@ def _check_reverses(name: str, rows: Sequence[AssetEventRow]) -> None:
             "no-such-event",
             f"At body.reverses, {name} was given. Recorded, and not taken back: "
             f"{there[:500] or 'none'}. A note that takes an event back cannot be taken back: "
-            "record the event anew, under another id.",
+            "record the event again, under another id.",
         )
     by = _undone(rows, name)
     if by is not None:

@@ -8,7 +8,7 @@ from .ingestion.updates import TwinUpdate
 
 
 class FeatureTraces:
-    """Hears what has become durable, and tells of it in traces."""
+    """Reports trace spans of features that have become durable."""
 
     def __init__(self, pipeline: Pipeline, traces: Traces, clock: Clock) -> None:
         self._pipeline, self._traces, self._clock = pipeline, traces, clock
@@ -23,4 +23,4 @@ class FeatureTraces:
             self._traces.in_twin(made, min(heard_ns, now_ns), now_ns)
 
     def reset(self, twin_id: str) -> None:
-        """Do nothing: what is estimated anew was made before."""
+        """Do nothing: features that are estimated again have spans already."""

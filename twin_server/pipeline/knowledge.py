@@ -31,7 +31,7 @@ _LOOK_BACK = 1_000
 
 
 class TwinKnowledge:
-    """Pipeline and store behind one door.
+    """Answers of pipeline and store to the requests of serve.
 
     Parameters
     ----------
@@ -71,17 +71,17 @@ class TwinKnowledge:
         return None if twin is None else twin.registration
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
-        """Give the nominal model in use; None while it is being learnt."""
+        """Return the nominal model in use; None while it is being learnt."""
         twin = self._pipeline.twin(twin_id)
         return None if twin is None else twin.checkpoint.nominal()
 
     def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        """Return the modes of a twin of elements as learnt; empty while they are not."""
         twin = self._pipeline.twin(twin_id)
         return [] if twin is None else twin.checkpoint.nominal_modes()
 
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give what is normal under covariates, and what has entered that is not."""
+        """Return the normal behaviour under covariates, and detected departures from it."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return []
@@ -96,11 +96,11 @@ class TwinKnowledge:
         return self._pipeline.heard_ns(twin_id)
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
-        """Give counters of the live sensor; None for other inputs."""
+        """Return counters of the live sensor; None for other inputs."""
         return self._pipeline.sensor(twin_id)
 
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the alarms that are raised now: quantity, side and limit of each."""
+        """Return the alarms that are raised now: quantity, side and limit of each."""
         return raised_of(self._pipeline.twin(twin_id))
 
     def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
@@ -119,7 +119,7 @@ class TwinKnowledge:
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
     ) -> HistoryPart:
-        """States between two moments; of too many, those that show what all of them show."""
+        """States between two instants; of too many, a selection with statistics of all."""
         start, end = start or Moment(), end or Moment()
         found = self._store.thinned(
             twin_id,
@@ -142,7 +142,7 @@ class TwinKnowledge:
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Forecast a twin from now or from an instant; None where too little is known."""
+        """Forecast a twin from now or from an instant; None if there are too few readings."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return None
@@ -225,7 +225,7 @@ class TwinKnowledge:
         return self._pipeline.delete(twin_id)
 
     def troubles(self) -> list[str]:
-        """Return sentences on what keeps this server from working; none where all is well."""
+        """Return sentences on problems of this server; none if all is well."""
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
@@ -242,7 +242,7 @@ class TwinKnowledge:
         return found
 
     def counts(self) -> Mapping[str, int]:
-        """Give what has been counted."""
+        """Return all counters."""
         errors = 0 if self._bus is None else self._bus.callback_errors
         return {**self._pipeline.counts, **self._pipeline.tallies(), "callback_errors": errors}
 
@@ -256,17 +256,17 @@ class TwinKnowledge:
 
 
 class LiveUpdates:
-    """Tells the live stream what is new."""
+    """Passes updates to the live stream."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
 
     def tell(self, news: TwinUpdate) -> None:
-        """Hand on what is new of one twin."""
+        """Pass on the update of one twin."""
         self._hub.tell(news.twin_id, news.states, news.runs, news.events, news.bodies)
 
     def reset(self, twin_id: str) -> None:
-        """Hand on that a twin's history has been made anew, or has gone."""
+        """Pass on that a twin's history was rewritten or deleted."""
         self._hub.reset(twin_id)
 
 

@@ -1,4 +1,4 @@
-"""Keeps uploaded recordings that are sound, and replays them to the twins of the server."""
+"""Stores uploaded recordings that are valid, and replays them to the twins of the server."""
 
 import asyncio
 import contextlib
@@ -91,7 +91,7 @@ class Recordings:
         self._thread: threading.Thread | None = None
 
     def stop(self) -> None:
-        """End what is being played."""
+        """End the replay in progress."""
         with self._lock:
             for one in self._played.values():
                 one.stop.set()
@@ -99,7 +99,7 @@ class Recordings:
             self._thread.join(10.0)
 
     def listed(self, reaches: Reaches) -> dict[str, Any]:
-        """Give all that may be seen, the newest first."""
+        """Return all recordings that the caller may see, the newest first."""
         found = [
             self._told(path.name, kept)
             for path in self._paths()
@@ -140,7 +140,7 @@ class Recordings:
             self._coming.pop(name, None)
 
     def _begin(self, name: str) -> None:
-        """Let one more come beside those that are coming; each of a name of its own."""
+        """Begin an upload beside others; each has a name of its own."""
         if name in self._coming:
             raise ProblemError(
                 409, "being-taken-in", f"{name} is being taken in already. Give another name."
@@ -216,7 +216,7 @@ class Recordings:
                 progress=tell,
             )  # fmt: skip
         except Exception as error:  # whatever it is, the server goes on, and says so
-            logger.warning("%s could not be played: %s", path.name, error)
+            logger.warning("%s could not be replayed: %s", path.name, error)
             one.state, one.sentence = "failed", str(error).replace(str(path), path.name)
             return
         kept = f"{done.acknowledged:,} of {done.features:,} features are in the twins."
@@ -233,7 +233,7 @@ class Recordings:
         ]
 
     def _look(self, path: Path) -> _Kept | None:
-        """Read what is in a recording; again only when it has changed."""
+        """Read the contents of a recording; again only if it has changed."""
         try:
             state = path.stat()
         except FileNotFoundError:
@@ -277,7 +277,7 @@ class Recordings:
         return self._folder
 
     async def _write(self, partial: Path, name: str, chunks: AsyncIterator[bytes]) -> None:
-        """Write what comes; not more than there is room for, and not for ever."""
+        """Write incoming bytes, within limits of size and time."""
         settings = self._settings
         room = self._room()
         with partial.open("wb") as file:
@@ -312,7 +312,7 @@ class Recordings:
         )
 
     def _place(self, partial: Path, path: Path) -> None:
-        """Give it its name; not if somebody else has taken that, or its room, meanwhile."""
+        """Give the file its name, unless the name or the space has been taken meanwhile."""
         if partial.stat().st_size > self._room():
             raise self._no_room()
         try:
@@ -325,12 +325,12 @@ def _taken(name: str) -> ProblemError:
     return ProblemError(
         409,
         "there-already",
-        f"{name} is there already, and may be the only copy. Give another name.",
+        f"{name} exists already, and may be the only copy. Give another name.",
     )
 
 
 def _may_see(kept: _Kept, reaches: Reaches) -> bool:
-    """Whether all of it may be seen; what cannot be read may be anybody's."""
+    """Whether the caller may see all of a recording; an unreadable one is for admins only."""
     if kept.inside is None:
         return reaches("*")
     return all(reaches(site) for site, _ in kept.addresses)

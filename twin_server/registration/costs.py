@@ -25,7 +25,7 @@ SECONDS: dict[TimeUnit, float] = {
 
 
 class CostLaw(Frozen):
-    """A cost that is known up to a standard deviation; lognormal."""
+    """A cost with a standard deviation; lognormal."""
 
     mean: NotNegative
     sd: NotNegative = 0.0
@@ -49,7 +49,7 @@ def _cost(amount: float | CostLaw) -> Cost:
 
 
 class CostTable(Frozen):
-    """What is paid, each a number or a law {mean, sd}, in one currency.
+    """Costs, each a number or a law {mean, sd}, in one currency.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class CostTable(Frozen):
     ] = 0.0
 
     def costs(self) -> Costs:
-        """Give them as the arithmetic takes them."""
+        """Convert to `slowtime.decisions.Costs`."""
         return Costs(
             failure=_cost(self.failure),
             repair=_cost(self.repair),
@@ -147,7 +147,7 @@ class FailureLimit(Frozen):
 
 
 class Inspecting(Frozen):
-    """How an inspection that may be ordered measures the change."""
+    """Error and cost of an inspection that can be ordered."""
 
     name: Annotated[PlainText, Field(min_length=1, max_length=60)] = "inspection"
     sd: Annotated[
@@ -184,7 +184,7 @@ class MoreReadings(Frozen):
 
 
 class Deciding(Frozen):
-    """What is to be decided of a twin, and what can be done."""
+    """Decisions about a twin: its failure limit, repairs and inspections."""
 
     failure: FailureLimit
     horizon: Annotated[

@@ -215,7 +215,21 @@ def _response_limit(
 
 
 def one_mass(frequency_hz: float, damping_ratio: float, mass_kg: float | None) -> Description:
-    """Oscillator that stands for a twin of one mode without a model; 1 kg if not given."""
+    """Equivalent oscillator for a twin of one mode without a model; 1 kg if not given.
+
+    Parameters
+    ----------
+    frequency_hz
+        Natural frequency [Hz].
+    damping_ratio
+        Damping ratio [1].
+    mass_kg
+        Mass [kg].
+
+    Returns
+    -------
+    A mass on a spring and a damper.
+    """
     mass = 1.0 if mass_kg is None else mass_kg
     omega = 2.0 * math.pi * frequency_hz
     spring = Spring(

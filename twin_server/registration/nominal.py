@@ -67,7 +67,7 @@ class Nominal(Frozen):
 
 
 class Covariates(Frozen):
-    """What else moves a frequency, is measured, and is to be taken out: temperature, load.
+    """Measured covariates, temperature and load, whose effect on a frequency is removed.
 
     Training is over once it has spanned `train_span` and has had `train_epochs`. It must have
     seen what will come later: a year, for the weather.

@@ -25,7 +25,7 @@ POWERS: dict[Motion, int] = {"displacement": 0, "velocity": 1, "acceleration": 2
 
 
 class ModelError(ValueError):
-    """A model and parameters that do not go together; the text says what to do."""
+    """A model and parameters that do not match; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,7 +70,17 @@ class Model:
         return np.array(list(self.sees.values())).reshape(len(self.sees), self.whole.size)
 
     def at(self, theta: Sequence[float]) -> ParametricStructure:
-        """Move `whole` by `theta`, which becomes nominal, and let only the free parts vary."""
+        """Move `whole` by `theta`, which becomes nominal, and let only the free parts vary.
+
+        Parameters
+        ----------
+        theta
+            Logarithms of the factors on all parameters of `whole` [1].
+
+        Returns
+        -------
+        The structure about these, with its free parameters.
+        """
         moved = np.asarray(theta, dtype=np.float64)
         mass, stiffness = self.whole.matrices(moved)
         factor = dict(zip(self.whole.names, np.exp(moved).tolist(), strict=True))
@@ -167,7 +177,7 @@ def _tolerance(
 def _channels(
     description: Description, parts: Parts
 ) -> tuple[dict[str, Float[np.ndarray, " dof"]], dict[str, Worth]]:
-    """Return what each channel measures; those on the base are left out: no mode moves it."""
+    """Return the quantity of each channel, except of those on the base, which is at rest."""
     sees, worth = {}, {}
     for sensor in description.sensors:
         if sensor.node not in parts.names:

@@ -47,6 +47,15 @@ def shown(quantity: str) -> tuple[str, str, float]:
 def signed(number: float) -> str:
     """Write a number for a person: four digits, and a minus sign as the page has it.
 
+    Parameters
+    ----------
+    number
+        Any number.
+
+    Returns
+    -------
+    The text.
+
     Examples
     --------
     >>> signed(-3.14159)
@@ -94,7 +103,7 @@ class Alarm(Frozen):
 
     @property
     def limit(self) -> tuple[Literal["below", "above"], float]:
-        """On which side of what it is raised."""
+        """Side on which the alarm is raised, and its limit."""
         if self.below is not None:
             return "below", self.below
         assert self.above is not None
@@ -109,7 +118,7 @@ class Threshold(Frozen):
 
 
 class Forecasting(Frozen):
-    """How the future of a twin is looked at.
+    """Settings of the forecast.
 
     The limits of its alarms are thresholds as well.
     """

@@ -1,4 +1,4 @@
-"""The registration of a twin: nominal model, what may change, alarms and decisions."""
+"""The registration of a twin: nominal model, free parameters, alarms and decisions."""
 
 import functools
 import json
@@ -52,7 +52,7 @@ _EACH = "elements"
 
 
 class Registration(Frozen):
-    """One twin: what may change in it, its nominal model, and what to be warned of.
+    """One twin: its free parameters, nominal model, and alarms.
 
     Examples
     --------
@@ -237,7 +237,7 @@ class Registration(Frozen):
         return self
 
     def structure(self) -> Model:
-        """Arrays of the model, with what may change; for twins of elements only.
+        """Arrays of the model with its free parameters; for twins of elements only.
 
         Raises
         ------
@@ -261,7 +261,7 @@ class Registration(Frozen):
         )
 
     def thresholds(self) -> tuple[Limit, ...]:
-        """Each threshold that is looked for: those of the alarms, then those of `forecast`."""
+        """All thresholds: those of the alarms, then those of `forecast`."""
         of_alarms = [
             Limit(name, at, side)
             for name, alarm in self.watched()
@@ -276,12 +276,12 @@ class Registration(Frozen):
         return (*of_alarms, *asked)
 
     def _each(self, quantity: str) -> tuple[str, ...]:
-        """`quantity`, or each of them where it stands for all."""
+        """Return `quantity`, or each quantity if it stands for all."""
         return self.structure().free if quantity == _EACH else (quantity,)
 
     @classmethod
     def from_json(cls, text: str) -> "Registration":
-        """Read what `to_json` has written."""
+        """Read the output of `to_json`."""
         return cls.model_validate_json(text, context=AS_STORED)
 
     def to_json(self) -> str:
@@ -289,7 +289,7 @@ class Registration(Frozen):
         return self.model_dump_json()
 
     def to_dict(self) -> dict[str, Any]:
-        """Give it as JSON-compatible values."""
+        """Return it as JSON-compatible values."""
         content: dict[str, Any] = self.model_dump(mode="json")
         return content
 
@@ -309,7 +309,7 @@ ID = r"^[a-z0-9][a-z0-9_-]{0,62}\.[a-z0-9][a-z0-9_-]{0,62}$"
 
 
 class WrongRegistrationsError(ValueError):
-    """A file of registrations that cannot be used; the text says where and why."""
+    """A file of registrations that is invalid; the text says where and why."""
 
 
 def registrations(path: Path | None) -> dict[str, Registration]:

@@ -1,4 +1,4 @@
-"""Last stage of the twin: what is known goes out by HTTP, as JSON, as events, as a page."""
+"""Last stage of the twin: histories in; REST, live events and the page out."""
 
 from .api import create_app
 from .http.compute_queue import ComputeQueue

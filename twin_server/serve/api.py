@@ -156,7 +156,7 @@ def _operations(
     queue: ComputeQueue,
     alarm_service: AlarmService | None,
 ) -> APIRouter:
-    """Make the routes of those who watch the server: none waits for what the others ask."""
+    """Make the health and metrics routes; they share nothing with other routes."""
     api = APIRouter(tags=["operations"])
     troubles = CoalescedCall(knowledge.troubles, "readyz")
     counted = CoalescedCall(
@@ -193,12 +193,12 @@ def _operations(
 
     @api.get("/api/v1/asyncapi.json", response_class=Response)
     def streams() -> Response:
-        """Give the AsyncAPI document: what travels on the bus, as this one is of REST."""
+        """Return the AsyncAPI document: what travels on the bus, as this one is of REST."""
         return Response(asyncapi.served(), media_type=JSON)
 
     @api.get("/metrics", response_class=Response)
     async def metrics() -> Response:
-        """Give counts and gauges as Prometheus reads them."""
+        """Return counts and gauges as Prometheus reads them."""
         text = await counted.ask()
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 

@@ -61,7 +61,7 @@ class TwinForecast:
 
 
 class Knowledge(Protocol):
-    """What REST, live stream and metrics read and change of twins."""
+    """Interface by which REST, live stream and metrics read and change twins."""
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -72,15 +72,15 @@ class Knowledge(Protocol):
         ...
 
     def nominal(self, twin_id: str) -> dict[str, float] | None:
-        """Give the nominal model in use; None while it is being learnt."""
+        """Return the nominal model in use; None while it is being learnt."""
         ...
 
     def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        """Return the modes of a twin of elements as learnt; empty while they are not."""
         ...
 
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give what is normal under covariates, and what has entered that is not."""
+        """Return the normal behaviour under covariates, and detected departures from it."""
         ...
 
     def alive(self, twin_id: str) -> bool:
@@ -88,7 +88,7 @@ class Knowledge(Protocol):
         ...
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
-        """Give counters of the live sensor; None for other inputs."""
+        """Return counters of the live sensor; None for other inputs."""
         ...
 
     def heard_ns(self, twin_id: str) -> int | None:
@@ -96,7 +96,7 @@ class Knowledge(Protocol):
         ...
 
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
-        """Give the alarms that are raised now: quantity, side and limit of each."""
+        """Return the alarms that are raised now: quantity, side and limit of each."""
         ...
 
     def latest(self, twin_id: str, at: Moment | None) -> HistoryPart:
@@ -106,7 +106,7 @@ class Knowledge(Protocol):
     def history(
         self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
     ) -> HistoryPart:
-        """States between two moments; of too many, those that show what all of them show."""
+        """States between two instants; of too many, a selection with statistics of all."""
         ...
 
     def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
@@ -121,11 +121,41 @@ class Knowledge(Protocol):
         thresholds: Sequence[Limit] = (),
         at: Moment | None = None,
     ) -> TwinForecast | None:
-        """Forecast a twin from now or from an instant; None where too little is known."""
+        """Forecast a twin from now or from an instant; None if there are too few readings.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+        count
+            Number of future slow times.
+        thresholds
+            Limits whose crossing times are wanted.
+        at
+            Instant from which to forecast; now if None.
+
+        Returns
+        -------
+        The forecast, or None.
+        """
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Return the failure probability of a twin by each of its limit states."""
+        """Return the failure probability of a twin by each of its limit states.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+
+        Returns
+        -------
+        Probabilities as REST returns them.
+        """
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
         """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
@@ -144,7 +174,7 @@ class Knowledge(Protocol):
         ...
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
-        """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
+        """Refuse an invalid simulation by a `ProblemError`, at no cost."""
         ...
 
     def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
@@ -170,11 +200,11 @@ class Knowledge(Protocol):
         ...
 
     def troubles(self) -> list[str]:
-        """Return sentences on what keeps this server from working; none where all is well."""
+        """Return sentences on problems of this server; none if all is well."""
         ...
 
     def counts(self) -> Mapping[str, int]:
-        """Give what has been counted."""
+        """Return all counters."""
         ...
 
     def refused(self) -> Mapping[str, int]:

@@ -1,4 +1,4 @@
-"""The live stream: server-sent events, the same for all who watch a twin, none lost unseen.
+"""The live stream: server-sent events, the same for all clients; losses are reported.
 
 Each event carries an id, ``KEY-NUMBER``: the place of the last state and the number of the last
 event that a client has seen. A client that comes back with it is first told what it missed, out
@@ -36,7 +36,7 @@ SHIFT = 40
 
 
 class Item(NamedTuple):
-    """One thing to tell; `key` or `number` say how far a client is after it, 0 as before."""
+    """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged."""
 
     key: int
     number: int
@@ -58,7 +58,7 @@ RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 
 
 class Client:
-    """One who watches a twin; lives in the event loop."""
+    """One client of a twin's stream; used in the event loop."""
 
     def __init__(self, twin_id: str, backlog: int, caller: str | None = None) -> None:
         self.twin_id, self.caller = twin_id, caller
@@ -68,7 +68,7 @@ class Client:
         self.ended = False
 
     def offer(self, items: Sequence[Item]) -> bool:
-        """Leave something to be sent; False where the client is too far behind."""
+        """Queue an item; False if the client is too far behind."""
         if self.ended:
             return True
         if len(self._items) + len(items) > self._backlog:
@@ -93,7 +93,7 @@ class Client:
 
 
 class Hub:
-    """Hands what is new to everybody who watches; `tell` and `reset` come from any thread.
+    """Passes updates to all clients; `tell` and `reset` may be called from any thread.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class Hub:
         self._hand_over(twin_id, items)
 
     def reset(self, twin_id: str) -> None:
-        """Tell clients that a twin's history has been rewritten or deleted."""
+        """Notify clients that a twin's history has been rewritten or deleted."""
         if twin_id in self._clients:
             self._hand_over(twin_id, [RESET])
 
@@ -181,7 +181,7 @@ class Hub:
         for client in self._clients.get(twin_id, ()):
             if not client.offer(items):
                 self.dropped += 1
-                logger.warning("A live client of %s is too slow and is cut off.", twin_id)
+                logger.warning("A live client of %s is too slow and is disconnected.", twin_id)
 
 
 class LiveResponse(Response):
@@ -252,7 +252,7 @@ class LiveResponse(Response):
         await send({"type": "http.response.body", "body": b"", "more_body": False})
 
     def _catch_up(self) -> list[Item]:
-        """Collect what a client missed; for a new one, the latest state."""
+        """Collect events that a client missed; for a new one, the latest state."""
         seen = re.fullmatch(r"(\d{1,19})-(\d{1,18})", self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
         if seen is None:

@@ -20,7 +20,7 @@ from .routes.alarms import AlarmService
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
     "out_of_order": "Features that came early and were held until their turn.",
-    "lost": "Features that nobody has any more.",
+    "lost": "Features that are lost for good.",
     "batches": "Transactions.",
     "failed_batches": "Transactions that failed; nothing of them was kept.",
     "published": "Messages sent on the bus.",
@@ -31,15 +31,15 @@ _COUNTERS = {
 }
 _GAUGES = {
     "twins": "Registered twins.",
-    "edges_alive": "Edge agents that are there.",
+    "edges_alive": "Edge agents that are online.",
     "holes": "Boots of which something is missing now.",
     "held": "Features held out of order now.",
     "inbox": "Messages that wait to be worked.",
     "live_clients": "Clients of the live stream.",
-    "forecasts_due": "Twins whose forecast waits to be learnt anew.",
+    "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }
 _OF_ASSET = {
-    "alive": "Whether the edge agent is there.",
+    "alive": "Whether the edge agent is online.",
     "heard_timestamp_seconds": "When features last came, by the server's clock.",
     "reading_timestamp_seconds": "Sensor time of the latest epoch.",
     "slow_time": "Slow time of the latest epoch, in the asset's own unit.",
@@ -203,7 +203,7 @@ def _family(name: str, kind: str, says: str, metrics: Iterable[Metric]) -> list[
 
 
 def _escaped(text: str) -> str:
-    r"""Escape what would end a label's value.
+    r"""Escape characters that would end a label's value.
 
     Examples
     --------

@@ -34,7 +34,7 @@ REFUSALS = problems.answers(
 
 
 def document(app: FastAPI) -> None:
-    """Let the document of `app` say of each route which token it wants, and the refusals."""
+    """Add to the document of `app` the token that each route needs, and the refusals."""
     written = app.openapi
 
     def openapi() -> dict[str, Any]:

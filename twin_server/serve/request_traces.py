@@ -8,7 +8,7 @@ from .access.policy import find
 
 
 class Traced:
-    """ASGI application around another one, whose answers it tells of."""
+    """ASGI application around another one that reports a trace span for each answer."""
 
     def __init__(self, app: ASGIApp, traces: Traces) -> None:
         self._app, self._traces = app, traces

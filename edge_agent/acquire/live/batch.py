@@ -34,4 +34,4 @@ class Batch(NamedTuple):
 
 
 class GarbledError(ValueError):
-    """A message or line that is not what the layout declares."""
+    """A message or line that does not match the layout."""

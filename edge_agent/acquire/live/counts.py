@@ -7,14 +7,14 @@ COUNTERS: Mapping[str, str] = {
     "samples_lost": "samples that the device has taken and that never came",
     "samples_lost_inferred": "those of them that were inferred from time, without a counter",
     "samples_lost_unsure": "samples that may have been lost beyond those: a narrow counter may "
-    "have wrapped once more in a pause, or the device have begun anew in it",
+    "have wrapped once more in a pause, or the device have restarted in it",
     "samples_duplicated": "samples that came again",
     "samples_reordered": "samples that came after later ones, and were put in their place",
     "samples_late": "samples that came too late for it; they count as lost too",
     "samples_dropped": "samples dropped because the work fell behind and the queue was full",
     "samples_refused": "samples whose counter or stamp contradicts those before and after",
     "garbage_bytes": "bytes that are not what the layout declares",
-    "sensor_restarts": "how often the device has begun anew",
+    "sensor_restarts": "restarts of the device",
     "sensor_reconnects": "how often the connection was lost",
     "source_restarts": "how often a part of one's own ended or hung, and was started again",
     "sensor_bursts": "how often much came at once, after a pause",
@@ -39,7 +39,7 @@ class SampleCounts:
     """
 
     def __init__(self) -> None:
-        # Every name is there from the start: who iterates is never disturbed.
+        # All names exist from the start, so the mapping never changes during iteration.
         self._counts = dict.fromkeys(COUNTERS, 0)
 
     def add(self, what: str, by: int = 1) -> None:
@@ -54,5 +54,5 @@ class SampleCounts:
         return self._counts[what]
 
     def told(self) -> dict[str, int]:
-        """Give all of them."""
+        """Return all counters."""
         return dict(self._counts)

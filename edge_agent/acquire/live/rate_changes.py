@@ -52,12 +52,21 @@ class RateWatch:
         return rounded(middle)
 
     def interrupt(self) -> None:
-        """Begin a new window: a gap or a restart says nothing of the rate."""
+        """Begin a new window, because the rate across a gap or restart is unknown."""
         self._begin = None
 
 
 def rounded(rate_hz: float) -> float:
-    """Give the rate that a device would be set to.
+    """Return the rate that a device would be set to.
+
+    Parameters
+    ----------
+    rate_hz
+        Estimated rate [Hz].
+
+    Returns
+    -------
+    The rate rounded to `DIGITS` digits [Hz].
 
     Examples
     --------

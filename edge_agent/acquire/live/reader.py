@@ -37,13 +37,13 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of what was opened; nothing is asked of it any more."""
+        """Release the resources; the transport is not used afterwards."""
         ...
 
 
 @runtime_checkable
 class DescribingTransport(Protocol):
-    """A transport whose first message says what the others hold."""
+    """A transport whose first message describes the others."""
 
     def describe(self, stop: threading.Event) -> tuple[AnyLayout, float] | None:
         """Wait for layout and nominal rate [Hz]; None where stopped before."""
@@ -52,7 +52,7 @@ class DescribingTransport(Protocol):
 
 @runtime_checkable
 class RestartingTransport(Protocol):
-    """A transport that runs code of somebody else, and starts it again where that ends."""
+    """A transport that runs a plug-in, and restarts it when it ends."""
 
     pauses_s: Sequence[float]
     """Before each start that follows another; the last is repeated."""

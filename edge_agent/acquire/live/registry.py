@@ -27,7 +27,7 @@ class TransportContext(NamedTuple):
 
 
 class Opened(NamedTuple):
-    """A transport that is ready to connect, and what it found out of its samples."""
+    """A transport that is ready to connect, and the layout and rate that it detected."""
 
     transport: "Transport"
     layout: AnyLayout | None
@@ -164,7 +164,7 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def scheme_of(url: str) -> Scheme:
-    """Give the scheme of a URL.
+    """Return the scheme of a URL.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def check(settings: LiveInput) -> Scheme:
 
 
 def importing(scheme: Scheme) -> Open:
-    """Import what opens a scheme.
+    """Import the module that opens a scheme.
 
     Raises
     ------

@@ -65,7 +65,7 @@ class LiveSource:
             self._prepare(opened.layout, opened.rate_hz)
 
     def _prepare(self, layout: AnyLayout, rate_hz: float) -> None:
-        """Begin to know what samples look like."""
+        """Prepare decoders, units and the clock model for a layout."""
         self._layout = layout
         transport = self._opened.transport
         self._lanes, decoders = _lanes_of(layout)
@@ -87,7 +87,7 @@ class LiveSource:
         self._reader = Reader(transport, decoders, framer, self._inbox, self.tally, self._stop)
 
     def counts(self) -> Mapping[str, int]:
-        """Give what `Health` tells of the sensor; may be called from any thread."""
+        """Return the counters for `Health`; may be called from any thread."""
         told = self.tally.told()
         told["samples_lost"] = max(0, told["samples_lost"] - self._dropped)
         silent_s = (self._clock.now_ns() - self._heard_ns) / 1e9
@@ -141,7 +141,7 @@ class LiveSource:
             logger.info("The sensor sends again.")
 
     def _rest(self) -> Iterator[Block]:
-        """Nothing has come: say so if that lasts, and hand on what waits."""
+        """Handle a time without messages: report lasting silence, pass on complete runs."""
         quiet_s = (self._clock.now_ns() - self._heard_ns) / 1e9
         if quiet_s > max(2 * self._settings.block_s, self._settings.reorder_s, 2 * IDLE_S):
             for positions in self._positions:
@@ -168,7 +168,7 @@ class LiveSource:
             yield from self._note_time(index, batch, is_gap and not restarts)
 
     def _note_time(self, index: int, batch: Batch, is_gap: bool) -> Iterator[Block]:
-        """Feed the clock model; begin anew where the device runs at another rate."""
+        """Update the clock model; restart it if the sampling rate of the device has changed."""
         last = index + len(batch.rows) - 1
         time_ns = batch.arrival_ns
         if self._is_utc and batch.stamp is not None and self._layout.stamp is not None:
@@ -186,7 +186,7 @@ class LiveSource:
                 yield from self._leave(all_of_it=True)
             self.tally.add("rate_changes")
             logger.warning(
-                "The sensor samples at %g Hz now, not at %g Hz; its blocks say so from here.",
+                "The sensor samples at %g Hz now, not at %g Hz; its blocks state the new rate.",
                 rate_hz, self._timing.rate_hz,
             )  # fmt: skip
             self._timing.begin(rate_hz)
@@ -222,7 +222,7 @@ class LiveSource:
         return ByArrival(rate_hz, self.tally)
 
     def _leave(self, *, all_of_it: bool = False) -> Iterator[Block]:
-        """Hand on what is complete."""
+        """Pass on complete runs."""
         if self._backlog.lasts and not all_of_it and not self._is_utc:
             return
         runs = self._assembler.take(all_of_it=all_of_it)
@@ -252,7 +252,7 @@ class LiveSource:
 
 
 def _lanes_of(layout: AnyLayout) -> tuple[tuple[tuple[int, ...], ...], dict[str, Decoder]]:
-    """Channels of each topic, and what decodes the messages of each."""
+    """Channels of each topic, and the decoder of its messages."""
     topics: dict[str, list[int]] = {}
     for number, channel in enumerate(layout.channels):
         topics.setdefault(channel.topic or "", []).append(number)

@@ -21,7 +21,13 @@ class Timing:
         self.begin(rate_hz)
 
     def begin(self, rate_hz: float) -> None:
-        """Begin with nothing seen: the device, or its rate, is another."""
+        """Begin with nothing seen: the device, or its rate, is another.
+
+        Parameters
+        ----------
+        rate_hz
+            Nominal sampling rate [Hz].
+        """
         self.rate_hz = rate_hz
         self._clock = SamplingClock(
             nominal_rate_hz=rate_hz, stamps="device" if self._stamps else "arrival"

@@ -57,7 +57,7 @@ class Board:
             )
 
     def readings(self, samples: int, rng: np.random.Generator) -> Iterator[Readings]:
-        """Give readings of so many samples each, without end."""
+        """Yield readings of so many samples each, without end."""
         modes = [
             (self._filter(ratio * self.frequency_hz), share, np.zeros(2))
             for ratio, share in ((1.0, 1.0), (UPPER_MODE, 0.1))

@@ -31,7 +31,7 @@ class Sender(Protocol):
     """Takes readings to where they go."""
 
     def send(self, readings: Readings) -> None:
-        """Send them; OSError where nobody takes them."""
+        """Send blocks; OSError if no receiver accepts them."""
         ...
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""How messages move between processes: one protocol, over Zenoh or within one process."""
+"""Message bus: one protocol, over Zenoh or within one process."""
 
 from .background import BackgroundBus
 from .inbox import Inbox

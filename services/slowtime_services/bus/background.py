@@ -37,7 +37,7 @@ class _Promised:
 
 
 class BackgroundBus:
-    """A bus that waits for its router as long as it takes, and says so now and then.
+    """A bus that waits for its router without limit, and logs that at intervals.
 
     Until then nobody is heard, nothing that is published reaches anybody, and questions have no
     answers: as on a bus whose router has gone away.
@@ -70,18 +70,18 @@ class BackgroundBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler raised."""
+        """Number of exceptions raised by callbacks and handlers."""
         return 0 if self._bus is None else self._bus.callback_errors
 
     @property
     def watch_delay_s(self) -> float:
-        """How long `watch` may take; before there is a bus, it tells of nobody."""
+        """Time that `watch` may take; before there is a bus, it reports no process."""
         return math.inf if self._bus is None else self._bus.watch_delay_s
 
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
     ) -> None:
-        """Send; before there is a bus, to nobody."""
+        """Send; before there is a bus, the message is dropped."""
         self._check_open()
         if self._bus is not None:
             self._bus.publish(key, payload, encoding=encoding, replayed=replayed)
@@ -127,7 +127,7 @@ class BackgroundBus:
                 self._bus.close()
 
     def __enter__(self) -> Self:
-        """Give the bus itself."""
+        """Return the bus."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -145,7 +145,7 @@ class BackgroundBus:
                 if now_s - said_s >= self._say_every_s:
                     said_s = now_s
                     logger.warning(
-                        "No bus yet, after %.0f s; trying on. %s", now_s - began_s, error
+                        "No bus yet, after %.0f s; still trying. %s", now_s - began_s, error
                     )
                 self._over.wait(RETRY_PAUSE_S)
                 continue

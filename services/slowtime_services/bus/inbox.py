@@ -43,7 +43,7 @@ class Inbox(Generic[T]):
         self._waiting = 0
 
     def put(self, item: T, size: int = 0) -> bool:
-        """Leave `item` for the worker; False, and counted, where there is no room."""
+        """Queue `item` for the worker; if the queue is full, count it and return False."""
         with self._lock:
             full = (
                 len(self._items) >= self._max_items or self._bytes + size > self._max_bytes
@@ -54,7 +54,7 @@ class Inbox(Generic[T]):
             self._items.append(item)
             self._sizes.append(size)
             self._bytes += size
-            # Waking somebody costs more than all the rest, so it is done for who sleeps only.
+            # Waking a thread costs more than all the rest, so only a waiting one is woken.
             if self._waiting:
                 self._changed.notify()
             return True
@@ -74,14 +74,14 @@ class Inbox(Generic[T]):
             return [self._items.popleft() for _ in range(count)]
 
     def close(self) -> None:
-        """Accept nothing more; what is inside can still be taken."""
+        """Accept no more messages; those in the queue can still be taken."""
         with self._lock:
             self._closed = True
             self._changed.notify_all()
 
     @property
     def dropped(self) -> int:
-        """How many items found no room."""
+        """Number of items dropped."""
         return self._dropped
 
     @property

@@ -13,7 +13,7 @@ class InvalidKeyError(ValueError):
 
 @functools.lru_cache(maxsize=65536)
 def check_key(key: str, *, wildcards: bool) -> str:
-    """`key` itself, if it is sound.
+    """Return `key` if it is valid.
 
     Raises
     ------

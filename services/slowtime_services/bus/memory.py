@@ -28,7 +28,7 @@ class _Declared:
 
 
 class _Network:
-    """What the buses of one process share."""
+    """State that the buses of one process share."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -61,12 +61,12 @@ class MemoryBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler of this bus raised."""
+        """Number of exceptions raised by callbacks and handlers of this bus."""
         return self._callback_errors
 
     @property
     def watch_delay_s(self) -> float:
-        """None: `watch` tells of those that are alive before it returns."""
+        """None: `watch` reports present processes before it returns."""
         return 0.0
 
     def publish(
@@ -139,7 +139,7 @@ class MemoryBus:
                     declared.close()
 
     def __enter__(self) -> Self:
-        """Give the bus itself."""
+        """Return the bus."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -177,7 +177,7 @@ class MemoryBus:
             callback(*arguments)
         except Exception:
             self._callback_errors += 1
-            logger.exception("A callback raised on %s; the stream goes on.", arguments[0])
+            logger.exception("A callback failed on %s; the stream continues.", arguments[0])
 
     def _reply(self, handler: object, query: Query) -> Answers:
         assert callable(handler)
@@ -188,12 +188,12 @@ class MemoryBus:
             )
         except Exception as error:
             self._callback_errors += 1
-            logger.exception("A question on %s could not be answered.", query.key)
+            logger.exception("A query on %s could not be answered.", query.key)
             return Answers(errors=[f"{type(error).__name__}: {error}"])
 
 
 def _gather(questions: list[Callable[[], Answers]], timeout_s: float) -> Answers:
-    """Put the questions at once, each in a thread, and wait for all up to `timeout_s`."""
+    """Send the queries at once, each in a thread, and wait for all up to `timeout_s`."""
     replies: list[Answers] = []
     threads = [
         threading.Thread(target=lambda q=question: replies.append(q()), daemon=True)

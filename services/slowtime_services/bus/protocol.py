@@ -23,7 +23,7 @@ class Query(NamedTuple):
 
 
 class Answers(list[Sample]):
-    """The answers to a question, and what those who could not answer said instead."""
+    """The answers to a query, and the errors of those that could not answer."""
 
     def __init__(self, answers: Iterable[Sample] = (), errors: Iterable[str] = ()) -> None:
         super().__init__(answers)
@@ -38,7 +38,7 @@ class BusClosedError(RuntimeError):
 
 
 class BusUnreachableError(ConnectionError):
-    """Nobody was there to connect to, or a port was taken."""
+    """No router or peer could be reached, or a port was taken."""
 
 
 @runtime_checkable
@@ -52,7 +52,7 @@ class Handle(Protocol):
 
 @runtime_checkable
 class Bus(Protocol):
-    """What every process of the house speaks.
+    """Interface of the bus that all processes use.
 
     Callbacks run in a thread of the bus and must only enqueue (see `Inbox`): a slow one holds
     up its sender, and over Zenoh is cut off after five seconds. A callback that raises is
@@ -61,18 +61,18 @@ class Bus(Protocol):
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler raised."""
+        """Number of exceptions raised by callbacks and handlers."""
         ...
 
     @property
     def watch_delay_s(self) -> float:
-        """How long `watch` may take to tell of those that are alive already [s]."""
+        """Time that `watch` may take to report processes that are present already [s]."""
         ...
 
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
     ) -> None:
-        """Send, without waiting for anybody to receive."""
+        """Send, without waiting for a receiver."""
         ...
 
     def subscribe(self, key_expression: str, callback: Callable[[Sample], None]) -> Handle:
@@ -82,7 +82,7 @@ class Bus(Protocol):
     def answer(
         self, key: str, handler: Callable[[Query], Iterable[tuple[str, bytes]]]
     ) -> Handle:
-        """Answer questions on `key` with (key, payload) pairs; what it raises, as an error."""
+        """Answer queries on `key` with (key, payload) pairs; exceptions are sent as errors."""
         ...
 
     def ask(
@@ -92,7 +92,7 @@ class Bus(Protocol):
         *,
         timeout_s: float = 2.0,
     ) -> Answers:
-        """All answers to a question; none where nobody answers, `errors` of who cannot."""
+        """Return all answers to a query, and `errors` of those that failed."""
         ...
 
     def announce(self, key: str) -> Handle:
@@ -108,7 +108,7 @@ class Bus(Protocol):
         ...
 
     def __enter__(self) -> Self:
-        """Give the bus itself, closed at the end of the `with` block."""
+        """Return the bus, which is closed at the end of the `with` block."""
         ...
 
     def __exit__(self, *_: object) -> None:

@@ -129,7 +129,7 @@ class ZenohBus:
 
     @property
     def callback_errors(self) -> int:
-        """How many times a callback or a handler of this bus raised."""
+        """Number of exceptions raised by callbacks and handlers of this bus."""
         return self._callback_errors
 
     @property
@@ -196,7 +196,7 @@ class ZenohBus:
                         query.reply(reply_key, payload, attachment=stamp)
                 except Exception as error:
                     self._callback_errors += 1
-                    logger.exception("A question on %s could not be answered.", query.key_expr)
+                    logger.exception("A query on %s could not be answered.", query.key_expr)
                     query.reply_err(f"{type(error).__name__}: {error}")
 
         self._check_open()
@@ -210,7 +210,7 @@ class ZenohBus:
         *,
         timeout_s: float = 2.0,
     ) -> Answers:
-        """All answers that come within `timeout_s`; at once if nobody is there to answer."""
+        """Return all answers within `timeout_s`; at once if no process can answer."""
         self._check_open()
         selector = zenoh.Selector(
             check_key(key_expression, wildcards=True), _as_parameters(parameters or {})
@@ -260,7 +260,7 @@ class ZenohBus:
         self._session.close()  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> Self:
-        """Give the bus itself."""
+        """Return the bus."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -285,9 +285,9 @@ class ZenohBus:
         declared._entity.undeclare()
 
     def _failed(self, key: str) -> None:
-        """Count and log the exception at hand; the stream goes on."""
+        """Count and log the current exception; the stream continues."""
         self._callback_errors += 1
-        logger.exception("A callback raised on %s; the stream goes on.", key)
+        logger.exception("A callback failed on %s; the stream continues.", key)
 
 
 _WAITING = 2048

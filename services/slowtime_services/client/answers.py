@@ -1,4 +1,4 @@
-"""What a server answers, typed; what a newer server says beside it is passed over."""
+"""Typed answers of a server; fields that a newer server adds are ignored."""
 
 import datetime
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ class Answer(BaseModel):
 
 
 class State(Answer):
-    """What a twin knew after one epoch; None for what is not estimated."""
+    """State of a twin after one epoch; None for quantities that are not estimated."""
 
     id: str
     t_ns: int
@@ -66,7 +66,7 @@ class Band(Range):
 
 
 class Bands(Answer):
-    """What all readings of a span show, in buckets of consecutive ones.
+    """Statistics of all readings of a span, in buckets of consecutive ones.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Bands(Answer):
 
 
 class History(list[State]):
-    """States in order: all of a span, or those that show what all of them show.
+    """States in order: all of a span, or a selection with statistics of all.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Twin(Answer):
 
 
 class ForecastPoint(Answer):
-    """What is expected at one slow time."""
+    """Forecast at one slow time."""
 
     slow_time: float
     stiffness_change: Estimate | None = None
@@ -219,7 +219,7 @@ class PlanOption(Answer):
 
 
 class PlanInformation(Answer):
-    """What an observation is worth before it is made."""
+    """The value of an observation before it is made."""
 
     name: str
     at: PlanTime
@@ -231,7 +231,7 @@ class PlanInformation(Answer):
 
 
 class MaintenancePlan(Answer):
-    """What to do with a twin's structure, by when and why."""
+    """Recommended action for a twin's structure, with date and reasons."""
 
     id: str
     since: float | None
@@ -267,7 +267,7 @@ class RiskNow(Answer):
 
 
 class LimitStateRisk(Answer):
-    """How probable failure is by one limit state."""
+    """Probability of failure by one limit state."""
 
     name: str
     kind: str
@@ -281,7 +281,7 @@ class LimitStateRisk(Answer):
 
 
 class Risk(Answer):
-    """How probable failure of a twin is."""
+    """Probability of failure of a twin."""
 
     id: str
     since: float | None
@@ -313,11 +313,11 @@ class FleetPlan(Answer):
 
 
 class Event(Answer):
-    """Something a person may want to know of, once."""
+    """An event for people."""
 
     number: int
     event_id: str = ""
-    """The same after the history was estimated anew; `number` is not."""
+    """The same after the history was estimated again; `number` is not."""
     id: str
     t_ns: int
     slow_time: float | None
@@ -328,7 +328,7 @@ class Event(Answer):
 
 
 class AssetEvent(Answer):
-    """A repair, replacement, inspection, load test or note of an asset, as it was told."""
+    """A reported repair, replacement, inspection, load test or note of an asset."""
 
     event: str
     """Id that was given; one id is one event."""
@@ -353,7 +353,7 @@ class AssetEvent(Answer):
 
 
 class Question(Answer):
-    """A change that looks like a repair of which nobody has told."""
+    """A change that looks like an unreported repair."""
 
     event_id: str
     number: int
@@ -367,7 +367,7 @@ class Question(Answer):
 
 
 class AssetEvents(Answer):
-    """What people have recorded of an asset, and what the twin asks; the newest first."""
+    """Reported events of an asset, and questions of the twin; the newest first."""
 
     id: str
     events: tuple[AssetEvent, ...]

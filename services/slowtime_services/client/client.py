@@ -88,7 +88,7 @@ class Client:
         return self._door.url
 
     def __enter__(self) -> Self:
-        """Give the client itself; it holds nothing open between questions."""
+        """Return the client; it keeps no connection open between requests."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -145,7 +145,7 @@ class Client:
         return list(told["heads"])
 
     def register(self, twin_id: str, registration: Mapping[str, Any]) -> Twin:
-        """Register a twin, or register it anew: its history is then estimated again."""
+        """Register a twin; an existing one is replaced, and its history estimated again."""
         return Twin.model_validate(
             self.json("PUT", f"/twins/{twin_id}", body=dict(registration))
         )
@@ -162,7 +162,7 @@ class Client:
         end: str | None = None,
         max_points: int | None = None,
     ) -> History:
-        """States from `start` to `end`; of too many, those that show what all of them show.
+        """States from `start` to `end`; of too many, a selection with statistics of all.
 
         `bands` of the answer then hold means, extremes and intervals of all of them.
         """
@@ -204,16 +204,16 @@ class Client:
         points: int | None = None,
         threshold: float | None = None,
     ) -> Forecast:
-        """Tell where a twin is heading, and when thresholds are reached."""
+        """Return the forecast of a twin, and when thresholds are reached."""
         query = {"horizon": horizon, "points": points, "threshold": threshold}
         return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
 
     def plan(self, twin_id: str) -> MaintenancePlan:
-        """Tell what to do with a twin's structure, by when and why."""
+        """Return the recommended action for a twin's structure, with date and reasons."""
         return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan"))
 
     def risk(self, twin_id: str, *, horizon: float | None = None) -> Risk:
-        """Tell how probable failure is by each limit state of a twin."""
+        """Return the probability of failure by each limit state of a twin."""
         query = {"horizon": horizon}
         return Risk.model_validate(self.json("GET", f"/twins/{twin_id}/risk", query))
 
@@ -225,7 +225,7 @@ class Client:
         window_d: float | None = None,
         budget: float | None = None,
     ) -> FleetPlan:
-        """Tell where inspection teams go within a window [days]."""
+        """Return where inspection teams should go within a window [days]."""
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
         return FleetPlan.model_validate(self.json("GET", "/fleet/plan", query))
 
@@ -259,7 +259,7 @@ class Client:
         person: str | None = None,
         text: str = "",
     ) -> AssetEvent:
-        """Take an event back: the forecast is as if nobody had told of it.
+        """Withdraw an event: the forecast is as if it had never been reported.
 
         Parameters
         ----------
@@ -273,18 +273,18 @@ class Client:
         return self.record_event(twin_id, undone | {"person": person, "text": text})
 
     def recorded_events(self, twin_id: str) -> AssetEvents:
-        """Find what people have recorded, and which changes the twin asks about."""
+        """Return reported events, and changes that the twin asks about."""
         return AssetEvents.model_validate(self.json("GET", f"/twins/{twin_id}/events/recorded"))
 
     def alarms(self, twin_id: str, *, limit: int | None = None) -> list[dict[str, Any]]:
-        """Find the newest alarms: whether each holds still, and who has acknowledged it."""
+        """Return the newest alarms: whether each is still raised, and who acknowledged it."""
         found = self.json("GET", f"/twins/{twin_id}/alarms", {"limit": limit})
         return list(found["alarms"])
 
     def acknowledge(
         self, twin_id: str, event_id: str, *, by: str | None = None, note: str = ""
     ) -> dict[str, Any]:
-        """Say that somebody has taken note of an alarm."""
+        """Acknowledge an alarm."""
         path = f"/twins/{twin_id}/alarms/{event_id}/acknowledge"
         return self.json("POST", path, body={"by": by, "note": note})
 
@@ -294,18 +294,18 @@ class Client:
         return self.json("POST", f"/twins/{twin_id}/alarms/test", body=body)
 
     def deliveries(self, twin_id: str, *, limit: int | None = None) -> dict[str, Any]:
-        """Tell whom events of a twin have reached, and what keeps others from it."""
+        """Return deliveries of a twin's events, and the reasons of failures."""
         return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
 
     def dtdl(self, *, site: str | None = None, form: str = "dtdl-3") -> dict[str, Any]:
-        """Give sites, twins, composites and relations as a graph.
+        """Return sites, twins, composites and relations as a graph.
 
         `form` is ``dtdl-3`` or ``dtdl-2``, with models of that version, or ``json-ld``.
         """
         return self.json("GET", "/dtdl", {"site": site, "as": form})
 
     def dtdl_of(self, twin_id: str, *, form: str = "dtdl-3") -> dict[str, Any]:
-        """Give one twin, the parts of its model and their relations, likewise."""
+        """Return one twin, the parts of its model and their relations, likewise."""
         return self.json("GET", f"/twins/{twin_id}/dtdl", {"as": form})
 
     def composites(self) -> list[CompositeBrief]:
@@ -320,7 +320,7 @@ class Client:
     def register_composite(
         self, composite_id: str, registration: Mapping[str, Any]
     ) -> Composite:
-        """Register a composite, or register it anew."""
+        """Register a composite; an existing one is replaced."""
         told = self.json("PUT", f"/composites/{composite_id}", body=dict(registration))
         return Composite.model_validate(told)
 
@@ -364,7 +364,7 @@ class Client:
 
 
 def _told(answer: HTTPResponse) -> Iterator[Live]:
-    """Read what is told until the connection ends, or has been silent for too long."""
+    """Return server-sent events until the connection ends or has been silent for too long."""
     fields: dict[str, str] = {}
     while True:
         try:

@@ -1,4 +1,4 @@
-"""What a server answers about composites, typed."""
+"""Typed answers of a server about composites."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from .answers import Answer
 
 
 class Chance(Answer):
-    """A failure probability with its 95 % band; None where nothing is known."""
+    """A failure probability with its 95 % band; None if unknown."""
 
     value: float | None
     lo: float
@@ -35,7 +35,7 @@ class CompositeChance(Chance):
 
 
 class Importance(Answer):
-    """How much a twin matters; `docs/composites.md` defines each measure."""
+    """Importance of a twin; `docs/composites.md` defines each measure."""
 
     birnbaum: float
     criticality: float
@@ -106,7 +106,7 @@ class CompositeBrief(Answer):
 
 
 class Composite(Answer):
-    """A composite, and all that is known of it."""
+    """A composite with its health, failure probability, importance and rates."""
 
     id: str
     name: str

@@ -30,7 +30,7 @@ class AnswerError(Exception):
 
 
 class UnreachableError(ConnectionError):
-    """Nobody answers there, or what answers is no twin server."""
+    """The address does not answer, or is no twin server."""
 
 
 class _NoRedirects(urllib.request.HTTPRedirectHandler):

@@ -1,4 +1,4 @@
-"""Who may speak on the bus: a site's own certificates in, TLS and access control out."""
+"""Certificates of a site in; TLS settings and access control of the bus out."""
 
 from .access import access_control
 from .authority import Authority, Issued, WrongAuthorityError

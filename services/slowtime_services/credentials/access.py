@@ -1,4 +1,4 @@
-"""Rights of all who hold a certificate → the access control of a Zenoh router.
+"""Rights of all certificate holders → the access control of a Zenoh router.
 
 Zenoh allows a message where the key expression of a rule includes the message's own, so that
 a question about `*` is refused to who may only ask about one asset. What no rule allows is
@@ -12,11 +12,11 @@ from .roles import Role, rights
 
 
 class Holder(Protocol):
-    """Whom a certificate names."""
+    """Holder of a certificate."""
 
     @property
     def role(self) -> str:
-        """A word of `ROLES`."""
+        """Role of the holder, one of `ROLES`."""
         ...
 
     @property
@@ -36,7 +36,7 @@ class Holder(Protocol):
 
 
 def access_control(holders: Iterable[Holder]) -> dict[str, Any]:
-    """Value of Zenoh's `access_control` for a router that serves `holders` and nobody else."""
+    """Value of Zenoh's `access_control` for a router that serves only `holders`."""
     grouped: dict[tuple[str, str, str | None], list[str]] = {}
     for holder in holders:
         if holder.role != "router":
@@ -63,7 +63,7 @@ def access_control(holders: Iterable[Holder]) -> dict[str, Any]:
 
 
 def _rules(label: str, role: Role) -> list[dict[str, Any]]:
-    """Rules of one role, seen from the router: ingress is what its holder sends."""
+    """Rules of one role, seen from the router: ingress is the traffic of its holder."""
     told: list[tuple[str, str, str, Sequence[str]]] = [
         ("writes", "ingress", "put", role.writes),
         ("hears", "egress", "put", role.hears),

@@ -54,7 +54,7 @@ class Issued:
         return self.role if self.asset is None else f"{self.role}-{self.asset}"
 
     def left(self, now: datetime.datetime) -> datetime.timedelta:
-        """How long it is still valid."""
+        """Remaining validity."""
         return datetime.datetime.fromisoformat(self.expires) - now
 
 
@@ -134,7 +134,7 @@ class Authority:
         return tuple(i for i in self._issued if not i.withdrawn and i.left(now) > SLACK * 0)
 
     def has(self, role: str, asset: str | None = None) -> bool:
-        """Whether somebody holds a valid certificate of this kind."""
+        """Whether a valid certificate of this kind exists."""
         return any((i.role, i.asset) == (role, asset) for i in self.valid)
 
     def issue(
@@ -146,7 +146,7 @@ class Authority:
         lasts: datetime.timedelta = datetime.timedelta(days=365),
         from_now: datetime.timedelta = datetime.timedelta(0),
     ) -> Path:
-        """Make a credential; what was issued before stays valid until withdrawn.
+        """Make a credential; earlier ones stay valid until withdrawn.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class Authority:
         return folder
 
     def withdraw(self, role: str, asset: str | None = None) -> int:
-        """Take everything away from who holds such certificates; how many that were.
+        """Withdraw all such certificates; return their number.
 
         The router refuses them from when it is next started with its new ``access.json``.
         """
@@ -213,7 +213,7 @@ class Authority:
     def renew(
         self, within: datetime.timedelta, lasts: datetime.timedelta = datetime.timedelta(365)
     ) -> list[Issued]:
-        """Issue anew what expires `within` that time, for the same hosts; those made."""
+        """Issue again, for the same hosts, what expires `within` a time; return them."""
         newest = {(i.role, i.asset): i for i in self._issued if not i.withdrawn}
         due = [i for i in newest.values() if i.left(_now()) <= within]
         for old in due:
@@ -231,7 +231,7 @@ class Authority:
         return key, x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
 
     def _keep(self) -> None:
-        """Write the ledger, and what follows from it for the router."""
+        """Write the ledger, and the router's settings that follow from it."""
         ledger = {"site": self.site, "issued": [dataclasses.asdict(i) for i in self._issued]}
         _write(self.home / "authority" / LEDGER, _json(ledger))
         if (router := self.home / "router").is_dir():
@@ -330,7 +330,7 @@ def _folder(path: Path) -> Iterator[Path]:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file that nobody else reads, whole or not at all."""
+    """Write a file with owner-only access, whole or not at all."""
     draft = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(content)

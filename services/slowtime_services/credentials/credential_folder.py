@@ -1,4 +1,4 @@
-"""A credential's folder → settings of Zenoh, refused where it would not hold what it says."""
+"""A credential's folder → settings of Zenoh; an unsafe folder is refused."""
 
 import dataclasses
 import datetime
@@ -39,7 +39,7 @@ class Credentials:
 
     @classmethod
     def read(cls, folder: Path, *, at_any_time: bool = False) -> Self:
-        """Look at a folder; `at_any_time` only says in the log that it is not valid now.
+        """Read a folder; with `at_any_time`, an invalid date is only logged.
 
         Raises
         ------
@@ -60,13 +60,13 @@ class Credentials:
         if mode & 0o077:
             raise CredentialsError(
                 f"Others may read {folder / KEY} (mode {mode:04o}). Allowed: 0600. Say chmod "
-                f"600 {folder / KEY}, and have it issued anew if somebody may have read it."
+                f"600 {folder / KEY}, and have it issued again if others may have read it."
             )
         try:
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         except ValueError as error:
             raise CredentialsError(
-                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued anew."
+                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued again."
             ) from error
         names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         found = cls(
@@ -116,7 +116,7 @@ class Credentials:
             )
 
     def client_options(self) -> dict[str, Any]:
-        """Give settings of Zenoh for a process that connects."""
+        """Return settings of Zenoh for a process that connects."""
         return {
             f"{TLS}/root_ca_certificate": str(self.folder / TRUSTED),
             f"{TLS}/enable_mtls": True,
@@ -127,7 +127,7 @@ class Credentials:
         }
 
     def router_options(self) -> dict[str, Any]:
-        """Give settings of Zenoh for a router: who may connect, and what each may do.
+        """Return settings of Zenoh for a router: who may connect, and the rights of each.
 
         Raises
         ------
@@ -154,7 +154,7 @@ def options_for(
     *,
     at_any_time: bool = False,
 ) -> dict[str, Any]:
-    """Give settings of Zenoh for a process that connects, with credentials or without.
+    """Return settings of Zenoh for a process that connects, with credentials or without.
 
     An edge goes on listening and keeps its features `at_any_time`: its clock may be wrong, and
     an expired certificate is no reason to lose what it was put there to hear.

@@ -1,4 +1,4 @@
-"""What each kind of process may do on the bus, in words of the registry of streams.
+"""Rights of each kind of process on the bus, by streams of the registry.
 
 An edge writes its own asset's keys and hears its own requests and acknowledgements; that is
 all. The server reads what edges write and writes what twins say. An observer (recorder,
@@ -40,7 +40,7 @@ LONGEST_NAME = 44
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Role:
-    """What holders of a credential may do; each field is a tuple of key expressions.
+    """Rights of a credential's holders; each field is a tuple of key expressions.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def server() -> Role:
 
 
 def observer() -> Role:
-    """Rights of a recorder, and of who looks whether all is well."""
+    """Rights of a recorder, and of processes that monitor."""
     everything = tuple(stream.everywhere for stream in STREAMS)
     return Role(
         hears=(any_key(), *everything),
@@ -109,7 +109,7 @@ def observer() -> Role:
 
 
 def player() -> Role:
-    """Rights of `slowtime replay`: those of every edge at once, and of what twins were told."""
+    """Rights of `slowtime replay`: those of all edges, and registrations, states and events."""
     every = edge("*", "*")
     heard = (ACK.everywhere, REGISTRATION.everywhere, *every.writes)
     return dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Keys that sign what a server vouches for: Ed25519, the private one in a file of its own.
+"""Ed25519 keys that sign heads of the ledger; the private one has a file of its own.
 
 RFC 8032. A signature shows who wrote some bytes; it says nothing of whether they are true.
 """
@@ -52,7 +52,7 @@ class Signer:
         if mode & 0o077:
             raise CredentialsError(
                 f"Others may read {path} (mode {mode:04o}). Allowed: 0600. Say chmod 600 "
-                f"{path}, and make another if somebody may have read it."
+                f"{path}, and make another if others may have read it."
             )
         key = None
         with contextlib.suppress(ValueError, TypeError):
@@ -98,7 +98,7 @@ def make_key(path: Path) -> str:
 
 
 def public_key(text: str) -> str:
-    """Read a public key: itself, in base64, or the file that it is in.
+    """Read a public key: itself, in base64, or its file.
 
     Raises
     ------
@@ -130,5 +130,5 @@ def is_signed(said: bytes, signature: str, public: str) -> bool:
 
 
 def fingerprint(public: str) -> str:
-    """Give the first 16 hexadecimal digits of the SHA-256 of a public key: its short name."""
+    """Return the first 16 hexadecimal digits of the SHA-256 of a public key: its short name."""
     return hashlib.sha256(public.encode()).hexdigest()[:16]

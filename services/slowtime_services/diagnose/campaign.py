@@ -62,7 +62,7 @@ def gather(
     holdout: Sequence[Source] = (),
     roles: Roles | None = None,
 ) -> Gathered:
-    """Do what `campaign_of` does, and tell which trial comes from which record."""
+    """Build a campaign as `campaign_of` does, and return the record of each trial."""
     roles = {} if roles is None else roles
     _refuse_unknown(roles, description)
     notes: list[str] = []
@@ -83,7 +83,7 @@ def gather(
 
 
 def _heard_of(trials: Iterable[Trial], source: Source, notes: list[str]) -> Iterator[Trial]:
-    """Leave out what no sensor has heard anything of."""
+    """Leave out trials without a finite sample of any sensor."""
     for trial in trials:
         if trial.used.any():
             yield trial
@@ -119,7 +119,7 @@ def _refuse_known(learnt: Sequence[Trial], judged: Sequence[Trial]) -> None:
 
 
 def _holds(one: Float[np.ndarray, "_ s"], other: Float[np.ndarray, "_ s"]) -> bool:
-    """Whether the beginning of one stands in the other, or of the other in one."""
+    """Whether the beginning of one record occurs in the other."""
     for few, many in ((one[:MIN_SAMPLES], other), (other[:MIN_SAMPLES], one)):
         if not np.ptp(few, axis=0).any():
             continue
@@ -141,7 +141,7 @@ def _refuse_unknown(roles: Roles, description: Description) -> None:
 
 
 def _starts(sources: Sequence[Source], notes: list[str]) -> list[float]:
-    """Campaign time at which each record begins [s]; 0 where none says."""
+    """Campaign time at which each record begins [s]; 0 if none states its start."""
     told = [_start(source.record) for source in sources]
     absolute = [start for start in told if start is not None and start > ABSOLUTE_S]
     origin = min(absolute, default=0.0)

@@ -29,7 +29,7 @@ MIN_BAND_POWER = 1e-4
 
 
 def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None:
-    """Refuse a campaign whose first record speaks for two channels of a kind being exchanged.
+    """Refuse a campaign whose first record indicates that two channels of a kind are exchanged.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None
 def likely_inputs(
     plant: Plant, trial: Trial, made: Float[np.ndarray, "time sensor"]
 ) -> tuple[int, int] | None:
-    """Give two inputs of a kind under which, exchanged, the model does more of what was seen.
+    """Return two inputs of a kind which, exchanged, let the model explain more.
 
     Parameters
     ----------
@@ -90,7 +90,21 @@ def likely_inputs(
 def likely_pair(
     description: Description, trial: Trial, made: Float[np.ndarray, "time sensor"]
 ) -> tuple[int, int] | None:
-    """Give two sensors of a kind whose powers are nearer to the model's if exchanged."""
+    """Return two sensors of a kind whose powers are nearer to the model's if exchanged.
+
+    Parameters
+    ----------
+    description
+        Model with its sensors.
+    trial
+        Measured record.
+    made
+        Outputs of the model, [time, sensor], in SI units.
+
+    Returns
+    -------
+    Indices of the two sensors, or None if no exchange brings them nearer.
+    """
     sensors = description.sensors
     pairs = [
         (i, j)
@@ -105,14 +119,14 @@ def likely_pair(
 
 
 def _gain(apart: Float[np.ndarray, "sensor sensor"], i: int, j: int) -> float:
-    """Tell how much further from the model two sensors are when they are exchanged."""
+    """Return how much further from the model two sensors are when exchanged."""
     return float(apart[i, j] + apart[j, i] - apart[i, i] - apart[j, j])
 
 
 def _apart(
     trial: Trial, made: Float[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "sensor sensor"]:
-    """Compare powers: mean squared logarithm of what the model makes over what was measured."""
+    """Compare powers: mean squared logarithm of those of the model over the measured ones."""
     one, two = _powers(made, trial.rate_hz), _powers(trial.measured, trial.rate_hz)
     heard = (one > MIN_BAND_POWER * one.max(axis=0)) | (two > MIN_BAND_POWER * two.max(axis=0))
     heard = heard.any(axis=1)
@@ -149,13 +163,13 @@ def _swapped(
 
 
 def _missed(trial: Trial, made: Float[np.ndarray, "time sensor"]) -> float:
-    """Power that a run leaves over what was measured, the mean over sensors; nan for none."""
+    """Power of the residual of a run over the measured one, mean over sensors; nan for none."""
     with np.errstate(all="ignore"):
         left = np.mean((trial.measured - made) ** 2, axis=0) / np.var(trial.measured, axis=0)
     return float(np.mean(left))
 
 
 def _unexplained(plant: Plant, trial: Trial) -> float:
-    """Power that the refitted model leaves over what was measured, the mean over sensors."""
+    """Power of the refitted model's residual over the measured one, mean over sensors."""
     left = refit(plant, (trial,)).residual[0]
     return float(np.mean(np.mean(left**2, axis=0) / np.var(trial.measured, axis=0)))

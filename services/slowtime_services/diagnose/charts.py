@@ -84,7 +84,7 @@ def run_charts(diagnosis: Diagnosis) -> list[Chart]:
 
 
 def residual_charts(diagnosis: Diagnosis) -> list[Chart]:
-    """Draw what was left before the effects were in, and after: in time and in frequency."""
+    """Draw the residual without and with the effects, in time and in frequency."""
     charts = []
     spectra = diagnosis.spectra
     for i, sensor in enumerate(diagnosis.nominal.sensors[:MAX_SENSORS]):
@@ -213,7 +213,7 @@ def _cloud(x: Series, y: Series, name: str, colour: str, size: float) -> Plain:
 
 
 def _plain(values: Series) -> list[float | None]:
-    """Round to six digits, which no picture shows more of; a hole for what is not finite."""
+    """Round to six digits, enough for a chart; None for values that are not finite."""
     return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]
 
 

@@ -29,7 +29,7 @@ def document_of(
     holdout: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> DiagnosisFile:
-    """Write a diagnosis as the file that stands for it.
+    """Convert a diagnosis to its file model.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _effect(named: NamedEffect) -> file.FoundEffect:
 def _parameters(
     chosen: Mapping[str, float], numbers: Mapping[str, Number]
 ) -> dict[str, file.Estimated]:
-    """Give what was estimated; and what was chosen, as a side or a span is, with sd 0."""
+    """Return estimated parameters; discrete choices, such as a side or a span, with sd 0."""
     plain = {
         name: file.Estimated(value=value, sd=0.0)
         for name, value in chosen.items()
@@ -142,7 +142,7 @@ def _gap(gap: Gap) -> file.GapShown:
 
 
 def _request(experiment: Experiment) -> dict[str, Any]:
-    """Say an experiment for machines; what stays as it was is left out."""
+    """Convert an experiment to its file model; unchanged settings are left out."""
     request: dict[str, Any] = {}
     if experiment.level != 1.0:
         request["level_factor"] = experiment.level
@@ -165,7 +165,7 @@ def _entry(channel: Input | Sensor) -> dict[str, Any]:
 
 
 def _finite(value: float) -> float:
-    """JSON has no infinity; what is not finite is beyond all bounds."""
+    """Replace infinity, which JSON lacks, by `HUGE`."""
     return float(value) if math.isfinite(value) else HUGE
 
 

@@ -29,7 +29,7 @@ UNITS = {"c": "°C", "k": "K", "kg": "kg", "t": "t", "n": "N", "percent": "%"}
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class History:
-    """What a diagnosis in slow time is made of.
+    """The history that a diagnosis in slow time uses.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class History:
 
 
 def covariate(name: str, values: Series) -> Covariate:
-    """Name what was read beside, its unit by the end of the name.
+    """Name a covariate, with its unit by the end of the name.
 
     Examples
     --------

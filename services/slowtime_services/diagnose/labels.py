@@ -54,7 +54,16 @@ def placed(kind: str, name: str) -> str:
 
 
 def rare(chance: float) -> str:
-    """Write a probability, of which nobody needs to know how much less than nothing it is.
+    """Write a probability; very small ones as an upper bound.
+
+    Parameters
+    ----------
+    chance
+        Probability, from 0 to 1.
+
+    Returns
+    -------
+    The probability with two digits.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Records that cannot be what the model says they are, told before anything is made of them.
+"""Checks that records can be what the model says they are, before the diagnosis.
 
 A factor of a thousand between what a channel says and what the model makes of the inputs is no
 effect that was forgotten: it is a unit, a wire, or a column.
@@ -59,7 +59,7 @@ def refuse_nonsense(
             raise RecordError(
                 f"{name}: input {channels} never changes, while the structure moves. Was it "
                 "recorded? A structure that rings by itself dies away, and this does not. "
-                f"Take the input out of the model if nobody measured it. {ANYWAY}"
+                f"Remove the input from the model if it was not measured. {ANYWAY}"
             )
         _refuse_slow(model, trial, name)
         _refuse_sizes(model, trial, plant, name)
@@ -109,7 +109,7 @@ def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> 
 
 
 def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard: Sizes) -> str:
-    """Say what it looks like: sensors exchanged, a unit of the inputs, or one of a sensor."""
+    """Return the likely cause: exchanged sensors, a unit of the inputs, or of one sensor."""
     sensors = model.sensors
     for i, j in itertools.combinations(range(len(sensors)), 2):
         swapped = measured.copy()

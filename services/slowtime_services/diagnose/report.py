@@ -81,7 +81,7 @@ def _undecided(document: DiagnosisFile) -> Iterator[Section]:
 
 
 def _whiteness(document: DiagnosisFile) -> list[str]:
-    """Say whether what remains is noise."""
+    """Write whether the residual is noise."""
     over = document.chi2_per_datum
     if document.residual_white:
         word = "What the augmented model leaves cannot be told from the sensors' noise"

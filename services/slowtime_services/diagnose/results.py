@@ -47,7 +47,7 @@ def write_surface(path: Path, surface: Surface) -> None:
 
 
 def write_runs(path: Path, diagnosis: Diagnosis) -> None:
-    """Write free runs on what was held out: `nominal` and so on, each [time, sensor].
+    """Write free runs on held-out records: `nominal` and so on, each [time, sensor].
 
     Several records follow each other; `record` counts them from 0.
     """

@@ -1,4 +1,4 @@
-"""Diagnosis of records under a budget of work, with its document: what every caller runs."""
+"""Diagnosis of records under a budget of work, with its file model."""
 
 import dataclasses
 import time
@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.progress import Progress, Stop
-from slowtime.discrepancy.proposers import PROPOSERS, Proposer
-from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
+from slowtime.discrepancy.search import DEFAULT_OPTIONS, SearchOptions
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.work import metered
@@ -50,15 +49,13 @@ def diagnose_records(
     *,
     roles: Roles | None = None,
     kinds: Mapping[str, Kind] | None = None,
-    quick: bool = False,
+    options: SearchOptions = DEFAULT_OPTIONS,
     unchecked: bool = False,
     progress: Progress | None = None,
     stop: Stop | None = None,
     patience_s: float | None = None,
-    proposers: tuple[Proposer, ...] = PROPOSERS,
-    refiners: tuple[Refiner, ...] = REFINERS,
 ) -> tuple[Diagnosis, DiagnosisFile]:
-    """Say what a model lacks to explain records.
+    """Find the effects that a model lacks to explain records.
 
     Parameters
     ----------
@@ -66,8 +63,8 @@ def diagnose_records(
         What to read for a channel of the model that the records call otherwise.
     kinds
         Effects that may be named; the catalogue where not given.
-    quick
-        Fewer rivals are refitted, and one effect is looked for.
+    options
+        How thoroughly effects are searched for, and by which steps.
     unchecked
         Records are taken as they are, even where their sizes make no sense.
     progress
@@ -79,8 +76,6 @@ def diagnose_records(
         fitted is given up, and what was found by then is the answer; in the last part of it
         only the likeliest are tried. Work is counted, not timed, so that the same records give
         the same answer on any machine. As `patience_for` has it where not given.
-    proposers, refiners
-        As `slowtime.discrepancy.diagnose.diagnose` has them.
 
     Raises
     ------
@@ -100,13 +95,11 @@ def diagnose_records(
         found = diagnose(
             given.campaign,
             kinds=kinds,
-            quick=quick,
+            options=options,
             progress=progress,
             stop=stop,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
-            proposers=proposers,
-            refiners=refiners,
         )
     clocked = (CLOCK.format(limit=LAST_STOP * allowed_s),) if is_last_stop() else ()
     found = dataclasses.replace(
@@ -122,5 +115,5 @@ def diagnose_records(
 
 
 def patience_for(description: Description) -> float:
-    """Give the budget [s of the reference machine] that a model gets where none is given."""
+    """Return the budget [s of the reference machine] that a model gets where none is given."""
     return PATIENCE_S * min(max(1.0, len(description.dofs) / MASSES), MORE)

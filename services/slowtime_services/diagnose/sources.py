@@ -16,7 +16,7 @@ SPAN = re.compile(r"(?P<path>.+)@(?P<first>[0-9.]*):(?P<last>[0-9.]*)")
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """One record, and the name by which people know it."""
+    """One record, and its name for people."""
 
     name: str
     record: Record
@@ -59,7 +59,7 @@ def read_any(
     units: Sequence[str] = (),
     sensitivities: Sequence[str] = (),
 ) -> Source:
-    """Read a record of any kind, a recording among them; what is no number is kept as NaN.
+    """Read a record of any kind, recordings included; values that are no numbers become NaN.
 
     Parameters
     ----------
@@ -100,7 +100,26 @@ def read_any(
 
 
 def part_of(record: Record, first_s: float, last_s: float, *, name: str) -> Record:
-    """Cut the seconds from `first_s` to `last_s` out of a record, its clock with them."""
+    """Cut the seconds from `first_s` to `last_s` out of a record, its clock with them.
+
+    Parameters
+    ----------
+    record
+        The whole record.
+    first_s, last_s
+        Times from its beginning [s].
+    name
+        Name for messages.
+
+    Returns
+    -------
+    The part, with its gaps and its start.
+
+    Raises
+    ------
+    RecordError
+        If the part has fewer than two samples.
+    """
     late = np.zeros(len(record.samples), dtype=int)
     for gap in record.gaps:
         late[gap.row :] += gap.missing
@@ -133,7 +152,7 @@ def _within(record: Record, first: int, last: int) -> Iterator[Gap]:
 
 
 def _clocked(record: Record) -> bool:
-    """Whether the record says by itself when each sample was."""
+    """Whether the record states the time of each sample."""
     count = (len(record.samples),)
     return record.start_ns is not None or any(
         np.shape(value) == count for value in record.aux.values()

@@ -46,7 +46,7 @@ def open_sheet(
 
 
 def _sheet(arrays: Arrays, file: str) -> Sheet:
-    """Arrays of one common length as columns; single numbers and other lengths apart."""
+    """Collect arrays of one common length as columns; other lengths are kept apart."""
     plain = {
         k: as_double(np.squeeze(array))
         for k, array in arrays.items()
@@ -95,7 +95,7 @@ def _facts_of(aux: Arrays) -> Facts:
 
 
 def renamed(sheet: Sheet, given: Sequence[str] | None) -> Sheet:
-    """Give columns the names that a person says."""
+    """Rename columns as given."""
     if given is None:
         return sheet
     width = len(sheet.columns)

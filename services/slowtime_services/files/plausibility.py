@@ -30,7 +30,7 @@ duration and a number of samples."""
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """What the rows and the clock say.
+    """Figures of the rows and the clock.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def _computed_rate(name: str, facts: Facts, count: int) -> tuple[float | None, t
 
 
 def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
-    """Let a rate that a person gives overrule the heading, and say what it overrules."""
+    """Let a given rate overrule the heading, with a note."""
     rate = measured.given_rate_hz
     assert rate is not None
     fit = [
@@ -323,7 +323,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
 
 
 def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
-    """Hold the clock against the heading."""
+    """Compare the clock with the heading."""
     rate = measured.clock_rate_hz
     assert rate is not None
     notes: list[str] = []

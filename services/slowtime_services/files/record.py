@@ -122,7 +122,7 @@ class Record:
 
 
 def find_column(name: str, names: tuple[str, ...]) -> int:
-    """Where `name` stands in `names`: exactly, else whatever its case, else as a number from 0.
+    """Index of `name` in `names`: exact, else regardless of case, else as a number from 0.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def find_column(name: str, names: tuple[str, ...]) -> int:
 
 
 def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
-    """Which channels are accelerations by their unit or name; all that may be, where none says.
+    """Return channels that are accelerations by unit or name; all possible ones if none is.
 
     A record may hold a position or a temperature beside its accelerometers, and what that does
     is no vibration of the structure.

@@ -140,7 +140,7 @@ def read_record(
 
 
 def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy) -> Record:
-    """Decide what the columns are, hold that to account, and gather the samples."""
+    """Decide the columns, check them against the heading, and collect the samples."""
     names = sheet.names
     told = clock_of_sheet(sheet, said)
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
@@ -200,7 +200,7 @@ def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolic
 def _series(
     sheet: Sheet, kept: Sequence[int], verdict: plausibility.Verdict, notes: tuple[str, ...]
 ) -> Record:
-    """All columns as one series."""
+    """Return all columns as one series."""
     table = np.column_stack([sheet.columns[i].values for i in kept]).astype(float)
     assert verdict.rate_hz is not None
     return Record(
@@ -251,7 +251,7 @@ def _plain(column: Column) -> Values:
 
 
 def _finite(samples: Values) -> Values:
-    """Put NaN in place of what is infinite."""
+    """Replace infinite values by NaN."""
     if samples.dtype.kind != "f" or not np.isinf(samples).any():
         return samples
     return np.where(np.isfinite(samples), samples, np.nan)

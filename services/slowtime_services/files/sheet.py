@@ -40,7 +40,7 @@ class Column:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sheet:
-    """Columns of a file, and what its heading says of them.
+    """Columns of a file, and figures of its heading.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def read_lines(
 
 
 def _plain(lines: list[str]) -> list[str]:
-    """Lines without what a serial monitor or plotter adds to each."""
+    """Remove what a serial monitor or plotter adds to each line."""
     head = [line for line in lines[:HEAD_LINES] if line.strip()]
     if sum(bool(_SERIAL_STAMP.match(line)) for line in head) > 0.8 * len(head):
         body = _SERIAL_STAMP.sub("", head[-1])
@@ -293,7 +293,7 @@ def _with_unit(texts: Sequence[str]) -> tuple[list[str], str] | None:
 
 
 def _restarts(repeated: Sequence[str]) -> tuple[str, ...]:
-    """Say on which lines the heading stands again, where a logger began anew."""
+    """Describe on which lines the heading is repeated, because a logger restarted."""
     if not repeated:
         return ()
     more = ", ..." if len(repeated) > 3 else ""

@@ -41,7 +41,7 @@ _OTHER_QUANTITY = re.compile(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit of motion: what a number in it is multiplied by to be in SI."""
+    """A unit of motion: the factor from its numbers to SI."""
 
     quantity: Motion
     factor: float
@@ -49,7 +49,7 @@ class Unit:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """What a sensor gives for one m/s^2, m/s or m.
+    """Output of a sensor for one m/s^2, m/s or m.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Sensitivity:
 
 
 def unit_of(text: str, channel: str = "") -> Unit | None:
-    """Read a unit of motion; None for any other, and for what a channel's name contradicts.
+    """Parse a unit of motion; None for others, and if the channel's name contradicts it.
 
     Examples
     --------

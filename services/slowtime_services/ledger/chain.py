@@ -18,7 +18,7 @@ DELETED = "d"
 
 
 class Entry(NamedTuple):
-    """A row that was accepted: what it is, its number among such, and the hash of what it says.
+    """An accepted row: its kind, its number among these, and the hash of its content.
 
     Kinds are of one letter: see the constants of this module.
     """
@@ -45,7 +45,7 @@ class Link(NamedTuple):
 
 
 def beginning(asset: str) -> Link:
-    """Give the end of a chain that has no entry yet."""
+    """Return the end of a chain that has no entry yet."""
     return Link(0, hashlib.sha256(_BEGIN + asset.encode()).digest())
 
 
@@ -78,7 +78,7 @@ def packed(entries: Iterable[Entry]) -> bytes:
 
 
 def unpacked(block: bytes) -> list[Entry]:
-    """Read what `packed` wrote.
+    """Read the output of `packed`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def unpacked(block: bytes) -> list[Entry]:
 def features_digest(
     boot: str, sequence: int, t_ns: int, slow_time: float, message: bytes
 ) -> bytes:
-    """Hash features as they travelled, with what they are found by."""
+    """Hash features in their transmitted form, with their key."""
     head = f"f {boot} {sequence} {t_ns} {slow_time!r}\n"
     return hashlib.sha256(head.encode() + message).digest()
 

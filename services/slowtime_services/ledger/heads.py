@@ -29,12 +29,12 @@ class Leaf(NamedTuple):
 
     @property
     def written(self) -> bytes:
-        """What is hashed of it."""
+        """Bytes that are hashed."""
         return "\n".join(map(str, self)).encode()
 
     @property
     def end(self) -> Link:
-        """End of its chain as `chain` knows it."""
+        """End of the chain, in the form of `chain`."""
         return Link(self.length, bytes.fromhex(self.link))
 
 
@@ -51,18 +51,18 @@ class Head(NamedTuple):
 
     @property
     def said(self) -> bytes:
-        """What is signed."""
+        """Bytes that are signed."""
         words = ("slowtime head 1", *self[:6])
         return "\n".join(map(str, words)).encode()
 
     @property
     def digest(self) -> str:
-        """What the next head calls it by."""
+        """Hash by which the next head refers to it."""
         return hashlib.sha256(self.said + self.signature.encode()).hexdigest()
 
     @property
     def is_signed(self) -> bool:
-        """Whether the key that it names has signed it; whose that is, is another question."""
+        """Whether the key that it names has signed it; the key itself is checked elsewhere."""
         return is_signed(self.said, self.signature, self.public)
 
     @classmethod
@@ -89,7 +89,7 @@ class Head(NamedTuple):
 
 
 def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signer) -> Head:
-    """Sign what all assets have come to.
+    """Sign the ends of all chains.
 
     Parameters
     ----------

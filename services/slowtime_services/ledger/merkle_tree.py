@@ -33,7 +33,7 @@ class MerkleTree:
         self._place: dict[str, int] = {}
 
     def take(self, changed: Iterable[Leaf]) -> None:
-        """Put leaves in the place of those of the same assets, or among them."""
+        """Replace the leaves of the same assets, or insert new ones."""
         changed = list(changed)
         if all(leaf.asset in self._place for leaf in changed):
             for leaf in changed:

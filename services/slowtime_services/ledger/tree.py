@@ -39,7 +39,7 @@ def proven(leaf: bytes, path: Sequence[tuple[str, bytes]]) -> bytes:
 
 
 def paired(row: Sequence[bytes]) -> list[bytes]:
-    """Hash neighbours together; one that is left over goes up as it is, as in RFC 6962."""
+    """Hash neighbours together; a single last one is passed up unchanged, as in RFC 6962."""
     pairs = [_branch(*row[at : at + 2]) for at in range(0, len(row) - 1, 2)]
     return pairs + ([row[-1]] if len(row) % 2 else [])
 

@@ -43,7 +43,7 @@ def datasets_of(path: Path) -> list[Dataset]:
     if len(marks) % 2:
         raise RecordError(
             f"{path.name} ends within the dataset that begins in line {marks[-1] + 1}: it is "
-            "cut short. Export it anew."
+            "cut short. Export it again."
         )
     return [
         Dataset(path.name, kind, tuple(lines[first + 2 : last]), first + 3)
@@ -86,7 +86,7 @@ def _line(dataset: Dataset, at: int) -> str:
     if at >= len(dataset.lines):
         raise RecordError(
             f"The dataset {dataset.kind} at line {dataset.first_line} of {dataset.file} is cut "
-            "short. Export it anew."
+            "short. Export it again."
         )
     return dataset.lines[at]
 
@@ -94,5 +94,5 @@ def _line(dataset: Dataset, at: int) -> str:
 def _refused(dataset: Dataset, at: int, text: str, what: str) -> RecordError:
     return RecordError(
         f"Line {dataset.first_line + at} of {dataset.file} has {text[:40]!r} where {what} of "
-        f"dataset {dataset.kind} should be. Export it anew."
+        f"dataset {dataset.kind} should be. Export it again."
     )

@@ -58,7 +58,7 @@ def name_of(place: Place) -> str:
 
 
 def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tuple[Place, ...]:
-    """Give each channel a node and a direction.
+    """Assign a node and a direction to each channel.
 
     They are those of the geometry; else those of the name, as in ``node 7 +Z``; else channels
     that differ in a last x, y or z share a node, and every other has one of its own, along x.

@@ -177,7 +177,7 @@ def _number(text: str | None) -> float:
 def _contradicts(dataset: Dataset, what: str) -> RecordError:
     return RecordError(
         f"The dataset 55 at line {dataset.first_line} of {dataset.file} states {what}: it is "
-        "damaged, or of another kind. Export it anew."
+        "damaged, or of another kind. Export it again."
     )
 
 

@@ -1,4 +1,4 @@
-"""Model files in; what is wrong with them, line by line, or the description they hold out."""
+"""Model files in; descriptions, or errors with line numbers, out."""
 
 import dataclasses
 import difflib

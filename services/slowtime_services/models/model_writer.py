@@ -15,7 +15,7 @@ GROUPS = ("nodes", "elements", "effects", "inputs", "sensors")
 
 
 def model_file_of(description: Description) -> ModelFile:
-    """Turn a description, of a builder say, into a model file."""
+    """Convert a description, for instance of a builder, to a model file."""
     tolerance = description.tolerance
     return ModelFile.model_validate(
         {

@@ -1,4 +1,4 @@
-"""A model set in motion: inputs in, what its sensors would have measured out."""
+"""Simulation of a model: inputs in, measured outputs of its sensors out."""
 
 import dataclasses
 import math
@@ -56,7 +56,7 @@ def run_model(
     """
     if not description.inputs:
         raise ValueError(
-            "The model lists no inputs: it is under ambient forces that nobody measured. Use "
+            "The model lists no inputs: it is under unmeasured ambient forces. Use "
             "ambient_model, or list the inputs."
         )
     missing = [entry.channel for entry in description.inputs if entry.channel not in inputs]
@@ -120,7 +120,7 @@ def ambient_model(
         return _ambient_plant(description, samples, rate_hz, seed, force_psd, kinds)
     structure = assemble(description)
     still = np.zeros(samples)
-    # The same seed for each quantity: one set of forces, heard in several ways.
+    # The same seed for each quantity: one set of forces, measured in several ways.
     listened = {sensor.quantity for sensor in description.sensors}
     motion = tuple(
         ambient_structure(
@@ -181,7 +181,7 @@ def run_plant(
     start_s: float,
     rng: np.random.Generator | None,
 ) -> dict[str, Series]:
-    """Run a plant as its description has it; motion of the base that nobody measured is drawn.
+    """Run a plant as described; unmeasured motion of the base is drawn at random.
 
     Raises
     ------
@@ -197,8 +197,7 @@ def run_plant(
     if sizes:
         if rng is None:
             raise ValueError(
-                "The model has a motion of the base that nobody measured, which is random. "
-                "Give a seed."
+                "The model has an unmeasured motion of the base, which is random. Give a seed."
             )
         base = np.hypot.reduce(sizes) * rng.standard_normal(len(inputs))
     found = plant.run(plant.values, inputs, rate_hz, start_s=start_s, base=base)

@@ -1,4 +1,4 @@
-"""YAML 1.2 in; plain values out, and the line on which each of them stands.
+"""YAML 1.2 in; plain values, and the line of each, out.
 
 Only what JSON could also say: no objects, no aliases (which a few lines can make unfold to any
 size), no key twice. JSON is YAML, and read alike.
@@ -25,7 +25,7 @@ class YamlError(ValueError):
 
 
 def read_with_lines(text: str, names: Collection[str] = ()) -> tuple[Any, Mapping[Path, int]]:
-    r"""Read a document, and tell of each key and item its line, counted from 1.
+    r"""Read a document, and return the line of each key and item, counted from 1.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _values(
 
 
 def _scalar(loader: Any, node: yaml.Node) -> Any:
-    """Give one value; a number of thousands of digits, or a day 32, is none."""
+    """Return one value; refuse numbers of thousands of digits and invalid dates."""
     try:
         return loader.construct_object(node)
     except (ValueError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""Parts of one's own: entry points of installed distributions in, what they hold out out.
+"""Plug-ins: entry points of installed distributions in, their objects out.
 
 A distribution names a part in a group of `GROUPS`; the name is what settings, URLs and options
 call it by. Nothing is imported until a part is asked for by its name, and whatever it does
@@ -24,7 +24,7 @@ MOST_SAID = 300
 
 
 class PluginError(ValueError):
-    """A part that is not installed, cannot be imported, or did what it must not."""
+    """A plug-in that is not installed, cannot be imported, or broke its contract."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -109,6 +109,6 @@ def find(group: str, name: str) -> Plugin:
 
 
 def exception_text(error: BaseException) -> str:
-    """Put what an exception says on one line, bounded."""
+    """Return the text of an exception on one line, bounded."""
     text = " ".join(str(error).split())[:MOST_SAID].rstrip(".")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

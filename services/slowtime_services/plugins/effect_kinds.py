@@ -59,7 +59,7 @@ def load_installed(name: str) -> tuple[Kind, ...]:
 
 
 def kinds_in(name: str, part: object) -> tuple[Kind, ...]:
-    """Take the kinds out of what an entry point holds out: a kind, several, or a module.
+    """Return the kinds of an entry point: one kind, several, or those of a module.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def _laws(kind: Kind) -> tuple:  # type: ignore[type-arg]
 
 
 def _compiled(name: str, held: Iterable[object]) -> tuple[Kind, ...]:
-    """Keep the kinds among what was held out, their laws compiled."""
+    """Keep the kinds of effect of a plug-in, their laws compiled."""
     kinds = tuple(value for value in held if isinstance(value, Kind))
     if not kinds:
         raise EffectFileError(

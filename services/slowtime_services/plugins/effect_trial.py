@@ -47,8 +47,8 @@ def trial(name: str, part: object) -> list[str]:
         (a ValueError) for a kind that gives what is no number, or for a part without kinds.
         Whatever else a kind raises passes through.
     """
-    # A compiled law that hangs keeps the interpreter lock: no thread of Python would end it,
-    # should who asked be gone.
+    # A compiled law that hangs keeps the interpreter lock, so no thread of Python could end
+    # this process after its caller has ended.
     faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
     kinds = kinds_in(name, part)
     for kind in kinds:

@@ -75,7 +75,7 @@ class PluginProcess:
     def stream(
         self, *arguments: Any, stop: threading.Event
     ) -> Generator[bytes | None, None, None]:
-        """Give the packets that the part yields; None now and then where there is none.
+        """Yield the packets of the plug-in; None at intervals without packets.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class PluginProcess:
             self._taken += taken
 
     def _end(self) -> str:
-        """End the process; with what exit status it had ended by itself, for a message."""
+        """End the process; return its exit status if it had ended by itself, for a message."""
         process, self._process = self._process, None
         if process is None:
             return ""
@@ -190,7 +190,7 @@ class PluginProcess:
 
 
 def main(group: str, name: str) -> int:
-    """Hold one part out: a call for each request of stdin, its answer or packets to stdout."""
+    """Serve one plug-in: a call for each request of stdin, its answer or packets to stdout."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the part prints is no answer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends who asked, and that ends this
@@ -217,7 +217,7 @@ def main(group: str, name: str) -> int:
 
 
 def _requests(into: "queue.SimpleQueue[Any]") -> None:
-    """Take requests; once who asked is gone, end, whatever the part is at."""
+    """Take requests; end when the parent has ended, whatever the part is doing."""
     with contextlib.suppress(EOFError):
         while True:
             into.put(pickle.load(sys.stdin.buffer))

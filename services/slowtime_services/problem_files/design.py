@@ -49,7 +49,7 @@ class DesignFileError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class DesignTask:
-    """What a design file asks for.
+    """Problem of a design file.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class DesignTask:
     structure: AddedStructure | None
 
     def problem(self, responses: Rows | None = None) -> DesignProblem:
-        """Give the design problem, with these responses in place of the model's own."""
+        """Return the design problem, with these responses in place of the model's own."""
         rows = self.responses if responses is None else responses
         return DesignProblem(
             self.variables,
@@ -90,7 +90,7 @@ class DesignTask:
         )
 
     def with_alpha(self, alpha: float) -> "DesignTask":
-        """Give the same task with another weight of the mean."""
+        """Return the same task with another weight of the mean."""
         return dataclasses.replace(self, alpha=alpha)
 
     def _function(
@@ -127,7 +127,7 @@ def read_design(path: str | pathlib.Path, read_samples: ReadSamples) -> DesignTa
 
 
 class _Reading:
-    """One design file, and where in it each key stands."""
+    """One design file, and the line of each key."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class _Reading:
         )
 
     def _named(self, inputs: Problem) -> tuple[str, ...]:
-        """Name the inputs that formulas may speak of: those that the file names itself."""
+        """Return the inputs that formulas may use: those named in the file."""
         return tuple(name for name in inputs.names if "." not in name)
 
     def _description(self) -> Description | None:
@@ -326,7 +326,7 @@ def _node(load: DesignLoad) -> str | None:
 
 
 def load_of(load: DesignLoad) -> NoiseLoad | HarmonicLoad:
-    """Make noise or a harmonic load of what a file says; a record has samples beside.
+    """Make noise or a harmonic load from a file; a record has samples besides.
 
     Raises
     ------

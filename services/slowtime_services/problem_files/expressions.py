@@ -97,7 +97,7 @@ class Expression:
 
     @property
     def used(self) -> frozenset[str]:
-        """Names of inputs that the formula speaks of."""
+        """Names of inputs that the formula uses."""
         spoken = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
         return frozenset(spoken & {*self.names})
 

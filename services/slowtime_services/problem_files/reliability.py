@@ -71,7 +71,7 @@ def read_problem(
 
 
 def parse_problem(text: str, name: str, own: Callable[..., Any] | None = None) -> Problem:
-    """Check the text of a reliability file; `name` is what errors call it."""
+    """Check the text of a reliability file; errors refer to it by `name`."""
     file, lines = parse_checked(
         text, name, ReliabilityFile, "reliability", ReliabilityFileError
     )

@@ -1,4 +1,4 @@
-"""Messages in, recordings (MCAP) out; and what can be saved of a damaged one."""
+"""Messages in, recordings (MCAP) out; damaged recordings in, sound ones out."""
 
 from .recorder import Recorder, Recording
 from .recovery import Recovered, recover

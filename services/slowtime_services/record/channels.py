@@ -1,4 +1,4 @@
-"""How each stream is described inside a recording, so that others can read it without us."""
+"""Schemas of the streams inside a recording, so that other programs can read it."""
 
 import functools
 import json
@@ -11,7 +11,7 @@ from slowtime_schemas.streams import Stream
 
 
 class Description(NamedTuple):
-    """What MCAP calls schema and message encoding."""
+    """Schema and message encoding, as MCAP calls them."""
 
     schema_name: str
     schema_encoding: str

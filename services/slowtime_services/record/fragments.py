@@ -28,7 +28,7 @@ _LZ4_WINDOW = 1 << 16
 
 
 class Fragment(NamedTuple):
-    """What is there of a chunk: how it is packed, and as many of its bytes as were written."""
+    """Part of a chunk: its compression, and as many of its bytes as were written."""
 
     compression: str
     stated: int
@@ -54,7 +54,7 @@ def fragment_of(data: bytes) -> Fragment | None:
 
 
 def without_zeros(data: bytes) -> bytes:
-    """Take off the end what was never written, as a power cut leaves it."""
+    """Remove unwritten bytes at the end, as a power cut leaves them."""
     stripped = data.rstrip(b"\0")
     return stripped if len(data) - len(stripped) >= LEAST_ZEROS else data
 
@@ -125,7 +125,7 @@ def _unpack_lz4(packed: bytes, most: int) -> bytes:
 
 
 def _unpack_lz4_block(block: bytes, unpacked: bytearray, most: int) -> None:
-    """Append what a block of the LZ4 block format unpacks to, up to where it breaks off."""
+    """Append the unpacked bytes of an LZ4 block, up to where it breaks off."""
     try:
         unpacked += lz4.block.decompress(
             block,

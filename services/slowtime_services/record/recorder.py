@@ -45,7 +45,7 @@ class _Arrival(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """How a recording stands."""
+    """State of a recording."""
 
     paths: tuple[Path, ...]
     """The files, the newest last."""
@@ -65,7 +65,7 @@ class Recording:
 
 
 class Recorder:
-    """Writes what travels on a bus to MCAP.
+    """Writes messages of a bus to MCAP.
 
     A recorder that is killed loses at most what arrived within `flush_s`; `recover` makes its
     file sound again. Payloads are written as they came, valid or not: a recording is evidence.
@@ -169,7 +169,7 @@ class Recorder:
 
     @property
     def recording(self) -> Recording:
-        """How it stands now."""
+        """Current state of the recording."""
         return Recording(
             paths=tuple(self._paths),
             counts=dict(self._counts),
@@ -193,7 +193,7 @@ class Recorder:
         *,
         every_s: float = 0.5,
     ) -> None:
-        """Record until `stop` is set, or the bound is reached; tell `report` how it stands.
+        """Record until `stop` is set, or the bound is reached; pass the state to `report`.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class Recorder:
             raise self._failure
 
     def close(self) -> Recording:
-        """Stop listening, write what has arrived, end the file and say what is in it."""
+        """Stop listening, write messages that have arrived, and finish the file."""
         self._subscription.close()
         self._closing.set()
         for thread in reversed(self._threads):
@@ -217,8 +217,8 @@ class Recorder:
         recording = self.recording
         if recording.dropped or recording.refused or recording.missing:
             logger.warning(
-                "The recording lacks %d messages that came too fast, %d that were too large "
-                "and %d features that never came.",
+                "The recording lacks %d messages that arrived too fast, %d that were too large "
+                "and %d features that never arrived.",
                 recording.dropped,
                 recording.refused,
                 recording.missing,
@@ -226,7 +226,7 @@ class Recorder:
         return recording
 
     def __enter__(self) -> Self:
-        """Give the recorder itself, which is recording already."""
+        """Return the recorder, which is recording already."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -251,7 +251,7 @@ class Recorder:
             logger.exception("Recording has stopped: %s", error)
 
     def _heal(self) -> None:
-        """Ask for what is missing now and then, and a last time before the end."""
+        """Request missing features at intervals, and once before the end."""
         while self._healing and not self._closing.wait(0.5):
             self._heal_once()
         if self._healing:
@@ -264,10 +264,10 @@ class Recorder:
         try:
             self._healer.heal(at_last=at_last)
         except Exception:
-            logger.exception("What is missing could not be asked for.")
+            logger.exception("Requesting missing features failed.")
 
     def _settle(self) -> None:
-        """Wait until what has arrived is written, so that it is not asked for."""
+        """Wait until messages that have arrived are written, so that they are not requested."""
         while self._inbox and self._failure is None:
             time.sleep(0.005)
 
@@ -289,7 +289,7 @@ class Recorder:
         self._writer.write(stream, site, asset, sample.payload, arrival.log_ns, sample.sent_ns)
 
     def _keep(self) -> None:
-        """Put on the disk what has arrived, or begin another file, where it is time."""
+        """Write arrived messages to disk, or begin another file, if it is time."""
         now = time.monotonic()
         if now - self._flushed < self._flush_s / 2:
             return
@@ -321,7 +321,7 @@ class Recorder:
         return most is not None and self._series.size() > most - SPARE_BYTES
 
     def _stay_within_bound(self) -> bool:
-        """Delete what is too much, or end the recording; whether it goes on."""
+        """Delete the oldest files, or end the recording; return whether it continues."""
         if not self._reached():
             return True
         assert self._keep_bytes is not None

@@ -43,7 +43,7 @@ _READERS = {
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Recovered:
-    """What was kept of a damaged recording."""
+    """Messages kept of a damaged recording."""
 
     messages: int
     counts: dict[str, int]
@@ -63,7 +63,7 @@ class Recovered:
 
 
 class _Salvage:
-    """The new file, and what has gone into it."""
+    """The new file, and counts of its messages."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._writer = Writer(file)
@@ -77,7 +77,7 @@ class _Salvage:
         self.complete = True
 
     def keep(self, record: McapRecord) -> None:
-        """Write again what a reader gave, whatever it is; indexes are made anew."""
+        """Write the items that a reader returns; indexes are made again."""
         if not self._started:
             header = record if isinstance(record, Header) else Header("", "")
             self._writer.start(header.profile, header.library)
@@ -129,7 +129,7 @@ class _Salvage:
 
 
 def recover(path: Path | str, out: Path | str) -> Recovered:
-    """Write to `out` a sound, indexed recording with all that can be read of `path`.
+    """Write to `out` a sound, indexed recording of all that is readable in `path`.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
     except Exception as error:
         salvage.complete = False
         salvage.unread_bytes += piece.end - piece.begin
-        logger.warning("A record is damaged and left out: %s", error)
+        logger.warning("A damaged record is left out: %s", error)
         return []
 
 
@@ -233,19 +233,19 @@ def _inside(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord
             salvage.complete = False
             return _of_fragment(without_zeros(whole), salvage)
         salvage.damaged_chunks += 1
-        logger.warning("A chunk is damaged and left out: %s", error)
+        logger.warning("A damaged chunk is left out: %s", error)
         return []
 
 
 def _of_fragment(data: bytes, salvage: _Salvage) -> list[McapRecord]:
-    """Give what is whole in a chunk that was cut short."""
+    """Return the complete messages of a truncated chunk."""
     records: list[McapRecord] = []
     fragment = fragment_of(data)
     if fragment is not None:
         try:
             records.extend(whole_records(fragment))
         except Exception as error:
-            logger.warning("A chunk that is cut short ends in damage: %s", error)
+            logger.warning("A truncated chunk ends in damage: %s", error)
     if any(isinstance(record, Message) for record in records):
         salvage.torn_chunks += 1
     else:

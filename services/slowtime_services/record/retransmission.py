@@ -42,14 +42,14 @@ class _Gap:
 
 @dataclasses.dataclass(slots=True)
 class _Seen:
-    """What has come of one run."""
+    """Sequences of one run that have arrived."""
 
     newest: int
     gaps: list[_Gap] = dataclasses.field(default_factory=list)
 
 
 class Retransmission:
-    """Keeps the account of what has come, and asks for what has not.
+    """Keeps account of arrived features, and requests missing ones.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Retransmission:
 
     @property
     def missing(self) -> int:
-        """How many features are known to exist and have not come."""
+        """Number of features that are known to exist and have not arrived."""
         with self._lock:
             open_gaps = (gap for seen in self._runs.values() for gap in seen.gaps)
             return self._given_up + sum(map(len, open_gaps))
@@ -93,7 +93,7 @@ class Retransmission:
             self._note_health(key, payload)
 
     def heal(self, *, at_last: bool = False) -> None:
-        """Ask for the gaps whose time it is; `at_last` for all that a few seconds allow."""
+        """Request gaps that are due; with `at_last` all that a few seconds allow."""
         began = time.monotonic()
         for run, gap in self._due(at_last):
             if at_last and time.monotonic() - began > MAX_FINAL_WAIT_S:
@@ -154,7 +154,7 @@ class Retransmission:
 
 
 def _fill(gaps: list[_Gap], sequence: int) -> None:
-    """Take one sequence out of the gap it is in, if any; gaps are ascending and apart."""
+    """Remove one sequence from its gap, if any; gaps are ascending and disjoint."""
     where = bisect.bisect_right(gaps, sequence, key=lambda gap: gap.first) - 1
     if where < 0 or sequence > gaps[where].last:
         return

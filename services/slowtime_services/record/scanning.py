@@ -94,7 +94,7 @@ def _is_index(data: mmap.mmap, at: int, length: int) -> bool:
 
 
 def _next_piece(data: mmap.mmap, at: int, size: int) -> int:
-    """Where the next record begins that can be believed; `size` where there is none."""
+    """Return the start of the next plausible record; `size` if there is none."""
     for place in range(at, size - HEAD.size):
         opcode = data[place]
         if opcode == Opcode.CHUNK and _is_chunk(data, place, size):

@@ -23,13 +23,13 @@ LIBRARY = "slowtime"
 
 
 def free_path(path: Path) -> Path:
-    """Give `path`, or the first of `name-0001.mcap`, `name-0002.mcap`, … that is free."""
+    """Return `path`, or the first of `name-0001.mcap`, `name-0002.mcap`, … that is free."""
     numbered = (path.with_stem(f"{path.stem}-{number:04d}") for number in itertools.count(1))
     return next(free for free in itertools.chain([path], numbered) if not free.exists())
 
 
 def software() -> str:
-    """Name and version of what writes."""
+    """Name and version of the writing software."""
     return f"slowtime {importlib.metadata.version('slowtime')}"
 
 
@@ -88,7 +88,7 @@ class RecordingWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Length of what has left for the file."""
+        """Bytes passed to the file."""
         return self._file.tell()
 
     def write(
@@ -130,7 +130,7 @@ class RecordingWriter:
         )
 
     def flush(self, *, sync: bool = False) -> None:
-        """Hand everything to the operating system; with `sync`, to the disk.
+        """Write everything to the operating system; with `sync`, to the disk.
 
         What has been flushed survives the end of this process, however it comes, and with
         `sync` the end of the power too.
@@ -141,7 +141,7 @@ class RecordingWriter:
             os.fsync(self._file.fileno())
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Say something of the recording."""
+        """Add metadata to the recording."""
         self._writer.add_metadata(name, dict(values))
 
     def close(self) -> None:
@@ -159,14 +159,14 @@ class RecordingWriter:
                 self._file.close()
 
     def abandon(self) -> None:
-        """Leave the file as it is, without its index; `recover` makes it sound."""
+        """Leave the file without its index; `recover` makes it sound."""
         self._closed = True
         if self._owns_file:
             with contextlib.suppress(OSError):
                 self._file.close()
 
     def __enter__(self) -> Self:
-        """Give the writer itself."""
+        """Return the writer."""
         return self
 
     def __exit__(self, *_: object) -> None:

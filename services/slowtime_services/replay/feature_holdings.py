@@ -30,12 +30,12 @@ class RunFeatures:
     """The last word of the run about itself."""
 
     def up_to(self, sequence: int) -> int:
-        """How many are held up to and including `sequence`."""
+        """Return the number of features up to and including `sequence`."""
         return bisect.bisect_right(self.sequences, sequence)
 
     @property
     def outstanding(self) -> int:
-        """How many have been published and not been acknowledged."""
+        """Return the number of features published and not acknowledged."""
         return max(0, self.up_to(self.published) - self.up_to(self.acknowledged))
 
     def arrived_between(self, first: int, last: int) -> tuple[int, int] | None:
@@ -47,7 +47,7 @@ class RunFeatures:
 
 
 def features_by_run(path: Path) -> dict[Run, RunFeatures]:
-    """Read once through a recording for what it holds of each run, in order of appearance."""
+    """Read a recording once for the features of each run, in order of appearance."""
     arrivals: dict[Run, dict[int, int]] = {}
     words: dict[Run, Health] = {}
     for message in read_recording(path, streams=[FEATURES, HEALTH]):

@@ -26,7 +26,7 @@ REFUSED = 3
 
 
 def check(path: Path) -> None:
-    """Read a recording to its end, apart.
+    """Read a recording to its end, in a separate process.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check(path: Path) -> None:
 
 
 def read_through(path: Path) -> None:
-    """Read every message of a recording, and count what it unpacks to.
+    """Read every message of a recording, and count the unpacked bytes.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _bound() -> None:
 
 
 def main(path: str) -> int:
-    """Read the file through; or say why not."""
+    """Read the file through, or report why not."""
     _bound()
     try:
         read_through(Path(path))

@@ -48,7 +48,7 @@ class Verdict:
 
 
 def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
-    """Hold a recording against the heads in it.
+    """Compare a recording with the signed heads in it.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _follow(
     vouched: set[tuple[str, int]],
     found: Verdict,
 ) -> None:
-    """Chain what was accepted since the head before, from what the recording has of it."""
+    """Chain rows accepted since the head before, from those that the recording holds."""
     if message.accepted_after == 0:
         from_head = beginning(message.twin_id)
     elif before is not None and message.accepted_after == before.count:

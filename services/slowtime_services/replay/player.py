@@ -46,7 +46,7 @@ _REMIND_S = 0.5
 
 
 class Progress(NamedTuple):
-    """How far a replay is."""
+    """Progress of a replay."""
 
     done: int
     total: int
@@ -56,7 +56,7 @@ class Progress(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """What a replay did."""
+    """Results of a replay."""
 
     counts: dict[str, int]
     """Messages published, by stream."""
@@ -133,7 +133,7 @@ def replay(
 def _paced(
     messages: Iterator[Recorded], speed: float, clock: Clock, stop: threading.Event
 ) -> Iterator[Recorded]:
-    """Let each message pass when its time has come."""
+    """Yield each message at its time."""
     began_ns, first_ns = clock.now_ns(), None
     for message in messages:
         first_ns = message.log_ns if first_ns is None else first_ns
@@ -151,7 +151,7 @@ def _stream_of(key: str) -> Stream:
 
 
 class _Player:
-    """The edges of a recording on a bus, and the account of what has been confirmed."""
+    """The edges of a recording on a bus, and the account of confirmed features."""
 
     def __init__(
         self, path: Path, bus: Bus, window: int, patience_s: float, stop: threading.Event
@@ -203,7 +203,7 @@ class _Player:
         self._tell()
 
     def finish(self, streams: Collection[Stream]) -> None:
-        """Say what each run ended with until all is confirmed, or nobody seems to listen."""
+        """Publish the end of each run until all is confirmed, or no twin seems to listen."""
         if FEATURES in streams and not self.stop.is_set():
             self._silent_s, self._believes = 0.0, True
             if self._outstanding:
@@ -226,7 +226,7 @@ class _Player:
         return sum(holding.outstanding for holding in self._holdings.values())
 
     def _wait_reminding(self, condition: Callable[[], bool]) -> None:
-        """Wait until patience is at an end; where features or our word were lost, say more."""
+        """Wait until patience ends; remind the twin if features or messages were lost."""
         pause_s = _REMIND_S
         while not condition() and self._believes and not self.stop.is_set():
             self._wait_until(condition, at_most_s=pause_s)
@@ -237,7 +237,7 @@ class _Player:
                 pause_s *= 2
 
     def _remind(self) -> None:
-        """Say how far each run is: a twin asks for what it missed, and acknowledges again."""
+        """Publish how far each run is, so that a twin requests and acknowledges again."""
         for run, health in health_messages(self._holdings):
             self._bus.publish(
                 HEALTH.key(run.site, run.asset),

@@ -43,7 +43,7 @@ class ForeignRecordingError(RecordingError):
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What is in a recording, from its index."""
+    """Contents of a recording, from its index."""
 
     counts: dict[str, int]
     """Messages by key."""
@@ -59,7 +59,7 @@ class Contents:
 
 
 def contents(path: Path | str, *, streams: Collection[Stream] = STREAMS) -> Contents:
-    """Read what is in a recording of ours without reading its messages.
+    """Read the index of a slowtime recording without its messages.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def _every_message(
 
 
 def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
-    """Read from beginning to end what has no index of its chunks."""
+    """Read a recording without chunk index from beginning to end."""
     file.seek(0)
     topics: dict[int, str] = {}
     for record in StreamReader(file, emit_chunks=True).records:
@@ -187,7 +187,7 @@ def _opened(path: Path) -> Iterator[tuple[McapReader, McapSummary]]:
 
 
 def _check_ends(path: Path, file: BinaryIO) -> None:
-    """Tell apart what is no MCAP file at all and what is one that breaks off."""
+    """Distinguish files that are not MCAP from truncated ones."""
     mark = len(MCAP0_MAGIC)
     begins = file.read(mark)
     if begins != MCAP0_MAGIC:
@@ -211,7 +211,7 @@ def _is_damaged(path: Path, how: str) -> str:
 
 
 def _wanted(path: Path, summary: McapSummary, streams: Collection[Stream]) -> list[Channel]:
-    """Find the channels of `streams`, in a file that has at least one channel of ours."""
+    """Find the channels of `streams`, in a file with at least one slowtime channel."""
     ours = [(_stream_of(c.topic), c) for c in summary.channels.values()]
     if summary.channels and not any(stream for stream, _ in ours):
         found = sorted(f"{c.topic} ({_type_of(c, summary)})" for _, c in ours)

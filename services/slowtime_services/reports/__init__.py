@@ -1,4 +1,4 @@
-"""What was found in, one HTML file that stands alone out."""
+"""Results in, one HTML file without external references out."""
 
 from .page import Chart, Section, Table, charts_in, write_page
 

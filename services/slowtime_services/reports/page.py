@@ -80,7 +80,7 @@ class Table:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Chart:
-    """Traces and layout as plotly.js takes them, and what they show in words."""
+    """Traces and layout for plotly.js, and a description of the chart."""
 
     data: Sequence[Mapping[str, Any]]
     layout: Mapping[str, Any]
@@ -89,7 +89,7 @@ class Chart:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Section:
-    """A heading, sentences, and what stands below them."""
+    """A heading, sentences, and the items below them."""
 
     heading: str
     words: Sequence[str] = ()

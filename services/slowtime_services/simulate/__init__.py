@@ -1,4 +1,4 @@
-"""Structures that age while nobody looks: slow evolution in, blocks of samples out."""
+"""Simulated ageing structures: slow evolution in, blocks of samples out."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from .oscillator import SimulatedStructure
 
 
 def _kind(given: Any) -> Any:
-    """Tell what is meant; settings from before there were frames do not say."""
+    """Return the kind of structure; settings from before there were frames lack it."""
     return given.get("kind", "oscillator") if isinstance(given, dict) else given.kind
 
 

@@ -23,7 +23,7 @@ class Constant(Frozen):
 
 
 class Renewable(Frozen):
-    """What ages until it is renewed, and then begins as built again."""
+    """A structure that ages until a renewal, and then starts again as built."""
 
     renewed_after: Positive | None = None
     """Slow time after which the structure is as built again, and so on; None for never."""
@@ -33,7 +33,7 @@ class Renewable(Frozen):
         return slow_time if self.renewed_after is None else slow_time % self.renewed_after
 
     def renewals(self, slow_time: float) -> int:
-        """How often the structure was renewed up to `slow_time`."""
+        """Return the number of renewals of the structure up to `slow_time`."""
         return 0 if self.renewed_after is None else int(slow_time // self.renewed_after)
 
 
@@ -104,7 +104,7 @@ Evolution = Annotated[
 
 
 def renewals(evolutions: Iterable[Evolution], slow_time: float) -> int | None:
-    """How often parts were renewed up to `slow_time`; None where none ever is.
+    """Return the number of renewals up to `slow_time`; None if no part is renewed.
 
     Examples
     --------

@@ -80,7 +80,7 @@ class SimulatedFrame(Simulated):
 
     @property
     def description(self) -> Description:
-        """Frame as built, with its dampers; what a twin may be told of it."""
+        """Frame as built, with its dampers, as it may be registered."""
         return _described(self.floors_kg, self.storeys_n_per_m, self.damping_ratio)
 
     @property
@@ -89,7 +89,7 @@ class SimulatedFrame(Simulated):
         return tuple(f"a_{floor}" for floor in self._floors_heard)
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell changes by part, and frequency and damping ratio of each mode.
+        """Return the true changes by part, and frequency and damping ratio of each mode.
 
         ``element.storey1`` …, ``node.floor1.mass`` … where it changes, ``mode.1.frequency_hz``,
         ``mode.1.damping_ratio`` …; of the lowest mode also without its number. With a
@@ -112,7 +112,7 @@ class SimulatedFrame(Simulated):
         return known
 
     def renewals(self, epoch: int) -> int | None:
-        """How often storeys and floors were renewed before an epoch."""
+        """Return the number of renewals of storeys and floors before an epoch."""
         parts = (*self.stiffness.values(), *self.mass.values())
         return renewals(parts, epoch * self.slow_time_step)
 

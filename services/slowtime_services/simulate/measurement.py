@@ -28,7 +28,7 @@ Record = Float[np.ndarray, "time channel"]
 
 
 class Sensor(Frozen):
-    """How each accelerometer spoils what it measures."""
+    """Errors that each accelerometer adds."""
 
     noise: NotNegative = 0.05
     """Standard deviation of white noise, in `acceleration_rms`."""
@@ -42,7 +42,7 @@ class Sensor(Frozen):
 
 
 class Temperature(Frozen):
-    """A covariate that swings, and what it does to the stiffness."""
+    """A varying temperature, and its effect on the stiffness."""
 
     mean_c: float = 12.0
     swing_c: NotNegative = 0.0
@@ -118,10 +118,10 @@ class Simulated(Frozen, abc.ABC):
 
     @abc.abstractmethod
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell what the simulator knows of an epoch, and a sensor does not."""
+        """Return the true values of an epoch."""
 
     def renewals(self, epoch: int) -> int | None:
-        """How often the structure was renewed before an epoch; None where it never is."""
+        """Return the number of renewals before an epoch; None if there are none."""
         return None
 
     @abc.abstractmethod
@@ -191,7 +191,7 @@ class Simulated(Frozen, abc.ABC):
         return celsius
 
     def _warmed(self, change: float, epoch: int) -> float:
-        """Change of stiffness together with what the temperature does to it."""
+        """Change of stiffness including the effect of temperature."""
         celsius = self.temperature_at(epoch)
         if celsius is None or self.temperature is None:
             return change

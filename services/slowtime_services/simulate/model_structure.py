@@ -75,12 +75,12 @@ class SimulatedModel(Simulated):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """As the model file says."""
+        """Units of the channels, by the model file."""
         sensors, inputs = self.model.sensors, self.model.inputs
         return (*(one.unit for one in sensors), *(one.unit for one in inputs))
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell that each element's stiffness is as built, and whether effects are there."""
+        """Return that each element's stiffness is as built, and whether effects are present."""
         known = {f"element.{element.id}": 0.0 for element in self.model.elements}
         return known | {"effects": float(self._entered(epoch))}
 

@@ -56,7 +56,7 @@ class SimulatedStructure(Simulated):
         return Oscillator.from_modal(self.frequency_hz, self.damping_ratio, self.mass_kg)
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell what the simulator knows of an epoch, and a sensor does not.
+        """Return the true values of an epoch.
 
         With a temperature also ``lasting.stiffness_change``, without what that does.
         """
@@ -75,7 +75,7 @@ class SimulatedStructure(Simulated):
         return known
 
     def renewals(self, epoch: int) -> int | None:
-        """How often stiffness and mass were renewed before an epoch."""
+        """Return the number of renewals of stiffness and mass before an epoch."""
         return renewals((self.stiffness, self.mass), epoch * self.slow_time_step)
 
     def _highest_hz(self) -> float:

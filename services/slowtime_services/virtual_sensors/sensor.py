@@ -1,4 +1,4 @@
-"""A model file and what is asked of it → a virtual sensor.
+"""A model file and requested quantities → a virtual sensor.
 
 Edge agent and command line share this. Without PyYAML, as on a light edge, a model file may be
 JSON, which YAML contains.
@@ -87,7 +87,7 @@ def make_sensor(
 def si_factors(
     description: Description, channels: Sequence[str], units: Sequence[str]
 ) -> list[float]:
-    """Look up what samples of each channel are to be multiplied by to be in SI.
+    """Return the factor of each channel from its unit to SI.
 
     Parameters
     ----------

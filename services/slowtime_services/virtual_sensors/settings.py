@@ -1,4 +1,4 @@
-"""What is asked of a virtual sensor, and S-N curves of points, as settings.
+"""Settings of a virtual sensor, and S-N curves of points.
 
 An edge that counts no fatigue imports no mechanics: these classes import it when they are used.
 """

@@ -23,6 +23,7 @@ from slowtime.discrepancy.calibration.augmentation import (
     fitted_effects,
 )
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
@@ -45,39 +46,63 @@ from slowtime.dynamics.plant import Name
 
 from .switching_instant import refine_switching_instant
 
-KEPT = 6
-"""How many labels are refitted."""
-A_PLACE, A_KIND, FEW = 4, 2, 4
-"""How many of them sit at one place, where there are more places than few; and are of one
-kind."""
+MAX_CANDIDATES = 6
+"""[candidates] Refitted in one round at most. Source: docs/decisions/0023."""
+MAX_PER_PLACE = 4
+"""[candidates] Refitted at one place at most, where there are more than `FEW_PLACES`. Source:
+judgement; no study is recorded."""
+MAX_PER_KIND = 2
+"""[candidates] Of one kind that are refitted at most. Source: judgement; no study is
+recorded."""
+FEW_PLACES = 4
+"""[places] Up to which none of the refits is reserved for other places. Source:
+docs/decisions/0019 for the rule; the value is judgement."""
 
-BEHIND, LITTLE = 5.0, 0.01
-"""Times its chi squared along the force, and share of that without any, from which others are
-then given up."""
-MAIN, LESS = 0.5, 1.5
-"""Share of chi squared that one leaves which explains half of what is missing; times that from
-which others are given up that leave more along the force: the rest is another effect's."""
-NEARLY = 0.1
-"""Share of what was missing below which the best, as wrong as it is, may be right and in a
-minimum of its own: it is fitted anew, to ever longer parts."""
-LOUDER = 4.0
-"""Standard deviations of chi squared about 1 from which the noise is listened to again."""
+RIVAL_COST_RATIO = 5.0
+"""[1] Times the chi squared along the force of a candidate that explains all, up to which
+others are still refitted. Source: judgement; no study is recorded."""
+RIVAL_COST_SHARE = 0.01
+"""[share of chi squared without a law] Along the force, up to which others are still refitted
+then. Source: judgement; no study is recorded."""
+MAIN_EFFECT_SHARE = 0.5
+"""[share of chi squared without a law] Below which a fit explains the greater part of what is
+missing. Source: docs/decisions/0021."""
+OTHER_EFFECT_RATIO = 1.5
+"""[1] Times what such a fit leaves, from which others are given up along the force: the rest is
+the force of another effect. Source: docs/decisions/0021."""
+LOCAL_MINIMUM_SHARE = 0.1
+"""[share of the mean square in band without a law] Below which the best law, if it leaves more
+than noise, may be in a local minimum, and is fitted again to growing parts of the records.
+Source: docs/decisions/0021."""
+NOISE_UPDATE_SDS = 4.0
+"""[standard deviations of chi squared] Of the mean square in band from 1, from which the noise
+is estimated again. Source: judgement; no study is recorded."""
 
 
-SWIFTLY, GRADUALLY = (0.4, 1.0), (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-"""Growing shares of the records to which a label is fitted: from where its force has put all
-else, and from where the model stood without it."""
-SLOWLY = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
-"""Those over which friction is followed from stick to stick."""
+COARSE_HORIZONS = (0.4, 1.0)
+"""[share of each record] Fitted one after the other from the motion recovered along the force,
+which is close to the minimum. Source: docs/decisions/0017 for the rule; the value is
+judgement."""
+GROWING_HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""[share of each record] Fitted one after the other from the model without the law. Source:
+docs/decisions/0026."""
+STICK_SLIP_HORIZONS = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
+"""[share of each record] Fitted one after the other for friction, from one sticking phase to
+the next. Source: docs/decisions/0030 for the rule; the value is judgement."""
 
-FAR, HALF_WAY = 40.0, 0.3
-"""Log evidence behind the best, also relative to the worst, from which a label is given up."""
+GIVE_UP_MARGIN = 40.0
+"""[nats; of chi squared 1] Log evidence behind the best from which a candidate is not refitted;
+also chi squared that any rival may leave more. Source: judgement; no study is recorded."""
+GIVE_UP_SHARE = 0.3
+"""[share of the range of log evidence] Behind the best, up to which a candidate is refitted in
+any case. Source: judgement; no study is recorded."""
 
 Tick = Callable[[Effect, int], bool | None]
 """Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
 
-REARED = {"extra_dof": 6.0}
-"""Log odds against kinds that explain almost anything weakly."""
+KIND_PENALTIES = {"extra_dof": 6.0}
+"""[nats] Log odds against kinds that explain almost anything weakly. Source: judgement; no
+study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -100,20 +125,32 @@ class FittedCandidate:
     shot: Fit | None = None
 
 
-def best_of_each_place(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
-    """Take the best, of several kinds at several places."""
+def best_of_each_place(
+    found: Sequence[Candidate], most: int = MAX_CANDIDATES
+) -> list[Candidate]:
+    """Choose the best candidates, of several kinds at several places.
+
+    Parameters
+    ----------
+    found
+        Candidates by log evidence along the force [nats], the best first.
+    most
+        Number of candidates at most.
+    """
     if not found:
         return []
     kept: list[Candidate] = []
     best = found[0]
-    at_one = A_PLACE if len({one.effect.place for one in found}) > FEW else most
-    enough = best.score - max(FAR, HALF_WAY * (best.score - found[-1].score), 2 * best.cost)
+    at_one = MAX_PER_PLACE if len({one.effect.place for one in found}) > FEW_PLACES else most
+    enough = best.score - max(
+        GIVE_UP_MARGIN, GIVE_UP_SHARE * (best.score - found[-1].score), 2 * best.cost
+    )
     for one in found:
         if one.score < enough:
             break
         place = sum(k.effect.place == one.effect.place for k in kept)
         kind = sum(k.effect.kind == one.effect.kind for k in kept)
-        if place < at_one and kind < A_KIND:
+        if place < at_one and kind < MAX_PER_KIND:
             kept.append(one)
         if len(kept) == most:
             break
@@ -123,12 +160,26 @@ def best_of_each_place(found: Sequence[Candidate], most: int = KEPT) -> list[Can
 def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
     """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
 
-    What the records have not narrowed down has cost nothing: an instant that lies between them.
+    Instants that fall between records are not charged for, because the records do not narrow
+    them down.
+
+    Parameters
+    ----------
+    fit
+        Of the model; its `cost` is chi squared with priors [1].
+    kinds
+        Catalogue of effects by name.
+    noise_scale
+        Factor on the variance of the noise [1].
+
+    Returns
+    -------
+    Log evidence up to a constant that is the same for all models of the same records [nats].
     """
     numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
         undetermined_parameters(fit)
     )
-    against = sum(REARED.get(effect.kind, 0.0) for effect in fit.plant.effects)
+    against = sum(KIND_PENALTIES.get(effect.kind, 0.0) for effect in fit.plant.effects)
     against += numbers / 2 * math.log(fit.data)
     for number, effect in enumerate(fit.plant.effects):
         if is_constant_change(kinds[effect.kind]):
@@ -150,7 +201,12 @@ def _spared(fit: Fit, name: Name) -> float:
 
 
 def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
-    """Instants of switches that no record tells of: they fall between two."""
+    """Instants of switches that no record determines, because they fall between two.
+
+    Returns
+    -------
+    Names of these parameters in the plant of the fit.
+    """
     found: list[Name] = []
     for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
         if len(name) != 3:
@@ -161,37 +217,75 @@ def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
     return tuple(found)
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FitSchedule:
+    """Where the fit of a candidate starts, and to what it is fitted in turn.
+
+    Parameters
+    ----------
+    start
+        Constants and initial states; as the model without the candidate has them where not
+        given.
+    shooting
+        Whether it is fitted to short segments of the records first.
+    horizons
+        Growing shares of each record [1], the last of them 1.
+    """
+
+    start: FitStart | None = None
+    shooting: bool = False
+    horizons: Sequence[float] = COARSE_HORIZONS
+
+
+DEFAULT_SCHEDULE = FitSchedule()
+
+
 def fit_candidate(
     before: Fit,
     effect: Effect,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     noise: Noise | None,
-    beat: float | None = None,
     *,
-    start: FitStart | None = None,
-    shooting: bool = False,
-    horizons: Sequence[float] = SWIFTLY,
-    late: Callable[[], bool] | None = None,
+    control: FitControl = DEFAULT_CONTROL,
+    schedule: FitSchedule = DEFAULT_SCHEDULE,
 ) -> FittedCandidate | None:
-    """Add one effect to the model of a fit, and fit all of it to the free run again.
+    """Add one effect to the model of a fit, and fit all constants to the free run again.
 
-    From what the fit has or, where given, from another `start`, to growing shares of the
-    records. Not to the end where that will not come near a cost to `beat`; by `shooting`, to
-    pieces of the records first.
+    Parameters
+    ----------
+    before
+        Fit of the model without the effect.
+    effect
+        To add, with the parameters to start from.
+    trials
+        Records.
+    kinds
+        Catalogue of effects by name.
+    noise
+        By which residuals are weighted; estimated from the residual where not given.
+    control
+        When the fit ends: where it is late, or will not come near a cost to beat.
+    schedule
+        Where it starts, and to which parts of the records it is fitted in turn.
+
+    Returns
+    -------
+    The refitted model; None where the fit broke down or was abandoned. A law that explains
+    every segment, but no whole record, has the fit of `before` and that of the segments.
     """
-    plant, values, states = augmented_start(before, effect, kinds, start)
+    plant, values, states = augmented_start(before, effect, kinds, schedule.start)
     description = plant.description
     short: Fit | None = None
     try:
-        if shooting:
+        if schedule.shooting:
             # Constants that were bent to do without the effect are no place to start from.
-            if start is None:
+            if schedule.start is None:
                 entries = zip(values, plant.entries.items(), strict=True)
                 values = np.array([
                     v if name[0] == "effect" else entry.value for v, (name, entry) in entries
                 ])  # fmt: skip
-            short, states = shooting_fit(plant, trials, before.noise, values, late)
+            short, states = shooting_fit(plant, trials, before.noise, values, control.is_late)
             values = short.values
         fit = refit(
             plant,
@@ -199,12 +293,13 @@ def fit_candidate(
             noise=noise,
             values=values,
             states=states,
-            horizons=horizons,
-            control=FitControl(cost_to_beat=beat, is_late=late),
+            horizons=schedule.horizons,
+            control=control,
         )
         fit = refine_switching_instant(
-            fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late
-        )
+            fit, trials, kinds, control.cost_to_beat, MAIN_EFFECT_SHARE * before.chi2_in_band,
+            late=control.is_late,
+        )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
             return None
@@ -218,9 +313,9 @@ def fit_candidate(
 def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
     """Give the shares of the records to which a law is fitted one after the other."""
     if shooting or (label.start is not None and not label.start.from_segments):
-        return SWIFTLY
+        return COARSE_HORIZONS
     sticks = label.start is not None and isinstance(kind.action, Friction)
-    return SLOWLY if sticks else GRADUALLY
+    return STICK_SLIP_HORIZONS if sticks else GROWING_HORIZONS
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -301,17 +396,29 @@ class Fitting:
         seen = dataclasses.replace(self, count=number + 1)
         if isinstance(kind.action, Unmeasured) or candidate.cost > self.give_up:
             return seen
-        if _straight(kind) and candidate.cost > BEHIND * self.reached + FAR:
+        if (
+            _straight(kind)
+            and candidate.cost > RIVAL_COST_RATIO * self.reached + GIVE_UP_MARGIN
+        ):
             return seen
         if self.tick(candidate.effect, number):
             return dataclasses.replace(seen, stopped=True)
         named = fit_candidate(
-            self.before, candidate.effect, self.trials, self.kinds, self.noise,
-            min((n.fit.cost for n in self.found), default=None),
-            start=candidate.start, shooting=self.shooting,
-            late=functools.partial(_late, self.tick, candidate.effect, number),
-            horizons=_growing(candidate, kind, shooting=self.shooting),
-        )  # fmt: skip
+            self.before,
+            candidate.effect,
+            self.trials,
+            self.kinds,
+            self.noise,
+            control=FitControl(
+                cost_to_beat=min((n.fit.cost for n in self.found), default=None),
+                is_late=functools.partial(_late, self.tick, candidate.effect, number),
+            ),
+            schedule=FitSchedule(
+                start=candidate.start,
+                shooting=self.shooting,
+                horizons=_growing(candidate, kind, shooting=self.shooting),
+            ),
+        )
         if named is None:
             return seen
         if seen.noise is None:
@@ -330,15 +437,25 @@ class Fitting:
         give_up, reached = self.give_up, self.reached
         fits = [fit for fit in (named.fit, named.shot) if fit is not None]
         if any(chi2_p_value(fit) > LIMITS.white_p_value for fit in fits):
-            little = max(BEHIND * candidate.cost, LITTLE * candidate.cost_without) + FAR
+            little = (
+                max(
+                    RIVAL_COST_RATIO * candidate.cost, RIVAL_COST_SHARE * candidate.cost_without
+                )
+                + GIVE_UP_MARGIN
+            )
             give_up = min(give_up, little)
             cost = min(fit.cost for fit in fits)
-            if not _straight(kind) or candidate.cost <= BEHIND * cost + FAR:
+            if (
+                not _straight(kind)
+                or candidate.cost <= RIVAL_COST_RATIO * cost + GIVE_UP_MARGIN
+            ):
                 reached = min(reached, cost)  # else what is far off is not told by one step
         else:
             left = misfit(named.fit, self.before.noise, self.trials)
-            if left < MAIN * candidate.cost_without:
-                give_up = min(give_up, LESS * max(left, candidate.cost) + FAR)
+            if left < MAIN_EFFECT_SHARE * candidate.cost_without:
+                give_up = min(
+                    give_up, OTHER_EFFECT_RATIO * max(left, candidate.cost) + GIVE_UP_MARGIN
+                )
         return dataclasses.replace(
             self, found=(*self.found, named), give_up=give_up, reached=reached
         )
@@ -356,7 +473,24 @@ def fit_candidates(
 ) -> list[FittedCandidate]:
     """Fit each candidate to the free run; all judged by the noise that the best leaves.
 
-    As `Fitting` does with one batch.
+    Parameters
+    ----------
+    before
+        Fit of the model without them.
+    candidates
+        In the order in which they are fitted.
+    trials, kinds
+        Records, and the catalogue of effects by name.
+    tick
+        As in `Fitting`.
+    shooting
+        Whether each is fitted to segments of the records first.
+    over
+        Once true, the best is left in the minimum in which it is.
+
+    Returns
+    -------
+    One fit for each label, the most probable first.
     """
     fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
     return fitting.fit(candidates).ranked(over)
@@ -395,7 +529,21 @@ def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
 
 
 def sds_of(fit: Fit, name: Name, nothing: float) -> float:
-    """How many standard deviations a number is from another; endless where it is not free."""
+    """How many standard deviations a parameter is from another value.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    name
+        Of the parameter in its plant.
+    nothing
+        The other value, in the unit of the parameter.
+
+    Returns
+    -------
+    Distance [standard deviations], those of `inflated_sd`; infinite where it is not free.
+    """
     if name not in fit.prior.names:
         return math.inf
     at = fit.prior.names.index(name)
@@ -445,7 +593,10 @@ def _with_noise_of_best(
     Where that is far from noise, the best is fitted `anew`, from where its model stands. All
     that until it is `over`.
     """
-    if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
+    if (
+        not found
+        or abs(found[0].fit.chi2_in_band - 1) < NOISE_UPDATE_SDS * found[0].fit.in_band_sd
+    ):
         return found
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
@@ -458,7 +609,10 @@ def _with_noise_of_best(
             horizons=(1.0,),
             control=FitControl(is_late=over),
         )
-        if anew and WRONG_MODEL_CHI2 < fit.chi2_in_band < NEARLY * before.chi2_in_band:
+        if (
+            anew
+            and WRONG_MODEL_CHI2 < fit.chi2_in_band < LOCAL_MINIMUM_SHARE * before.chi2_in_band
+        ):
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
     except (FloatingPointError, FitAbandoned):
@@ -481,7 +635,21 @@ def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit
 
 
 def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
-    """Chi squared of what a fit leaves, under another noise."""
+    """Chi squared of the residual of a fit under another noise.
+
+    Parameters
+    ----------
+    fit
+        Whose residuals are weighted.
+    noise
+        Of the same trials.
+    trials
+        Records that were fitted.
+
+    Returns
+    -------
+    Sum over trials and sensors [1].
+    """
     return sum(
         spectral_weights(trial, noise, i).chi2(left)
         for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
@@ -497,7 +665,20 @@ def rescored(
 
 
 def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
-    """Give the same fit its cost under another noise."""
+    """Give the same fit its cost under another noise.
+
+    Parameters
+    ----------
+    fit, trials
+        The fit, and the records that were fitted.
+    noise
+        Of the same trials.
+
+    Returns
+    -------
+    The fit with that noise, its cost and its chi squared per datum and in band [1]; its
+    parameters are unchanged.
+    """
     before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
     share = after / max(before, 1e-300)
     return dataclasses.replace(

@@ -31,21 +31,32 @@ WORDS = {
 }
 RIVALS = {"input_delay": "delay_s", "input_gain": "gain"}
 """What an input does that looks like another hold, and by which number."""
-ALIKE = 3.0
-"""Standard deviations of chi squared within which the nominal model explains all."""
-READINGS, LEAST = 30_000, 1000
-"""Of all sensors together, of the record by which holds are compared; and of each at least."""
-PLACES = 3
-"""Places, the likeliest under the hold that was supposed, where others are compared."""
-FAINT = 0.05
-"""Power beside that of the noise, from which on a difference matters."""
-DECISIVE, A_FAULT = 20.0, 5.0
-"""Log likelihood by which another hold has to be better; and a fault that would do the same."""
-CLEARLY = 0.7
-"""Share of what the best force leaves that it has to leave under another hold, where it leaves
-much."""
-SLIGHT = 5.0
-"""Mean square over the noise, in band, up to which a hold may be all that is wrong."""
+EXPLAINED_SDS = 3.0
+"""[standard deviations of chi squared] Within which a model explains all, and no other hold is
+sought. Source: three-sigma rule."""
+MAX_READINGS = 30_000
+"""[samples of all sensors] Of the record by which holds are compared. Source: a bound on
+computing time."""
+MIN_COMPARED_SAMPLES = 1000
+"""[samples] Of that record at least. Source: judgement; no study is recorded."""
+COMPARED_PLACES = 3
+"""[places] The most probable under the assumed hold, where holds are compared. Source: a bound
+on computing time."""
+NOTICEABLE_POWER = 0.05
+"""[share of the noise power] From which a difference between fits matters. Source:
+docs/decisions/0030."""
+DECISIVE_LOG_LIKELIHOOD = 20.0
+"""[nats] By which another hold has to be better. Source: judgement; no study is recorded."""
+FAULT_LOG_LIKELIHOOD = 5.0
+"""[nats] By which a fault of an input or another effect has to do better than another hold, and
+another hold better than one that leaves only noise. Source: very strong evidence by Kass and
+Raftery (1995)."""
+MAX_REST_SHARE = 0.7
+"""[share of what the best force leaves beyond noise] That is left under another hold at most,
+where no single force explains the records. Source: judgement; no study is recorded."""
+HOLD_ERROR_CHI2 = 5.0
+"""[noise variances] Mean square in band up to which a wrong hold may be all that is missing.
+Source: judgement; no study is recorded."""
 
 
 def found_holds(
@@ -69,11 +80,11 @@ def found_holds(
     description = fit.plant.description
     if all(entry.hold is not None for entry in description.inputs):
         return None
-    if fit.chi2_in_band < 1 + ALIKE * fit.in_band_sd:
+    if fit.chi2_in_band < 1 + EXPLAINED_SDS * fit.in_band_sd:
         return None
     number = min(range(len(trials)), key=lambda i: _share(fit, trials[i], i))
     state = fit.states[number]
-    count = max(READINGS // len(description.sensors), LEAST)
+    count = max(MAX_READINGS // len(description.sensors), MIN_COMPARED_SAMPLES)
     trial = trials[number].part(0, count).trimmed()
 
     def located(described: Description, among: Sequence[Place] | None = None) -> Localization:
@@ -97,18 +108,18 @@ def found_holds(
         found = located(description)
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
-    places = [group.places[0] for group in found.groups[:PLACES]]
+    places = [group.places[0] for group in found.groups[:COMPARED_PLACES]]
     held = [
         describe_holds(description, [entry.hold or hold for entry in description.inputs])
         for hold in OTHERS
     ]
     tried = [told(one) for one in held]
     most, leaves = max(tried)
-    if most < found.log_likelihood + DECISIVE:
+    if most < found.log_likelihood + DECISIVE_LOG_LIKELIHOOD:
         return None
     # Where no force does it, a little less is left under any hold but the right one, too.
     least = min(group.left for group in found.groups)
-    if least > LIMITS.several_forces_chi2 and leaves - 1 > CLEARLY * (least - 1):
+    if least > LIMITS.several_forces_chi2 and leaves - 1 > MAX_REST_SHARE * (least - 1):
         return None
     other = held[tried.index((most, leaves))]
 
@@ -118,11 +129,11 @@ def found_holds(
             for kind in RIVALS
             if kind in kinds
         ]
-        return max(tried, default=-np.inf) - A_FAULT
+        return max(tried, default=-np.inf) - FAULT_LOG_LIKELIHOOD
 
     as_given = faulty(description)
     # Both may be: another hold, and a fault that is seen well only once the hold is right.
-    if as_given > most and as_given + DECISIVE > faulty(other):
+    if as_given > most and as_given + DECISIVE_LOG_LIKELIHOOD > faulty(other):
         return None
     return tuple(entry.hold for entry in other.inputs)
 
@@ -161,8 +172,8 @@ def held_instead(
     # What says least of the input stands where others do not do clearly better.
     least = others[-1]
     for other in others[:-1]:
-        least = other if other.cost < least.cost - 2 * DECISIVE else least
-    if least.cost > faulty.cost + FAINT * faulty.data:
+        least = other if other.cost < least.cost - 2 * DECISIVE_LOG_LIKELIHOOD else least
+    if least.cost > faulty.cost + NOTICEABLE_POWER * faulty.data:
         return None
     return tuple(entry.hold for entry in least.plant.description.inputs)
 
@@ -185,14 +196,20 @@ def held_as_well(
     before, noise
         The fit without the effect, and the noise that the one with it leaves.
     lead
-        Log evidence that the effect brings.
+        Log evidence that the effect brings [nats].
+    trials, kinds
+        Records, and the catalogue of effects by name.
     stated
-        What the model says of each input.
+        What the model says of each input; None where it says nothing.
+
+    Returns
+    -------
+    The hold of each input; None where every input states its hold, or none explains as much.
     """
-    if None not in stated or before.chi2_in_band > SLIGHT:
+    if None not in stated or before.chi2_in_band > HOLD_ERROR_CHI2:
         return None
     held = min(_others(before, noise, trials, kinds, stated), key=lambda fit: fit.cost)
-    if (before.cost - held.cost) / 2 < lead - A_FAULT:
+    if (before.cost - held.cost) / 2 < lead - FAULT_LOG_LIKELIHOOD:
         return None
     return tuple(entry.hold for entry in held.plant.description.inputs)
 
@@ -204,7 +221,7 @@ def held_better(
     if None not in stated:
         return None
     best = min(_others(last, last.noise, trials, kinds, stated), key=lambda fit: fit.cost)
-    if best.cost + 2 * A_FAULT > last.cost:
+    if best.cost + 2 * FAULT_LOG_LIKELIHOOD > last.cost:
         return None
     return tuple(entry.hold for entry in best.plant.description.inputs)
 
@@ -239,11 +256,11 @@ def held_otherwise(
     stated
         What the model says of each input.
     """
-    if None not in stated or last.chi2_in_band < 1 + ALIKE * last.in_band_sd:
+    if None not in stated or last.chi2_in_band < 1 + EXPLAINED_SDS * last.in_band_sd:
         return None
     others = _others(last, last.noise, trials, kinds, stated)
     best = min(others, key=lambda fit: fit.cost)
-    margin = 2 * DECISIVE * max(best.chi2_in_band, 1.0)
+    margin = 2 * DECISIVE_LOG_LIKELIHOOD * max(best.chi2_in_band, 1.0)
     if best.cost + margin > last.cost:
         return None
     # Of two that do about as well, the one stands that says least of the input: the last.
@@ -258,7 +275,19 @@ def with_holds(
     kinds: Mapping[str, Kind],
     noise: Noise | None = None,
 ) -> Fit:
-    """Fit the same model to the same records with other holds."""
+    """Fit the same model to the same records with other holds.
+
+    Parameters
+    ----------
+    fit
+        Its values and initial states are the start.
+    holds
+        One for each input.
+    trials, kinds
+        Records, and the catalogue of effects by name.
+    noise
+        By which residuals are weighted; estimated again where not given.
+    """
     plant = Plant.of(describe_holds(fit.plant.description, holds), kinds=kinds)
     return refit(
         plant, trials, noise=noise, values=fit.values, states=fit.states, horizons=(1.0,)

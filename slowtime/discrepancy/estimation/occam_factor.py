@@ -24,21 +24,31 @@ from slowtime.dynamics.effects import Kind
 
 from .candidate_fit import FittedCandidate, nothing_of, undetermined_parameters
 
-WIDE = 5.0
-"""Times that a tolerance may have been stated too small."""
-DOUBT = 0.2
-"""How probable that is of each damping, where a label would have it so."""
+TOLERANCE_FACTOR = 5.0
+"""[1] By which a tolerance may have been stated too small. Source: docs/decisions/0024."""
+MISSTATED_PROBABILITY = 0.2
+"""[probability] Prior that the tolerance of a damping was stated too small, where a candidate
+moves it. Source: docs/decisions/0024."""
 
 
 def leniency(
     named: FittedCandidate, kinds: Mapping[str, Kind], bare: Fit | None = None
 ) -> float:
-    """Log evidence to give back to a label, before it is weighed against its rivals.
+    """Log evidence to give back to a candidate before it is compared with its rivals.
 
     Parameters
     ----------
+    named
+        The refitted candidate.
+    kinds
+        Catalogue of effects by name.
     bare
-        The fit without it. What it pulls as far does not speak for the label.
+        The fit without it: a damping that this moves as far does not speak for the candidate.
+
+    Returns
+    -------
+    Sum of what Schwarz's criterion charged too much for its parameters, and of dampings whose
+    tolerance may have been stated too small [nats].
     """
     before = {} if bare is None else bare.pulls
     pulls = [
@@ -50,18 +60,39 @@ def leniency(
 
 
 def doubted(pulls: Sequence[float]) -> float:
-    """Log evidence of constants that are off by so many tolerances, over what these say.
+    """Log evidence of constants that are off, relative to what their tolerances say.
 
-    Each tolerance is true, or too small by the factor `WIDE`.
+    Each tolerance is true, or too small by the factor `TOLERANCE_FACTOR`.
+
+    Parameters
+    ----------
+    pulls
+        How far each constant is off [stated tolerances].
+
+    Returns
+    -------
+    Sum over constants [nats].
     """
-    either = np.logaddexp(np.log(1 - DOUBT), np.log(DOUBT) + relief(pulls))
+    either = np.logaddexp(
+        np.log(1 - MISSTATED_PROBABILITY), np.log(MISSTATED_PROBABILITY) + relief(pulls)
+    )
     return float(either.sum())
 
 
 def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
-    """Log evidence of each, over what its tolerance says, were that too small by `WIDE`."""
+    """Log evidence of each constant if its tolerance is too small by `TOLERANCE_FACTOR`.
+
+    Parameters
+    ----------
+    pulls
+        How far each constant is off [stated tolerances].
+
+    Returns
+    -------
+    One for each constant, relative to what its tolerance says, shape (pull,) [nats].
+    """
     excess = np.square(np.asarray(pulls, dtype=float)) / 2
-    return np.asarray(excess * (1 - WIDE**-2) - np.log(WIDE))
+    return np.asarray(excess * (1 - TOLERANCE_FACTOR**-2) - np.log(TOLERANCE_FACTOR))
 
 
 def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:

@@ -18,10 +18,11 @@ from slowtime.dynamics.effects import Kind
 
 from .candidate_fit import FittedCandidate, Tick, evidence, fit_candidates, misfit, rescored
 
-FOREMOST = 2
-"""Labels of a ranking that are fitted so."""
-SHORT_OF = 2.0
-"""Times the chi squared along the force that a free run leaves which has gone astray."""
+SHOT_CANDIDATES = 2
+"""[candidates] Of each ranking that are fitted to segments. Source: docs/decisions/0029."""
+ASTRAY_RATIO = 2.0
+"""[1] Times its chi squared along the force that a free run leaves which has gone astray.
+Source: judgement; no study is recorded."""
 
 
 def shooting_fits(
@@ -51,7 +52,9 @@ def shooting_fits(
         return [
             one
             for one in labels
-            if left.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost < SHORT_OF * least
+            if left.get(label_of(one.effect), np.inf)
+            > ASTRAY_RATIO * one.cost
+            < ASTRAY_RATIO * least
         ]
 
     anew = [
@@ -69,7 +72,7 @@ def shooting_fits(
 def first_of_each(*ranked: Sequence[Candidate]) -> list[Candidate]:
     """Give the first of several rankings, each label once."""
     found: dict[Label, Candidate] = {}
-    for one in (one for labels in ranked for one in labels[:FOREMOST]):
+    for one in (one for labels in ranked for one in labels[:SHOT_CANDIDATES]):
         found.setdefault(label_of(one.effect), one)
     return list(found.values())
 
@@ -113,6 +116,16 @@ def merge_fits(
 
 
 def unexplained_by(fit: Fit) -> float:
-    """Sum of the logarithms of the power that each sensor has left in each trial."""
+    """Measure of what a fit leaves that needs no model of the noise.
+
+    Parameters
+    ----------
+    fit
+        Its residuals have shape (time, sensor), in the unit of each sensor.
+
+    Returns
+    -------
+    Sum of the logarithms of the mean square of each sensor in each trial [nats].
+    """
     power = [np.mean(residual**2, axis=0) for residual in fit.residual]
     return float(np.sum(np.log(np.maximum(power, np.finfo(float).tiny))))

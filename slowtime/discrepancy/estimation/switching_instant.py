@@ -12,13 +12,21 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Law
 
-WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
-"""How far about an instant that was found a better one is looked for; mean square over the
-noise, in band, from which it is looked for in all records first, and how closely."""
-BEHIND = 4.0
-"""By how much a law may cost more than another, for its instant to be looked for everywhere."""
-MOVES = 4
-"""How often a better one is looked for: a law that was fitted to the wrong instant hides it."""
+SCAN_HALF_WIDTH_S = 2.4
+"""[s] Around an instant, within which a better one is sought closely. Source: judgement; no
+study is recorded."""
+SCAN_CHI2 = 1.5
+"""[noise variances] Mean square in band from which whole records are scanned first. Source:
+docs/decisions/0026 for the rule; the value is judgement."""
+SCAN_STEP_S = 1.2
+"""[s] Between instants of the scan of whole records. Source: half of `SCAN_HALF_WIDTH_S`, so
+that closer scans around neighbours overlap."""
+MAX_COST_RATIO = 4.0
+"""[1] Times the cost of another law up to which the instant of a law is sought in whole
+records. Source: chosen on hidden cases."""
+MAX_MOVES = 4
+"""[refits] From a better instant at most, because a law that was fitted to a wrong instant
+hides the right one. Source: docs/decisions/0030 for the rule; the value is judgement."""
 
 
 def refine_switching_instant(
@@ -30,24 +38,37 @@ def refine_switching_instant(
     which: int | None = None,
     late: Callable[[], bool] | None = None,
 ) -> Fit:
-    """Look for a better instant of a switch about one that leaves something, and about that.
+    """Refit a law that switches once from a better instant of its switch, while there is one.
 
     The misfit has a minimum for every period by which the instant may be wrong. Where the fit
-    leaves less than `most`, the instant may be anywhere else in the records.
+    leaves less than `most`, the instant is sought in whole records.
 
     Parameters
     ----------
+    fit
+        Of the model with the law.
+    trials, kinds
+        Records, and the catalogue of effects by name.
+    beat
+        Cost of another model [1]: where this one costs several times as much, whole records are
+        not searched.
+    most
+        Mean square in band [noise variances] below which they are.
     which
         Number of the effect that switches; the last where not given.
     late
         Once true, the fit is given as it is.
+
+    Returns
+    -------
+    The fit itself where the effect does not switch, or no instant is better.
     """
     which = len(fit.plant.effects) - 1 if which is None else which
     action = kinds[fit.plant.effects[which].kind].action
     if not isinstance(action, Law) or len(action.switches) != 1:
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
-    for _ in range(MOVES):
+    for _ in range(MAX_MOVES):
         if chi2_p_value(fit) > LIMITS.white_p_value or (late is not None and late()):
             break
         better = _moved(fit, trials, at, beat, most, late)
@@ -85,13 +106,17 @@ def _moved(
         return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
 
     about = [float(fit.values[at])]
-    hopeless = beat is not None and fit.cost > BEHIND * beat
-    if ASTRAY < fit.chi2_in_band < most and not hopeless:
+    hopeless = beat is not None and fit.cost > MAX_COST_RATIO * beat
+    if SCAN_CHI2 < fit.chi2_in_band < most and not hopeless:
         # Of each record the best, for about the right one the misfit falls in no time.
-        about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
-    tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]
+        about += [float(min(np.arange(a, b, SCAN_STEP_S), key=misfit)) for a, b in ends]
+    tried = [
+        near
+        for one in about
+        for near in one + np.linspace(-SCAN_HALF_WIDTH_S, SCAN_HALF_WIDTH_S, 61)
+    ]
     best = float(min(tried, key=misfit))
-    if abs(best - fit.values[at]) < WIDE_S / 60:
+    if abs(best - fit.values[at]) < SCAN_HALF_WIDTH_S / 60:
         return fit
     values = fit.values.copy()
     values[at] = best

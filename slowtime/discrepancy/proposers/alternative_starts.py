@@ -10,8 +10,12 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.dynamics.effects import Effect, Kind
 
-ANEW, DOWN = 2, 6
-"""Labels that were refitted, and labels further down, with which one begins again."""
+MAX_FITTED_STARTS = 2
+"""[candidates] Already refitted, with which the search restarts at most. Source:
+docs/decisions/0017 for the rule; the value is judgement."""
+MAX_LOWER_STARTS = 6
+"""[candidates] Ranked lower and not refitted, with which it restarts at most. Source:
+docs/decisions/0017 for the rule; the value is judgement."""
 
 
 def alternative_starts(
@@ -48,10 +52,10 @@ def alternative_starts(
         for one in known.values()
         if (kinds[one.effect.kind].family, one.effect.place) != (kin, first.effect.place)
     )
-    yield from itertools.islice(apart, ANEW)
+    yield from itertools.islice(apart, MAX_FITTED_STARTS)
     seen = (*(one.effect for one in found.fitted), *second)
     done = {label_of(effect) for effect in seen}
-    down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
+    down = [c for c in found.tried if label_of(c.effect) not in done][:MAX_LOWER_STARTS]
     for label in down:
         for named in refitted(label):
             if named.fit.cost < first.fit.cost:

@@ -20,25 +20,33 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
-SIZE_SD = 0.05
-"""Relative standard deviation of the size of a random motion, as recovered in band."""
-MADE, CURVED = 0.9, 0.1
-"""Share of a force that a surface over the motion where it acts gives, from which it is made
-there; by how much that is more than any filter of the motion gives, from which it is too."""
-FOLLOWED = 0.6
-"""Share of what is missing that every law leaves in a free run where the base moves: beside one
-that moves at random the best leave seven tenths, in place of another law nearly the half."""
-GROWN = 2.0
-"""Times that what is taken for a motion of the base may be larger in the record that is driven
-hardest than in the one driven least: it knows nothing of that. Of sixteen true ones 1.3 at
-most, of a pendulum and a friction that passed for one 24 and 4.5."""
-NONE = 0.1
-"""Share of a force, along it, up to which a law explains none of it: beside one that moves at
-random, what swings with a mode by itself explains half of the free run and a twentieth of the
-force."""
-BY_LAWS, BY_SOME = 0.6, 0.2
-"""Share of a gain that some law may explain of what nobody within the structure makes; and
-where that is not all that is missing."""
+AMPLITUDE_RELATIVE_SD = 0.05
+"""[1] Relative standard deviation of the amplitude of a random motion, as recovered in band.
+Source: judgement; no study is recorded."""
+STATIC_SHARE = 0.9
+"""[share of a force] That is a static function of the motion at its place, from which the
+motion there makes it. Source: judgement; no study is recorded."""
+STATIC_LEAD = 0.1
+"""[share of a force] By which a static function explains more than any linear filter of the
+motion, from which the motion makes it, too. Source: judgement; no study is recorded."""
+MIN_FREE_RUN_REST = 0.6
+"""[share of what is missing] That every law leaves in a free run where the base moves. Source:
+docs/decisions/0026; beside a random motion the best law leaves seven tenths, in place of
+another law nearly half."""
+MAX_GROWTH = 2.0
+"""[1] Of the recovered motion of the base, from the record driven least to that driven hardest:
+a true one does not depend on inputs. It is judged where their power grows by more than as much.
+Source: sixteen true motions had 1.3 at most; a pendulum and a friction had 24 and 4.5."""
+MIN_RIVAL_SHARE = 0.1
+"""[share of a force] Along it, up to which a law is no rival. Source: docs/decisions/0030;
+beside a random motion of the base a hidden oscillator explains half of the free run and a
+twentieth of the force."""
+MAX_LAW_SHARE = 0.6
+"""[share of the gain of log-likelihood] Of a motion of the base that a law may explain. Source:
+judgement; no study is recorded."""
+MAX_LAW_SHARE_OF_SEVERAL = 0.2
+"""[share of the gain of log-likelihood] The same where one force is not all that is missing.
+Source: docs/decisions/0017 for the rule; the value is judgement."""
 
 
 def base_motion(
@@ -72,7 +80,7 @@ def base_motion(
     if group.twins and not first:
         return None
     several = group.left > LIMITS.several_forces_chi2
-    share = BY_SOME if several else BY_LAWS
+    share = MAX_LAW_SHARE_OF_SEVERAL if several else MAX_LAW_SHARE
     if several or group.twins:
         if made > likelihood - (1 - share) * group.score:
             return None
@@ -106,17 +114,17 @@ def _size(located: Localization, place: Place, unit: str) -> Number:
     power = np.average([np.mean(latent.force**2) for latent in latents], weights=weights)
     noise = np.average([latent.noise_sd**2 for latent in latents], weights=weights)
     size = math.sqrt(power)
-    return Number(size, math.hypot(SIZE_SD * size, noise / (2 * size)), unit)
+    return Number(size, math.hypot(AMPLITUDE_RELATIVE_SD * size, noise / (2 * size)), unit)
 
 
 def _grows(located: Localization, place: Place) -> bool:
     """Whether a force grows with what drives the structure, as none from outside does."""
     driven = [float(np.sum(np.var(trial.inputs, axis=0))) for trial in located.trials]
     least, most = int(np.argmin(driven)), int(np.argmax(driven))
-    if driven[most] <= GROWN * driven[least]:
+    if driven[most] <= MAX_GROWTH * driven[least]:
         return False
     sizes = [located.latent(place, i).force.std() for i in (least, most)]
-    return bool(sizes[1] > GROWN * sizes[0])
+    return bool(sizes[1] > MAX_GROWTH * sizes[0])
 
 
 def is_made_by_motion(there: Character) -> bool:
@@ -125,7 +133,7 @@ def is_made_by_motion(there: Character) -> bool:
     In proportion to it is any force that is much slower, or much narrower in band, than the
     structure answers.
     """
-    curved = there.static_share > min(MADE, there.linear_share + CURVED)
+    curved = there.static_share > min(STATIC_SHARE, there.linear_share + STATIC_LEAD)
     return curved and not there.linear
 
 
@@ -136,7 +144,7 @@ def placed(located: Localization, tried: Sequence[Candidate]) -> bool:
     """
     first = located.groups[0]
     bare = first.explained.likelihood - first.score
-    little = (-one.cost / 2 < bare + BY_SOME * first.score for one in tried)
+    little = (-one.cost / 2 < bare + MAX_LAW_SHARE_OF_SEVERAL * first.score for one in tried)
     return apart(located) and all(little)
 
 
@@ -170,16 +178,29 @@ def by_a_law(
         for one in labels
         if one.cost_without
     }
-    law = next((one.fit for one in named if along.get(label_of(one.effect), 1.0) > NONE), None)
+    law = next(
+        (one.fit for one in named if along.get(label_of(one.effect), 1.0) > MIN_RIVAL_SHARE),
+        None,
+    )
     if law is None or (apart(located) and law.chi2_in_band > LIMITS.far_off_chi2):
         return False
     return follows(law, before, trials)
 
 
 def follows(law: Fit, before: Fit, trials: tuple[Trial, ...]) -> bool:
-    """Whether a law in a free run explains much: no motion of the base would let it."""
+    """Whether a law explains much in a free run, which it could not if the base moved.
+
+    Parameters
+    ----------
+    law
+        Fit of the model with the law.
+    before
+        Fit without it.
+    trials
+        Records.
+    """
     bar = refit(
         before.plant, trials, noise=law.noise, values=before.values,
         states=before.states, horizons=(1.0,),
     )  # fmt: skip
-    return law.cost - law.data < FOLLOWED * (bar.cost - bar.data)
+    return law.cost - law.data < MIN_FREE_RUN_REST * (bar.cost - bar.data)

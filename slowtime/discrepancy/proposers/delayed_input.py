@@ -5,11 +5,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import (
-    GRADUALLY,
+    GROWING_HORIZONS,
+    FitSchedule,
     FittedCandidate,
     fit_candidate,
     fitted_effect,
@@ -22,16 +23,24 @@ from .protocol import Proposal, Round
 
 LATE, CLOCK = "input_delay", "sensor_clock"
 """Kinds of a late input, and of a sensor whose clock runs fast or slow."""
-SKEWED = 1e-4
-"""By what a clock is off from where it is looked for, either way."""
-OPAQUE, CLEARLY = 0.5, 0.2
-"""Share of a force that the best law leaves, from which none is seen; and up to which one is,
-once an input may be late. Of two hidden pairs 0.56 and 0.78 before, 0.10 and 0.01 after."""
-MOSTLY, FAR = 0.01, 0.1
-"""Share of what is missing that a clock may leave for another effect, and of what each other
-clock leaves. Of a hidden clock beside a spring that was softer 4e-4, and 3e-3 of the others."""
-MOST = 2
-"""Laws that are given for each input."""
+CLOCK_START = 1e-4
+"""[1] Relative error of a clock with which its fit starts. Source: judgement; no study is
+recorded."""
+UNEXPLAINED_SHARE = 0.5
+"""[share of the chi squared of a force] That the best law leaves, from which no law explains
+it. Source: docs/decisions/0030; two hidden pairs had 0.56 and 0.78."""
+EXPLAINED_SHARE = 0.2
+"""[share of the chi squared of a force] That a law leaves at most, once an input may be late.
+Source: the same two hidden pairs had 0.10 and 0.01."""
+MAX_CLOCK_REST = 0.01
+"""[share of what is missing] That a clock leaves at most beside another effect. Source: chosen
+on hidden cases; a clock beside a softer spring left 4e-4."""
+MAX_CLOCK_RATIO = 0.1
+"""[1] Of what the best clock leaves to what each other clock leaves, at most. Source: chosen on
+hidden cases; a clock beside a softer spring had 3e-3."""
+LAWS_PER_INPUT = 2
+"""[laws] That are proposed beside the delay of each input. Source: a bound on computing
+time."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -54,13 +63,17 @@ class SensorClocks:
             return Proposal(self.name, ())
         (skew,) = kinds[CLOCK].names
         opaque = _opaque(given.tried)
-        beat = max(LIMITS.explained_chi2 * before.data, MOSTLY * before.cost if opaque else 0.0)
+        beat = max(
+            LIMITS.explained_chi2 * before.data, MAX_CLOCK_REST * before.cost if opaque else 0.0
+        )
         fitted = []
         for sensor in description.sensors:
-            begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: SKEWED})
+            begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: CLOCK_START})
             named = fit_candidate(
-                before, begin, given.trials, kinds, None, beat, horizons=GRADUALLY
-            )
+                before, begin, given.trials, kinds, None,
+                control=FitControl(cost_to_beat=beat),
+                schedule=FitSchedule(horizons=GROWING_HORIZONS),
+            )  # fmt: skip
             if named is not None:
                 fitted.append(named)
         fitted.sort(key=lambda one: one.fit.chi2_in_band)
@@ -98,16 +111,16 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
             seen = library_candidates(held, locate(held, trials), kinds)
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
-        for law in seen[:MOST]:
-            if law.cost < CLEARLY * law.cost_without and label_of(law.effect) != label_of(
-                delay
-            ):
+        for law in seen[:LAWS_PER_INPUT]:
+            if law.cost < EXPLAINED_SHARE * law.cost_without and label_of(
+                law.effect
+            ) != label_of(delay):
                 yield Candidate(delay, law.cost, law.score, law.cost_without), law
 
 
 def _opaque(tried: Sequence[Candidate]) -> bool:
     """Whether the best law explains little of the force."""
-    return bool(tried) and tried[0].cost >= OPAQUE * tried[0].cost_without
+    return bool(tried) and tried[0].cost >= UNEXPLAINED_SHARE * tried[0].cost_without
 
 
 def stands_out(asked: Sequence[FittedCandidate], before: Fit) -> bool:
@@ -115,4 +128,6 @@ def stands_out(asked: Sequence[FittedCandidate], before: Fit) -> bool:
     if not asked:
         return False
     best, *others = (one.fit.chi2_in_band for one in asked)
-    return best < MOSTLY * before.chi2_in_band and all(best < FAR * one for one in others)
+    return best < MAX_CLOCK_REST * before.chi2_in_band and all(
+        best < MAX_CLOCK_RATIO * one for one in others
+    )

@@ -29,14 +29,17 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
-STRENGTHS = (-0.56, -0.1, 0.1, 0.56)
-"""Forces of a law to begin with, beside that of the element's spring."""
-GROWING = (0.2, 0.35, 0.6, 1.0)
-"""Shares of the first swings to which laws are fitted; of the first the initial states are."""
-BESIDE = 10.0
-"""Times what the best leaves of the first swings, from which a law is given up."""
-FOREMOST = 4
-"""Laws that are given."""
+START_FORCE_RATIOS = (-0.56, -0.1, 0.1, 0.56)
+"""[1] Force of a law at the start of its fit over that of the element's spring. Source:
+docs/decisions/0029 for the rule; the value is judgement."""
+SEGMENT_HORIZONS = (0.2, 0.35, 0.6, 1.0)
+"""[share of the initial segments] Fitted one after the other. Source: judgement; no study is
+recorded."""
+GIVE_UP_RATIO = 10.0
+"""[1] Times what the best law leaves of the initial segments, from which another is given up.
+Source: docs/decisions/0029; 1 lost one right law of nine, 10 none."""
+MAX_PROPOSED = 4
+"""[laws] That are proposed. Source: docs/decisions/0029."""
 
 
 def initial_segment_candidates(
@@ -64,7 +67,7 @@ def initial_segment_candidates(
     before = refit_initial_states(before, heads)
     bare = refit(
         before.plant, heads, noise=before.noise, values=before.values, states=before.states,
-        horizons=GROWING,
+        horizons=SEGMENT_HORIZONS,
     ).chi2_in_band * before.data  # fmt: skip
     started = sorted(_started(before, heads, kinds, among), key=lambda pair: pair[0])
     found: list[Candidate] = []
@@ -72,14 +75,14 @@ def initial_segment_candidates(
     for _, effect in started:
         if late():
             break
-        beat = None if least is None else BESIDE * least
+        beat = None if least is None else GIVE_UP_RATIO * least
         fit = _fitted(before, effect, heads, kinds, beat, late)
         if fit is not None:
             cost = fit.chi2_in_band * before.data
             found.append(Candidate(fitted_effects(fit)[-1], cost, -cost / 2, bare))
             least = fit.cost if least is None else min(least, fit.cost)
     found.sort(key=lambda one: one.cost)
-    return found[:FOREMOST]
+    return found[:MAX_PROPOSED]
 
 
 def _started(
@@ -107,7 +110,7 @@ def _started(
             if not there or not is_applicable(kind, before.plant.description):
                 continue
             laws = effects_of_strength(
-                kind, place, motion, spring, before.plant.description, STRENGTHS
+                kind, place, motion, spring, before.plant.description, START_FORCE_RATIOS
             )
             nearest = min(
                 (
@@ -132,7 +135,7 @@ def _fitted(
     try:
         fit = refit(
             plant, heads, noise=before.noise, values=values, states=states,
-            horizons=GROWING, control=FitControl(cost_to_beat=beat, is_late=late),
+            horizons=SEGMENT_HORIZONS, control=FitControl(cost_to_beat=beat, is_late=late),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None

@@ -7,13 +7,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.calibration import Fit, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.estimation.candidate_fit import (
+    FitSchedule,
     FittedCandidate,
     evidence,
     fit_candidate,
@@ -33,11 +34,17 @@ from slowtime.dynamics.effects import Kind
 
 from .protocol import Round
 
-SOME, AMONG, TURNS = 0.7, 5, 3
-"""Share of what was missing that a law may leave, and be one of two; the best of how many such
-are taken two by two, and how many pairs at a time."""
-NEAR = 0.1
-"""Share of what the best alone leaves, from which a pair is fitted on where it ended."""
+MAX_SINGLE_REST = 0.7
+"""[share of the mean square in band without a law] That a law leaves at most to be one of two.
+Source: judgement; no study is recorded."""
+PAIRED_LAWS = 5
+"""[laws] The best of those, which are paired with each other. Source: a bound on computing
+time."""
+MAX_NEW_PAIRS = 3
+"""[pairs] That are fitted after each proposer. Source: a bound on computing time."""
+NEAR_PAIR_SHARE = 0.1
+"""[share of what the best law alone leaves] Below which the fit of a pair is continued from
+where it ended. Source: docs/decisions/0030 for the rule; the value is judgement."""
 
 Pair = tuple[Candidate, Candidate]
 PairLabel = frozenset[Label]
@@ -86,7 +93,7 @@ class JointPairs:
         if fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             known = {*done, *map(label_of_pair, pairs)}
             of_two = _pairs_of_fitted(fitted, given.hypothesis.last, given.kinds)
-            pairs += itertools.islice(_not_done(of_two, known), TURNS)
+            pairs += itertools.islice(_not_done(of_two, known), MAX_NEW_PAIRS)
         return pairs
 
     def __call__(self, given: Round, pairs: Sequence[Pair], reached: float) -> Step | None:
@@ -106,7 +113,7 @@ class JointPairs:
             if given.monitor.is_late:
                 break
             given.monitor(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-            both = _fit_pair(given, one, other, good, NEAR * reached)
+            both = _fit_pair(given, one, other, good, NEAR_PAIR_SHARE * reached)
             if both is None or moved_of(both.fit):
                 continue  # what is missing bends no constant
             first = given.hypothesis.first
@@ -169,8 +176,9 @@ def _fit_pair(
     noise = good[0][1].fit.noise if good else None
     enough = LIMITS.explained_chi2 * given.before.data
     both = fit_candidate(
-        known, other.effect, given.trials, given.kinds, noise, enough,
-        start=other.start, late=lambda: given.monitor.is_late,
+        known, other.effect, given.trials, given.kinds, noise,
+        control=FitControl(cost_to_beat=enough, is_late=lambda: given.monitor.is_late),
+        schedule=FitSchedule(start=other.start),
     )  # fmt: skip
     if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
         return both
@@ -200,8 +208,8 @@ def _pairs_of_fitted(
 
     None that may be pieces of one curve: any curve has such.
     """
-    bar = SOME * bare.chi2_in_band
-    some = [one for one in fitted if one.fit.chi2_in_band < bar][:AMONG]
+    bar = MAX_SINGLE_REST * bare.chi2_in_band
+    some = [one for one in fitted if one.fit.chi2_in_band < bar][:PAIRED_LAWS]
     effects = [fitted_effect(one) for one in some]
     numbers = itertools.combinations(range(len(effects)), 2)
     for i, j in sorted(numbers, key=sum):

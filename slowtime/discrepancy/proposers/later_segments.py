@@ -26,12 +26,16 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Kind
 
-from .initial_segments import GROWING, initial_segment_candidates
+from .initial_segments import SEGMENT_HORIZONS, initial_segment_candidates
 
-ELEMENTS, OPENED = 2, 2
-"""Likeliest elements at which laws are tried by their free runs; how many are given."""
-SHARES = (0.06, 0.12, 0.25, 0.5)
-"""Shares of the records that are looked at in turn."""
+LIKELY_ELEMENTS = 2
+"""[elements] The most probable, at which laws are tried by free runs. Source: a bound on
+computing time."""
+MAX_BY_FREE_RUN = 2
+"""[laws] Found by free runs that are proposed. Source: a bound on computing time."""
+RECORD_SHARES = (0.06, 0.12, 0.25, 0.5)
+"""[share of each record] First parts that are examined in turn. Source: docs/decisions/0030 for
+the rule; the value is judgement."""
 
 
 def later_segment_candidates(
@@ -46,8 +50,8 @@ def later_segment_candidates(
     begins. None where it is too late, or where the model explains half of the records.
     """
     fit = before
-    horizons: tuple[float, ...] = GROWING
-    for share in SHARES:
+    horizons: tuple[float, ...] = SEGMENT_HORIZONS
+    for share in RECORD_SHARES:
         counts = [max(prev_fast_len(int(share * len(t.outputs))), MIN_SAMPLES) for t in trials]
         parts = tuple(t.part(0, count) for t, count in zip(trials, counts, strict=True))
         try:
@@ -62,8 +66,10 @@ def later_segment_candidates(
                 located = locate(held, parts)
                 along = library_candidates(held, located, kinds)
                 places = (p for g in located.groups for p in g.places if p.kind == "element")
-                among = list(itertools.islice(places, ELEMENTS))
-                opened = initial_segment_candidates(held, parts, kinds, late, among)[:OPENED]
+                among = list(itertools.islice(places, LIKELY_ELEMENTS))
+                opened = initial_segment_candidates(held, parts, kinds, late, among)[
+                    :MAX_BY_FREE_RUN
+                ]
                 done = {label_of(one.effect) for one in opened}
                 others = (one for one in along if label_of(one.effect) not in done)
                 both = sorted([*opened, *others], key=lambda one: one.cost)

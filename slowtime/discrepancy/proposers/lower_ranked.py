@@ -29,24 +29,43 @@ from slowtime.dynamics.modes import undamped_modes
 from .initial_segments import initial_segment_candidates
 from .protocol import Proposal, Round, reached_by_shortlist
 
-IN_TURN, NEAREST = 3, 3
-"""Labels that are given: the next in turn, and those that come nearest in a free run."""
-LEAVES, MOST = 1.5, 0.6
-"""Mean square over the noise, in band, and share of that without any law, from which one goes
-further down: what explains more may be one of two laws, and the other is looked for first."""
-AS_NEAR, LESS = 2.0, 0.8
-"""Times what the best leaves, and share of what there was, within which the free run of a law
-has to come to be refitted all the same, where the best leaves much."""
-STUCK, AGAIN = 10.0, 2
-"""Times what a law leaves along its force, from which its refit is stuck; how many such laws
-are fitted again, of those that explained no less along the force than the best did."""
-MUCH, NEXT_TO_ALL = 0.1, 0.01
-"""Share of what the model leaves of how records begin, beyond the noise, that a law may leave
-which explains it; and one that leaves more than noise."""
-SCALED, TENFOLD, HALF_TEN = 8, (-1.5, 4.1), 0.5
-"""Labels whose strength is looked for by free runs, those at the best place first; from how
-many powers of ten beside the one along the force, to how many, in which steps: where the motion
-was guessed wrongly, a force of the third power is wrong three times as much."""
+NEXT_IN_TURN = 3
+"""[candidates] Next in the ranking that are proposed. Source: docs/decisions/0019."""
+NEAREST_RUNS = 3
+"""[candidates] With the nearest free runs that are proposed. Source: docs/decisions/0019."""
+MIN_REST_CHI2 = 1.5
+"""[noise variances] Mean square in band that the best law leaves, from which the list is
+extended. Source: judgement; as `explained_chi2` of the thresholds."""
+MAX_EXPLAINED_REST = 0.6
+"""[share of the mean square in band without a law] Below which the best law explains some of
+it: it may be one of two, and the other is sought first. Source: docs/decisions/0019."""
+NEAR_RUN_RATIO = 2.0
+"""[1] Times what the best law leaves, within which the free run of another has to come. Source:
+docs/decisions/0026."""
+MAX_RUN_SHARE = 0.8
+"""[share of chi squared without a law] That such a free run leaves at most. Source: judgement;
+no study is recorded."""
+STUCK_RATIO = 10.0
+"""[1] Times its chi squared along the force, from which the refit of a law is stuck. Source:
+chosen on hidden cases."""
+MAX_REFITTED_AGAIN = 2
+"""[laws] That were stuck and are fitted again. Source: docs/decisions/0026."""
+MAX_BEGINNING_REST = 0.1
+"""[share of what the model leaves of the initial segments beyond noise] That a law leaves at
+most which explains them. Source: judgement; no study is recorded."""
+MAX_WRONG_BEGINNING_REST = 0.01
+"""[share of what the model leaves of the initial segments beyond noise] The same for a law that
+leaves more than noise. Source: judgement; no study is recorded."""
+SCANNED_LAWS = 8
+"""[laws] Whose strength is scanned by free runs, those at the best place first. Source:
+docs/decisions/0026."""
+STRENGTH_DECADES = (-1.5, 4.1)
+"""[powers of ten] First and end of the scan, beside the strength along the force: if the
+recovered motion is wrong by a factor, a cubic force is wrong by its cube. Source:
+docs/decisions/0026."""
+STRENGTH_STEP = 0.5
+"""[powers of ten] Between the strengths of the scan. Source: docs/decisions/0026 for the rule;
+the value is judgement."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -123,8 +142,8 @@ class NextInRank:
         ):
             return Proposal(self.name, ())
         rest = _not_fitted(given)
-        batch, others = rest[:IN_TURN], rest[IN_TURN:]
-        batch += sorted(others, key=lambda one: _run_with(given, one))[:NEAREST]
+        batch, others = rest[:NEXT_IN_TURN], rest[NEXT_IN_TURN:]
+        batch += sorted(others, key=lambda one: _run_with(given, one))[:NEAREST_RUNS]
         nearby = given.of(NearbyRuns().name)
         # Fits of the shortlist that are repeated from another start are no laws of their own.
         listed = [one.effect for one in given.shortlist]
@@ -145,7 +164,7 @@ def _is_asked(given: Round) -> bool:
     best = given.best()
     if best is None:
         return True
-    much = best.chi2_in_band >= LEAVES
+    much = best.chi2_in_band >= MIN_REST_CHI2
     return much and not (
         _explains_some(given, best) and best.chi2_in_band < LIMITS.far_off_chi2
     )
@@ -154,7 +173,7 @@ def _is_asked(given: Round) -> bool:
 def _explains_some(given: Round, best: Fit | None) -> bool:
     """Return whether the best fit leaves clearly less than the model without any law."""
     bare = given.hypothesis.last.chi2_in_band
-    return best is not None and best.chi2_in_band < MOST * bare
+    return best is not None and best.chi2_in_band < MAX_EXPLAINED_REST * bare
 
 
 def _not_fitted(given: Round) -> list[Candidate]:
@@ -173,7 +192,9 @@ def explains_alone(given: Round, opened: Sequence[Candidate]) -> Label | None:
     if not opened:
         return None
     best, noise = opened[0], given.before.data
-    most = MUCH if best.cost < WRONG_MODEL_CHI2 * noise else NEXT_TO_ALL
+    most = (
+        MAX_BEGINNING_REST if best.cost < WRONG_MODEL_CHI2 * noise else MAX_WRONG_BEGINNING_REST
+    )
     right = best.cost - noise < most * (best.cost_without - noise)
     return label_of(best.effect) if right else None
 
@@ -190,10 +211,12 @@ def _stuck(given: Round) -> list[Candidate]:
     if first is None:
         return []
     stuck = [
-        one for one, fit in done if one.cost <= first[0].cost and fit.cost > STUCK * one.cost
+        one
+        for one, fit in done
+        if one.cost <= first[0].cost and fit.cost > STUCK_RATIO * one.cost
     ]
     stuck.sort(key=lambda one: one.cost)
-    return [dataclasses.replace(one, start=None) for one in stuck[:AGAIN]]
+    return [dataclasses.replace(one, start=None) for one in stuck[:MAX_REFITTED_AGAIN]]
 
 
 def _as_near(given: Round, best: Fit) -> list[Candidate]:
@@ -201,7 +224,7 @@ def _as_near(given: Round, best: Fit) -> list[Candidate]:
     reached = misfit(best, given.before.noise, given.trials)
     done = {label_of(one.effect) for one in given.shortlist}
     both = [one for one in _equivalents(given) if label_of(one.effect) not in done]
-    near = [one for one in [*_scaled(given), *both] if one.cost < AS_NEAR * reached]
+    near = [one for one in [*_scaled(given), *both] if one.cost < NEAR_RUN_RATIO * reached]
 
     def simplest(one: Candidate) -> tuple[int, float]:
         return sum(p.fitted for p in given.kinds[one.effect.kind].parameters), one.cost
@@ -217,19 +240,19 @@ def _scaled(given: Round) -> Iterator[Candidate]:
     here = given.localized.groups[0].places
     strong = [one for one in given.tried if kinds[one.effect.kind].strength]
     strong.sort(key=lambda one: one.effect.place not in here)
-    for one in strong[:SCALED]:
+    for one in strong[:SCANNED_LAWS]:
         runs = [
             (free_run_chi2(before, effect, None, trials, kinds), i, effect)
             for i, effect in enumerate(_strengths(given, one.effect))
         ]
         left, i, effect = min(runs)
-        if 0 < i < len(runs) - 1 and left < LESS * bare:
+        if 0 < i < len(runs) - 1 and left < MAX_RUN_SHARE * bare:
             yield dataclasses.replace(one, effect=effect, cost=left, start=None)
 
 
 def _strengths(given: Round, effect: Effect) -> list[Effect]:
     kind = given.kinds[effect.kind]
-    factors = 10.0 ** np.arange(*TENFOLD, HALF_TEN)
+    factors = 10.0 ** np.arange(*STRENGTH_DECADES, STRENGTH_STEP)
     every = [scale_to_strength(kind, effect.parameters, factor) for factor in factors.tolist()]
     described = given.before.plant.description
     return [
@@ -254,7 +277,7 @@ def _guessed(given: Round) -> list[Candidate]:
 
 
 def _equivalents(given: Round) -> list[Candidate]:
-    return equivalent_laws(given.hypothesis.last, given.trials, given.kinds)[:NEAREST]
+    return equivalent_laws(given.hypothesis.last, given.trials, given.kinds)[:NEAREST_RUNS]
 
 
 def _as_good(given: Round, others: Sequence[Candidate]) -> list[Candidate]:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.calibration.augmentation import free_run_chi2, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
@@ -33,11 +33,13 @@ from slowtime.dynamics.plant import Plant
 
 LINK, LOSS = "a spring not in the model", "stiffness_loss"
 """What the element is called while it is tried; the kind whose negative is its stiffness."""
-BY_ONE = 0.1
+MAX_LINK_REST = 0.1
 """[share of what was missing] That a spring may leave which takes the place of effects. Source:
 chosen on hidden cases."""
-FIRST = (0.1, 0.03, 0.01, 0.003)
-"""Stiffnesses to begin with, in those of the model's own springs: that which leaves least."""
+START_STIFFNESS_RATIOS = (0.1, 0.03, 0.01, 0.003)
+"""[median stiffness of the model's springs] Of a missing spring at the start of its fit: the
+one whose free run leaves least. Source: docs/decisions/0030 for the rule; the value is
+judgement."""
 
 
 def with_missing_link(
@@ -88,7 +90,7 @@ def _explained(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
 def _is_likelier(link: FittedCandidate, found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     """Return whether a spring leaves little of what was missing, and is the likelier."""
     first, last = found.first, found.last
-    if link.fit.chi2_in_band - 1 > BY_ONE * (first.chi2_in_band - 1):
+    if link.fit.chi2_in_band - 1 > MAX_LINK_REST * (first.chi2_in_band - 1):
         return False
     least = min((link.fit, last), key=unexplained_by)
     others = FittedCandidate(link.effect, last.plant.description, last, 0.0)
@@ -137,16 +139,25 @@ def best_link(
     tell: Monitor | None = None,
     stiffness: float = 0.0,
 ) -> Link | None:
-    """Give the spring that, laid into the model of a fit, explains most.
+    """Give the spring that, added to the model of a fit, explains most.
 
     Parameters
     ----------
+    fit
+        Of the model without it.
     pairs
-        Nodes between which one is tried; all that nothing joins where not given.
+        Nodes between which one is tried; all that no element joins where not given.
+    trials, kinds
+        Records, and the catalogue of effects by name.
     tell
         Told what is tried; says whether it is too late for it.
     stiffness
-        To begin with.
+        To start with, in the unit of the model's springs; shares of theirs are tried beside it.
+
+    Returns
+    -------
+    The spring, its stiffness and standard deviation in that unit; None where no fit succeeds
+    or exceeds its standard deviation.
     """
     if LOSS not in kinds:
         return None
@@ -174,7 +185,10 @@ def _linked(
     description = fit.plant.description
     springs = [e.stiffness_n_per_m for e in description.elements if isinstance(e, Spring)]
     median = float(np.median(springs))
-    begins = [max(stiffness, FIRST[0] * median), *(share * median for share in FIRST[1:])]
+    begins = [
+        max(stiffness, START_STIFFNESS_RATIOS[0] * median),
+        *(share * median for share in START_STIFFNESS_RATIOS[1:]),
+    ]
     link = Spring(id=LINK, between=pair)
     linked = dataclasses.replace(description, elements=(*description.elements, link))
     plant = Plant.of(linked, kinds=kinds)
@@ -191,7 +205,8 @@ def _linked(
     def late() -> bool:
         return tell is not None and tell.is_late
 
-    named = fit_candidate(before, effect, trials, kinds, fit.noise, least, late=late)
+    control = FitControl(cost_to_beat=least, is_late=late)
+    named = fit_candidate(before, effect, trials, kinds, fit.noise, control=control)
     if named is None:
         return None
     name = ("effect", len(plant.effects), strength)

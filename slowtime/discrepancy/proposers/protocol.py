@@ -105,7 +105,15 @@ class Round:
         return min(fits, key=lambda fit: fit.chi2_in_band, default=None)
 
     def is_late(self, stage: str, further: float) -> bool:
-        """Say what is being done; return whether the budget allows the likeliest only."""
+        """Say what is being done; return whether the budget allows the likeliest only.
+
+        Parameters
+        ----------
+        stage
+            In words.
+        further
+            Share of the whole diagnosis [1] done since the round began.
+        """
         self.monitor(stage, self.share + further)
         return self.monitor.is_late
 
@@ -131,5 +139,5 @@ class Proposer(Protocol):
 
 
 def reached_by_shortlist(candidates: Sequence[Candidate]) -> float:
-    """Give the chi squared that the best of candidates leaves along the force."""
+    """Least chi squared that candidates leave along the force [1]; infinite without any."""
     return min((one.cost for one in candidates), default=float("inf"))

@@ -46,27 +46,46 @@ from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasur
 
 from .protocol import Proposal, Round, reached_by_shortlist
 
-FEW, MORE = 4, 12
-"""Pieces of each record to which all are fitted, and those that explain most of these."""
-REACH = 1.5
-"""Times what a force at the best place leaves, within which laws are tried at others."""
-AT_ONE, ALONE, MOST = 4, 8, 24
-"""Laws that are tried first at one of several places, at the only one, and in all."""
-QUIETER, PLAIN = (0.25, 0.5, 1.0), 10.0
-"""Power of few pieces, beside that of the loudest, and the chi squared, over the noise, they
-must leave: where a law acts less, what wrong numbers make of it is no other motion yet."""
-ABOUT = 0.5
-"""Force of a law that explains nothing along the motion recovered, beside what acts there."""
-HINTS, TELLS = 0.6, 0.45
-"""Share of what is left of few pieces, and of more, without it, that a law may leave which is
-there."""
-BESIDE, AS_WELL = 2.0, 3
-"""Times what the best leaves, within which a law is fitted to more pieces, and to the end; how
-many such there may be."""
-WITHIN = (0.0, 0.25, 0.5, 0.75)
-"""Shares of a record's pieces after which a law that switches is begun to do so."""
-KEPT = 2
-"""Laws that are given."""
+FEW_SEGMENTS = 4
+"""[segments] Of each record, to which all laws are fitted. Source: docs/decisions/0031."""
+MORE_SEGMENTS = 12
+"""[segments] Of each record, to which those laws are fitted that explain most of the few.
+Source: docs/decisions/0031."""
+PLACE_REST_RATIO = 1.5
+"""[1] Times what a force at the best place leaves, within which laws are tried at other places.
+Source: judgement; no study is recorded."""
+MIN_LAWS_PER_PLACE = 4
+"""[laws] Tried first at each of several places. Source: judgement; no study is recorded."""
+FIRST_LAWS = 8
+"""[laws] Tried first, shared by all places. Source: judgement; no study is recorded."""
+MAX_LAWS = 24
+"""[laws] Tried at all places at most. Source: a bound on computing time."""
+POWER_SHARES = (0.25, 0.5, 1.0)
+"""[share of the power of the loudest segments] Of the few segments, tried in turn, because a
+law with inaccurate parameters still moves a structure rightly where little moves. Source:
+docs/decisions/0031."""
+MIN_QUIET_CHI2 = 10.0
+"""[noise variances] Mean square in band that the few segments must leave without a law. Source:
+docs/decisions/0031."""
+START_FORCE_RATIO = 0.5
+"""[1] Force of a law that explains nothing along the recovered motion, at the start of its fit,
+over the force recovered there. Source: chosen on hidden cases."""
+MAX_REST_OF_FEW = 0.6
+"""[share of what the few segments leave without a law] That a law leaves at most to be fitted
+to more. Source: docs/decisions/0031."""
+MAX_REST_OF_MORE = 0.45
+"""[share of what more segments leave without a law] That a law leaves at most to be proposed.
+Source: docs/decisions/0031."""
+NEAR_RATIO = 2.0
+"""[1] Times what the best law leaves, within which another is fitted to more segments, and
+fitted to the end. Source: judgement; no study is recorded."""
+MAX_NEAR_LAWS = 3
+"""[laws] That are fitted to more segments. Source: docs/decisions/0031."""
+SWITCH_SHARES = (0.0, 0.25, 0.5, 0.75)
+"""[share of a segment] After which a law that switches starts to do so. Source:
+docs/decisions/0031."""
+MAX_PROPOSED = 2
+"""[laws] That are proposed. Source: a bound on computing time."""
 
 Shoot = Callable[..., tuple[Fit, Sequence[np.ndarray]]]
 """Fits a plant to segments of records, and gives the fit and the first state of each record."""
@@ -148,27 +167,27 @@ class _SegmentSearch:
 
         As if all of the records were as the segments are.
         """
-        found = self._fitted(self._likeliest(), *self._quiet(), HINTS)
+        found = self._fitted(self._likeliest(), *self._quiet(), MAX_REST_OF_FEW)
         if not found:
             return []
-        near = BESIDE * found[0][0].cost
-        some = [one for one, _ in found if one.cost <= near][:AS_WELL]
-        found = self._fitted(some, *self._parts(MORE), TELLS)
-        return [self._started(one, fit) for one, fit in found[:KEPT]]
+        near = NEAR_RATIO * found[0][0].cost
+        some = [one for one, _ in found if one.cost <= near][:MAX_NEAR_LAWS]
+        found = self._fitted(some, *self._parts(MORE_SEGMENTS), MAX_REST_OF_MORE)
+        return [self._started(one, fit) for one, fit in found[:MAX_PROPOSED]]
 
     def _likeliest(self) -> list[Candidate]:
         """Give the likeliest laws, those at the best places first."""
         groups = self._located.groups
-        most = REACH * groups[0].left
+        most = PLACE_REST_RATIO * groups[0].left
         places = [p for g in groups if g.left <= most for p in g.places]
         at = [[one for one in self._tried if one.effect.place == place] for place in places]
-        few = max(AT_ONE, ALONE // len(places))
+        few = max(MIN_LAWS_PER_PLACE, FIRST_LAWS // len(places))
         likely = itertools.chain.from_iterable(every[:few] for every in at)
         others = itertools.chain.from_iterable(every[few:] for every in at)
         overlooked = itertools.chain.from_iterable(map(self._overlooked, places))
         found: dict[Label, Candidate] = {}
         for one in itertools.chain(self._labels, likely, overlooked, others):
-            if len(found) < MOST and not _rides(self._kinds[one.effect.kind]):
+            if len(found) < MAX_LAWS and not _rides(self._kinds[one.effect.kind]):
                 found.setdefault(label_of(one.effect), one)
         return list(found.values())
 
@@ -190,7 +209,8 @@ class _SegmentSearch:
             laws = list(
                 effects_of_strength(
                     kind, place, concatenate_motions([one.motion for one in latents]),
-                    np.concatenate([one.force for one in latents]), described, (ABOUT, -ABOUT),
+                    np.concatenate([one.force for one in latents]), described,
+                    (START_FORCE_RATIO, -START_FORCE_RATIO),
                 )
             )  # fmt: skip
             for law in laws[len(laws) // 2 :][:1]:
@@ -215,7 +235,7 @@ class _SegmentSearch:
                 if self._late():
                     raise FitAbandoned
                 try:
-                    fit = self._shot(effect, parts, BESIDE * least)
+                    fit = self._shot(effect, parts, NEAR_RATIO * least)
                 except (np.linalg.LinAlgError, FloatingPointError):
                     continue
                 if math.isfinite(fit.cost):
@@ -239,9 +259,9 @@ class _SegmentSearch:
 
     def _quiet(self) -> tuple[tuple[Trial, ...], Fit]:
         """Give the quietest few pieces that still tell, and their fit without a law."""
-        for share in QUIETER:
-            parts, bare = self._parts(FEW, share)
-            if bare.chi2_in_band > PLAIN:
+        for share in POWER_SHARES:
+            parts, bare = self._parts(FEW_SEGMENTS, share)
+            if bare.chi2_in_band > MIN_QUIET_CHI2:
                 break
         return parts, bare
 
@@ -292,7 +312,9 @@ def _begun(
     kind = kinds[effect.kind]
     ways = {p.name: list(p.choices) for p in kind.parameters if p.choices}
     for name in kind.action.switches if isinstance(kind.action, Law) else ():
-        within = {part.start_s + share * part.duration_s for part in parts for share in WITHIN}
+        within = {
+            part.start_s + share * part.duration_s for part in parts for share in SWITCH_SHARES
+        }
         ways[name] = [effect.parameters[name], *sorted(within)]
     for chosen in itertools.product(*ways.values()):
         parameters = dict(effect.parameters) | dict(zip(ways, chosen, strict=True))

@@ -13,7 +13,11 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, lowest_frequency_hz
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
+from slowtime.discrepancy.estimation.candidate_fit import (
+    FitSchedule,
+    FittedCandidate,
+    fit_candidate,
+)
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.records import Trial
@@ -21,11 +25,20 @@ from slowtime.dynamics.effects import Kind, Place
 from slowtime.signals.spectra import transform
 
 KINDS = ("sensor_bias", "sensor_drift")
-BELOW, LINES = 0.3, 3
-"""Times the lowest natural frequency below which a structure does not vibrate; and how many
-lines of a record have to lie there for anything to be said."""
-STANDS, PUT_RIGHT = 100.0, 10.0
-"""Times the power of those lines that the mean must have; and may have, once a law is in."""
+WHOLE_RECORDS = FitSchedule(horizons=(1.0,))
+"""An error of a sensor does not change the motion, so that no horizon has to grow."""
+QUASI_STATIC_RATIO = 0.3
+"""[lowest natural frequency] Below which a structure follows slow forces without vibrating.
+Source: the dynamic amplification 1 / (1 - 0.3²) is 1.1 there."""
+MIN_SLOW_LINES = 3
+"""[spectral lines] Of a record that must lie below for an error to be judged. Source:
+judgement; no study is recorded."""
+MIN_MEAN_POWER = 100.0
+"""[mean power of the slow lines] Of the mean of a residual, from which the accelerometer has a
+steady error. Source: judgement; no study is recorded."""
+MAX_MEAN_POWER = 10.0
+"""[mean power of the slow lines] The same, up to which a law of the sensor has removed the
+error. Source: judgement; no study is recorded."""
 
 
 def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:
@@ -34,7 +47,7 @@ def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:
         return None
     heights = [_height(fit, trials, i) for i in range(len(fit.plant.description.sensors))]
     best = int(np.argmax(heights))
-    if heights[best] < STANDS:
+    if heights[best] < MIN_MEAN_POWER:
         return None
     return Place("sensor", fit.plant.description.sensors[best].channel)
 
@@ -50,7 +63,7 @@ def sensor_bias_candidate(
     space = ForceSpace(before, located, place)
     laws = [best_effect(kinds[name], space) for name in KINDS if name in kinds]
     every = [
-        fit_candidate(before, law[0], trials, kinds, None, horizons=(1.0,))
+        fit_candidate(before, law[0], trials, kinds, None, schedule=WHOLE_RECORDS)
         for law in laws
         if law
     ]
@@ -58,7 +71,7 @@ def sensor_bias_candidate(
     at = channels.index(place.id)
     heights = [(_height(one.fit, trials, at), i) for i, one in enumerate(every) if one]
     least, best = min(heights, default=(math.inf, -1))
-    return every[best] if least < PUT_RIGHT else None
+    return every[best] if least < MAX_MEAN_POWER else None
 
 
 def _height(fit: Fit, trials: Sequence[Trial], sensor: int) -> float:
@@ -72,7 +85,7 @@ def _height(fit: Fit, trials: Sequence[Trial], sensor: int) -> float:
             continue
         frequency, spectrum = transform(residual[:, [sensor]], trial.rate_hz)
         power = np.abs(spectrum[:, 0]) ** 2
-        slow = power[1:][frequency[1:] < BELOW * lowest]
-        if len(slow) >= LINES:
+        slow = power[1:][frequency[1:] < QUASI_STATIC_RATIO * lowest]
+        if len(slow) >= MIN_SLOW_LINES:
             found = max(found, float(power[0] / max(slow.mean(), 1e-300)))
     return found

@@ -16,15 +16,20 @@ from slowtime.dynamics.description import assemble
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.modes import undamped_modes
 
+from .sensor_bias import QUASI_STATIC_RATIO
+
 T = TypeVar("T")
 
 KIND = "sensor_drift"
-BELOW, SHARE = 0.3, 0.9
-"""Times the lowest natural frequency below which a structure does not vibrate, and how much of
-what a sensor is off by must lie there."""
-SIZE_SD, STEADY = 0.1, 0.2
-"""Relative standard deviation of the size of a wandering; that of its rates from record to
-record, below which all of them are held for one."""
+MIN_SLOW_SHARE = 0.9
+"""[share of the power of an error] That lies below that frequency in a drift; also that of its
+mean, above which it is constant. Source: judgement; no study is recorded."""
+SIZE_RELATIVE_SD = 0.1
+"""[1] Relative standard deviation of the size of a drift that follows no law. Source:
+judgement; no study is recorded."""
+MAX_RATE_SCATTER = 0.2
+"""[1] Relative standard deviation of the rates of drift of all records, below which they are
+one rate. Source: judgement; no study is recorded."""
 
 
 def sensor_drift(
@@ -50,12 +55,12 @@ def sensor_drift(
         power = np.abs(np.fft.rfft(off)) ** 2
         power[0] /= 2
         frequency = np.fft.rfftfreq(len(off), 1 / trial.rate_hz)
-        slow += float(power[frequency < BELOW * lowest].sum()) / len(off)
+        slow += float(power[frequency < QUASI_STATIC_RATIO * lowest].sum()) / len(off)
         whole += float(power.sum()) / len(off)
-    if not slow > SHARE * whole:
+    if not slow > MIN_SLOW_SHARE * whole:
         return None
     every = np.concatenate(errors)
-    if float(every.mean()) ** 2 > SHARE * float(np.mean(every**2)):
+    if float(every.mean()) ** 2 > MIN_SLOW_SHARE * float(np.mean(every**2)):
         return None  # the same at all times: that is no course, and a law knows it
     return drifting(before, located.trials, place, kinds)
 
@@ -65,8 +70,21 @@ def drifting(
 ) -> NamedEffect:
     """Name the drift of a sensor, whatever its course.
 
-    Where it grows as fast in every record, it is told over the campaign; else what it comes to
-    in a record.
+    Parameters
+    ----------
+    before
+        Fit whose residual is the error of the sensor, in its unit.
+    trials
+        Records.
+    place
+        The sensor.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The drift in the unit of the sensor: over the campaign, with its span [s], if it grows at
+    one rate in every record; otherwise what it comes to in a record.
     """
     channels = [sensor.channel for sensor in before.plant.description.sensors]
     at = channels.index(place.id)
@@ -76,11 +94,13 @@ def drifting(
     name = next(p.name for p in kind.parameters if p.fitted)
     unit = unit_at(before.plant.description, place, kind.parameter(name).unit)
     spans = np.array([trial.duration_s for trial in trials])
-    steady = len(rates) > 1 and float(np.std(rates)) < STEADY * abs(float(np.mean(rates)))
+    steady = len(rates) > 1 and float(np.std(rates)) < MAX_RATE_SCATTER * abs(
+        float(np.mean(rates))
+    )
     if steady:
         spans = np.full(len(trials), max(t.start_s + t.duration_s for t in trials))
     size = float(np.mean(rates * spans))
-    spread = float(np.hypot(SIZE_SD * size, np.std(rates * spans)))
+    spread = float(np.hypot(SIZE_RELATIVE_SD * size, np.std(rates * spans)))
     numbers = {name: Number(size, spread, unit)}
     if steady:
         numbers["span_s"] = Number(float(spans[0]), 0.0, "s")

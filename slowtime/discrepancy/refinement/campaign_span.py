@@ -37,7 +37,21 @@ def span_campaign(
 
 
 def spanning(fit: Fit, own: int, end_s: float) -> Fit:
-    """Write drifts of a fit over another span: the same slope, a larger change in the end."""
+    """Express drifts of a fit over another span: the same slope, another change at the end.
+
+    Parameters
+    ----------
+    fit
+        Of a model with drifts.
+    own
+        Effects that the model had as it was given; they keep their span.
+    end_s
+        The other span [s], from the beginning of the campaign.
+
+    Returns
+    -------
+    The fit with its values, priors and covariance rescaled.
+    """
     values, factors = fit.values.copy(), np.ones(len(fit.prior.names))
     for number, effect in enumerate(fit.plant.effects):
         names = fit.plant.kinds[effect.kind].names

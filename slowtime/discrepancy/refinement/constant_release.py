@@ -19,8 +19,9 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Name
 
-PAST = 0.5
-"""Share of what a refit left, from which there was a lower minimum."""
+LOWER_MINIMUM_SHARE = 0.5
+"""[share of what a refit left] Below which there is a lower minimum. Source:
+docs/decisions/0026."""
 
 
 def release_constants(
@@ -40,7 +41,7 @@ def release_constants(
     None where that comes to nothing better.
     """
     best = named[0].fit if named else None
-    if best is None or best.chi2_in_band > PAST * bent.chi2_in_band:
+    if best is None or best.chi2_in_band > LOWER_MINIMUM_SHARE * bent.chi2_in_band:
         return None
     values = dict(zip(best.plant.parameters, best.values.tolist(), strict=True))
     (law,) = described_effects(with_values(named[0].description, values))[-1:]
@@ -57,7 +58,7 @@ def release_constants(
         states=[np.array([s[n] for n in bent.plant.state_names]) for s in states],
         horizons=(1.0,),
     )
-    if again is None or misfit(again, bent.noise, trials) >= PAST * left:
+    if again is None or misfit(again, bent.noise, trials) >= LOWER_MINIMUM_SHARE * left:
         return None
     return again
 

@@ -25,10 +25,12 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Friction, Kind, Unmeasured
 
-BESIDE = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
-"""Standard deviations by which friction is held beside where its fit ended."""
-AGAIN = 2
-"""How often that is done: from a better place once more."""
+HELD_SDS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
+"""[standard deviations] From the estimate of a friction, at which it is held while all else is
+fitted. Source: docs/decisions/0030 for the rule; the value is judgement."""
+MAX_ROUNDS = 2
+"""[rounds] Of holding it at most: once more around a better estimate. Source: a bound on
+computing time."""
 
 
 def converge(hypothesis: Hypothesis, own: int, kinds: Mapping[str, Kind]) -> Hypothesis:
@@ -77,7 +79,7 @@ def converge_stick_slip(
 
     best, ends = last, [last]
     try:
-        for _ in range(AGAIN):
+        for _ in range(MAX_ROUNDS):
             for end in _held(best, lead, trials, late):
                 ends.append(end)  # one by one: those before it is given up count
             least = min(ends, key=lambda fit: fit.cost)
@@ -114,7 +116,7 @@ def _held(
     """Fit all but one number, which is held here and there; the others go with it at first."""
     free = [name for at, name in enumerate(best.prior.names) if at != lead]
     along = best.covariance[:, lead] / np.sqrt(best.covariance[lead, lead])
-    for width in BESIDE:
+    for width in HELD_SDS:
         values = best.values.copy()
         values[list(best.prior.index)] += width * along
         if values[best.prior.index[lead]] <= 0:

@@ -17,7 +17,11 @@ from slowtime.discrepancy.calibration.augmentation import (
 )
 from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, evidence, sds_of_strength
+from slowtime.discrepancy.estimation.candidate_fit import (
+    GROWING_HORIZONS,
+    evidence,
+    sds_of_strength,
+)
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
@@ -106,7 +110,7 @@ def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     try:
         again = refit(
             fit.plant, trials, noise=fit.noise, values=fit.values, states=fit.states,
-            horizons=GRADUALLY,
+            horizons=GROWING_HORIZONS,
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError):
         return fit

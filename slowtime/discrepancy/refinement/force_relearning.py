@@ -16,7 +16,7 @@ from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, 
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.parameter_scan import concatenate_motions
-from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
+from slowtime.discrepancy.estimation.candidate_fit import COARSE_HORIZONS
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization
@@ -25,15 +25,19 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
 
-UNIQUE = 3.0
-"""Times what a force at the place leaves, that one anywhere else has to leave."""
-SAMPLES = 20_000
-"""Of force and motion, that a law is fitted to at most."""
-SPREAD = (1.0, 0.5, 2.0)
-"""Factors on the numbers of a law, with which its fit to a force begins."""
+MIN_OTHER_REST_RATIO = 3.0
+"""[1] Times what a force at the place of a law leaves, that a force anywhere else must leave.
+Source: judgement; no study is recorded."""
+MAX_SAMPLES = 20_000
+"""[samples] Of force and motion, to which a law is fitted. Source: a bound on computing
+time."""
+START_FACTORS = (1.0, 0.5, 2.0)
+"""[1] On each parameter of a law, with which its fit to a force starts. Source: judgement; no
+study is recorded."""
 
-LESS = 0.1
-"""Logarithm of power, in the mean of all sensors, that has to be left less for it."""
+MIN_LOG_POWER_GAIN = 0.1
+"""[nats] By which the power of the residual of a sensor must fall, on average. Source:
+judgement; no study is recorded."""
 
 Series = Float[np.ndarray, " time"]
 
@@ -75,10 +79,10 @@ def relearn_force(
     space = ForceSpace(before, located, effect.place)
     states = [np.array([one.get(n, 0.0) for n in names]) for one in space.states]
     again = try_refit(
-        last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
+        last.plant, trials, values=begun, states=states, horizons=COARSE_HORIZONS,
         control=FitControl(is_late=lambda: tell.is_late),
     )  # fmt: skip
-    least = unexplained_by(last) - LESS * _channels(last)
+    least = unexplained_by(last) - MIN_LOG_POWER_GAIN * _channels(last)
     if again is None or unexplained_by(again) > least:
         return hypothesis
     return hypothesis.with_last(again, kinds)
@@ -94,7 +98,7 @@ def _incomplete_law(
     """Say which law it is, where a force at its place is all that is missing."""
     best, *others = located.groups
     if best.left > LIMITS.several_forces_chi2 or any(
-        one.left < UNIQUE * best.left for one in others
+        one.left < MIN_OTHER_REST_RATIO * best.left for one in others
     ):
         return None
     there = [
@@ -133,20 +137,28 @@ def _recovered(
 
 
 def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:
-    """Give the numbers with which a law follows a force best, beside a spring and a damper.
+    """Fit the parameters of a law to a force, beside a spring, a damper and a constant.
 
     Parameters
     ----------
+    kind
+        Of the law.
     effect
-        The law, with the numbers to begin with: those that are fitted are looked for.
+        The law, with the parameters to start from; those at 0 stay there.
     force
-        Along `motion` [N].
+        At the place of the law, shape (time,) [N].
+    motion
+        At the same place and times: elongation [m], its rate [m/s] and its acceleration [m/s²].
+
+    Returns
+    -------
+    Fitted parameters by name, in their units; none where one of them would not be allowed.
 
     Examples
     --------
     See `tests/slowtime/discrepancy/refinement/test_force_relearning.py`.
     """
-    step = -(-len(force) // SAMPLES)
+    step = -(-len(force) // MAX_SAMPLES)
     some = Motion(
         e=motion.e[::step], v=motion.v[::step], a=motion.a[::step], times=motion.times[::step]
     )
@@ -166,7 +178,7 @@ def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[st
 
     best = np.zeros(len(fitted))
     least = float(np.sum(left(best) ** 2))
-    for number, factor in itertools.product(range(len(fitted)), SPREAD):
+    for number, factor in itertools.product(range(len(fitted)), START_FACTORS):
         start = np.zeros(len(fitted))
         start[number] = np.log(factor)
         found = scipy.optimize.least_squares(left, start, max_nfev=60, x_scale=0.1)

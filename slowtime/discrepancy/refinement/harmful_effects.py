@@ -18,8 +18,9 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import evaluate_free_run, evaluation_trials
 from slowtime.dynamics.effects import Kind, Unmeasured
 
-WORSE = 1.02
-"""Times the error of the model as given that is not much worse."""
+MAX_ERROR_RATIO = 1.02
+"""[1] Of the error of a model to that of the model as given, on what was not fitted. Source:
+judgement; no study is recorded."""
 
 
 def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothesis:
@@ -43,7 +44,9 @@ def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothes
         hypothesis.trials, tuple(screen(trial).trial for trial in campaign.holdout)
     )
     given = dataclasses.replace(first, values=first.plant.values)
-    bar = WORSE * float(evaluate_free_run(campaign.description, given, tests).error.mean())
+    bar = MAX_ERROR_RATIO * float(
+        evaluate_free_run(campaign.description, given, tests).error.mean()
+    )
     while chi2_p_value(hypothesis.last) <= LIMITS.coloured_p_value:
         last = hypothesis.last
         if float(evaluate_free_run(last.plant.description, last, tests).error.mean()) <= bar:

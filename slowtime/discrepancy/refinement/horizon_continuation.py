@@ -16,7 +16,7 @@ from slowtime.discrepancy.calibration import (
 )
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.initial_states import refit_initial_states
-from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, SLOWLY
+from slowtime.discrepancy.estimation.candidate_fit import GROWING_HORIZONS, STICK_SLIP_HORIZONS
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.selection.probabilities import hardly_any
@@ -28,7 +28,7 @@ def refit_with_growing_horizon(hypothesis: Hypothesis, kinds: Mapping[str, Kind]
     """Fit the last model again to ever longer parts, where it leaves more than a right one."""
     if hypothesis.last.chi2_in_band < WRONG_MODEL_CHI2:
         return hypothesis
-    return _continued(hypothesis, kinds, GRADUALLY)
+    return _continued(hypothesis, kinds, GROWING_HORIZONS)
 
 
 def refit_friction_with_growing_horizon(
@@ -44,7 +44,7 @@ def refit_friction_with_growing_horizon(
         return hypothesis
     little = last.chi2_in_band < LIMITS.far_off_chi2 and not hardly_any(last, hypothesis.first)
     if little and chi2_p_value(last) < LIMITS.coloured_p_value:
-        return _continued(hypothesis, kinds, SLOWLY)
+        return _continued(hypothesis, kinds, STICK_SLIP_HORIZONS)
     return hypothesis
 
 

@@ -23,8 +23,9 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind
 
-LOUD = 4.0
-"""Times the mean square of what is left later, that is left of how a record begins."""
+MAX_BEGINNING_RATIO = 4.0
+"""[1] Of the mean square of the residual at the beginning of a record to that later, above
+which the initial state is wrong. Source: judgement; no study is recorded."""
 
 State = Float[np.ndarray, " state"]
 
@@ -64,7 +65,7 @@ def _begins_badly(fit: Fit, number: int, head: Trial) -> bool:
     if len(left) < 2 * first:
         return False
     early, late = np.mean(left[:first] ** 2, axis=0), np.mean(left[first:] ** 2, axis=0)
-    return float(early.sum()) > LOUD * float(late.sum())
+    return float(early.sum()) > MAX_BEGINNING_RATIO * float(late.sum())
 
 
 def _elsewhere(fit: Fit, trial: Trial, head: Trial, number: int) -> State:

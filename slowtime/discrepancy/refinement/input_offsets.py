@@ -17,8 +17,9 @@ from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 
-SEEN = 3.3
-"""Standard deviations from nothing of an offset that is told of."""
+REPORTED_SDS = 3.3
+"""[standard deviations] From zero, from which an offset is reported. Source: a two-sided
+p-value of 1 in 1000."""
 
 
 def with_offsets(description: Description, kinds: Mapping[str, Kind]) -> Description:
@@ -41,7 +42,7 @@ def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[Nam
         if effect.kind != OFFSET or number < len(given.effects):
             continue
         numbers = numbers_of(fit, number)
-        if abs(numbers["bias"].value) <= SEEN * numbers["bias"].sd:
+        if abs(numbers["bias"].value) <= REPORTED_SDS * numbers["bias"].sd:
             continue
         kind = kinds[OFFSET]
         found.append(

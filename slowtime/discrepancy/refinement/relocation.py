@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
-from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
+from slowtime.discrepancy.estimation.candidate_fit import COARSE_HORIZONS
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
@@ -24,9 +24,9 @@ from slowtime.dynamics.plant import Plant
 
 from .elimination import left_out
 
-STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
-"""Times as strong as a law was, as which it is begun with at another place: an element that
-moves less needs more of it."""
+STRENGTH_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0)
+"""[1] On the strength of a law at the start of its fit at another place: an element that moves
+less needs more of it. Source: judgement; no study is recorded."""
 
 
 def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -> Hypothesis:
@@ -111,7 +111,7 @@ def _with(
     try:
         other = refit(
             plant, trials, noise=last.noise, values=values, states=states,
-            horizons=SWIFTLY, control=FitControl(cost_to_beat=fit.cost, is_late=late),
+            horizons=COARSE_HORIZONS, control=FitControl(cost_to_beat=fit.cost, is_late=late),
         )  # fmt: skip
         other = refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
@@ -125,7 +125,7 @@ def _as_strong(
     """Give the values of a fit, the law as strong as it was, and weaker and stronger."""
     which = [] if kind.strength is None else [kind.strength, *kind.scales]
     of_strength = [plant.parameters.index(("effect", at, name)) for name in which]
-    for factor in STRENGTHS if which else (1.0,):
+    for factor in STRENGTH_FACTORS if which else (1.0,):
         values = last.values.copy()
         values[of_strength] *= factor
         yield values

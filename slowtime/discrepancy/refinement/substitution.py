@@ -33,14 +33,18 @@ from slowtime.dynamics.effects import Effect, Kind, general_kinds
 
 from .elimination import eliminate, left_out
 
-AS_LIKELY = -2.0
-"""Log evidence by which fewer effects may be behind more."""
-FAINTLY = 10.0
-"""Standard deviations from nothing, below which a law of several numbers may be at the end of
-its range; those that are not are so by fifty and more."""
-OTHERS, KNOWN = 3, 2
-"""Labels that are tried in the stead of one: those found beside the others, and those refitted
-when it was."""
+MIN_FEWER_LOG_EVIDENCE = -2.0
+"""[nats] That fewer effects have to bring against more. Source: judgement; no study is
+recorded."""
+WEAK_SDS = 10.0
+"""[standard deviations] From nothing, below which a law of several parameters may be a
+degenerate one. Source: docs/decisions/0030; laws that are not differ by fifty and more."""
+NEW_CANDIDATES = 3
+"""[candidates] Found beside the other effects that are tried in place of one. Source: a bound
+on computing time."""
+FITTED_CANDIDATES = 2
+"""[candidates] Refitted when the first effect was found that are tried again. Source: a bound
+on computing time."""
 
 
 def substitute(
@@ -71,7 +75,7 @@ def substitute(
             *eliminate(branch.fits, branch.effects, branch.trials, kinds)
         )
         fewer = len(branch.effects) < len(hypothesis.effects)
-        least = AS_LIKELY if fewer or needless else LIMITS.least_log_evidence
+        least = MIN_FEWER_LOG_EVIDENCE if fewer or needless else LIMITS.least_log_evidence
         if better(hypothesis, branch, kinds, least) is not hypothesis:
             return substitute(branch, kinds, stated, tell)
     return hypothesis
@@ -131,7 +135,7 @@ def _weak_effects(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> list[int
         number
         for number, named in enumerate(hypothesis.effects)
         if len(named.effect.parameters) > 1
-        and sds_of_strength(last, own + number, kinds[named.effect.kind]) < FAINTLY
+        and sds_of_strength(last, own + number, kinds[named.effect.kind]) < WEAK_SDS
     ]
 
 
@@ -186,7 +190,7 @@ def _searched_again(
     tried = [one for one in tried if not is_second_curve(one.effect, others, kinds)]
     if among is not None:
         tried = [one for one in tried if one.effect.place == known.place]
-    beside = best_of_each_place(tried, OTHERS)
+    beside = best_of_each_place(tried, NEW_CANDIDATES)
     if not beside:
         return None
     # What was fitted counts for as good as the best, until it is so again.
@@ -212,4 +216,4 @@ def _fitted(hypothesis: Hypothesis) -> list[Effect]:
     """Give those that were fitted when the first was named, the best first."""
     named = {label_of(one.effect) for one in hypothesis.effects}
     rest = [one for one in hypothesis.fitted if label_of(one.effect) not in named]
-    return [fitted_effect(one) for one in rest[:KNOWN]]
+    return [fitted_effect(one) for one in rest[:FITTED_CANDIDATES]]

@@ -1,7 +1,7 @@
 """Assembly of the diagnosis: verdict, sentences, the gap on what was not fitted, pictures."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.stats
@@ -26,12 +26,16 @@ from slowtime.discrepancy.estimation.input_hold import saying_holds, told_of_hol
 from slowtime.discrepancy.experiment_design.proposal import propose_experiment
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization, characterise
-from slowtime.discrepancy.noise import has_rigid_motion
+from slowtime.discrepancy.noise import Noise, has_rigid_motion
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
-from slowtime.discrepancy.selection.probabilities import FLAW, fault_of, verdict_of
+from slowtime.discrepancy.selection.probabilities import (
+    MAX_LOCAL_MINIMUM_REST,
+    fault_of,
+    verdict_of,
+)
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import (
     FreeRunResult,
@@ -47,17 +51,24 @@ from slowtime.discrepancy.validation.holdout import is_confirmed_on_holdout
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
-LEFT, ELSEWHERE = 1e-3, 0.05
-"""Share of the first gain that is still to be had, at its place, once an effect was wrongly
-named; and at another place, once so much is missing there that no name should stand."""
-FORETOLD, BY_ONE = 1.01, 0.1
-"""Error over that of noise alone at which a record that was never seen is met: whatever the
-others leave, what explains this is not unknown; and share of the error of the refitted model
-to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
-HALF = 0.5
-"""Share of what was missing that is left where nothing that was named was near."""
-CLOSED = 0.9
-"""Share to which an error has to fall before it is said to; the floor is met within as much."""
+MAX_REST_HERE = 1e-3
+"""[share of what was missing at first] That is left at the place of an effect at most, if its
+law is right. Source: judgement; no study is recorded."""
+MAX_REST_ELSEWHERE = 0.05
+"""[share of what was missing at first] That is left at another place at most, if the effects
+stand. Source: judgement; no study is recorded."""
+NOISE_ERROR_RATIO = 1.01
+"""[1] Of the error on a held-out record to that of noise alone, up to which the record is
+explained. Source: judgement; no study is recorded."""
+SINGLE_LAW_ERROR_SHARE = 0.1
+"""[share of the error of the refitted model] To which one law must reduce it, where noise is so
+low that no law explains the record within it. Source: judgement; no study is recorded."""
+UNEXPLAINED_SHARE = 0.5
+"""[share of what was missing at first] Above which what was named does not tell where to look.
+Source: judgement; no study is recorded."""
+FALLEN_ERROR_SHARE = 0.9
+"""[1] Of an error to the one before, up to which it has fallen; of the noise floor to an error,
+from which the floor is reached. Source: judgement; no study is recorded."""
 
 NOT_HELD_OUT = (
     "No record was held out: the gap is that of the last third of each record, by numbers "
@@ -68,10 +79,12 @@ LOUD = (
     "What is left is not of the colour that the noise was taken to have, but no record shows "
     "it as an error: it is noise, or far below it."
 )
-AS_WELL = 9.0
-"""Chi squared by which a law may leave more, and do as well."""
-UNLIKELY = 0.05
-"""Chance that any constant is so far within its tolerance, below which it is told."""
+EQUIVALENT_CHI2 = 9.0
+"""[1] Chi squared that a law may leave more than another and explain as much. Source:
+three-sigma rule for one parameter."""
+IMPROBABLE_PULL = 0.05
+"""[probability] That any constant is as far within its tolerance, below which it is reported.
+Source: the 5 % level."""
 FLOATS = (
     "No element holds the structure to the base: as given, it floats. Where it does not, join "
     "a node to `base`."
@@ -83,6 +96,44 @@ NOT_KEPT = (
 HURRIED = "The budget ran out before every law was tried; --patience gives it more."
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Evaluation:
+    """Free runs of the models on records that were not fitted.
+
+    Parameters
+    ----------
+    tests
+        Records that were held out, or the last third of each record.
+    held_out
+        Whether they were held out.
+    nominal
+        Of the model as given.
+    steps
+        Of the refitted model, and of the model after each effect.
+    noise
+        Of the tests, estimated from what the last model leaves.
+    floor
+        Relative error of that noise alone [1].
+    """
+
+    tests: tuple[Trial, ...]
+    held_out: bool
+    nominal: FreeRunResult
+    steps: tuple[FreeRunResult, ...]
+    noise: Noise
+    floor: float
+
+    @property
+    def errors(self) -> list[float]:
+        """Relative error of each step [1], the mean over its sensors."""
+        return [float(step.error.mean()) for step in self.steps]
+
+    @property
+    def last_is_worse(self) -> bool:
+        """Whether the last model does worse on held-out records than the model as given."""
+        return self.held_out and self.errors[-1] > float(self.nominal.error.mean())
+
+
 def report(
     campaign: Campaign,
     trials: tuple[Trial, ...],
@@ -90,120 +141,192 @@ def report(
     found: Hypothesis,
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
-    """Put an answer together: verdict, sentences, the gap on what was not fitted, pictures."""
-    first, last = found.fits[0], found.fits[-1]
-    channels = tuple(sensor.channel for sensor in campaign.description.sensors)
-    tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
-    # What a fast clock told of times after the end, nobody foretells.
-    tests = mask_clock_overrun(
-        tests, channels, (answer.effect for answer in found.effects), kinds
-    )
-    nominal = evaluate_free_run(campaign.description, dataclasses.replace(
-        first, values=first.plant.values
-    ), tests)  # fmt: skip
-    ahead = (
-        found.fits if campaign.holdout else [refit_on_heads(fit, trials) for fit in found.fits]
-    )
-    steps = [evaluate_free_run(_described(fit), fit, tests) for fit in ahead]
-    heard = noise_of_runs(last, tests, steps[-1].runs)
-    floor = noise_floor_error(tests, heard)
-    given = campaign.description
-    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
-    errors = [float(step.error.mean()) for step in steps]
-    foretold = bool(campaign.holdout and found.effects) and _foretold(
-        found, errors, floor, kinds
-    )
-    if not found.undecided and not found.final:
-        found = doubt_pieces(found, kinds)
-    if campaign.holdout and not found.undecided and not found.final:
-        if chi2_p_value(last) > LIMITS.coloured_p_value and not is_confirmed_on_holdout(
-            last, errors[-1] / floor, tests
-        ):
-            found = doubt_laws(found, kinds)
-    unknown = found.refuted_at is not None or found.link is not None
-    loud = _loud(found, errors, floor)
-    # Which of two it is matters once one of them could be right.
-    doubted = bool(found.undecided) and last.chi2_in_band < LIMITS.far_off_chi2
-    unknown = unknown or (not (doubted or foretold or loud) and _unknown(found, kinds))
+    """Put a diagnosis together: verdict, sentences, error of free runs, and data of plots.
+
+    Parameters
+    ----------
+    campaign
+        Model and records.
+    trials
+        Screened records that were fitted.
+    findings
+        What screening found out about channels.
+    found
+        Hypothesis with which the search ended.
+    kinds
+        Catalogue of effects by name.
+    """
+    given, last = campaign.description, found.last
+    evaluation = _evaluate(campaign, trials, found, kinds)
+    nominal, steps = evaluation.nominal, evaluation.steps
+    found = _doubted(found, evaluation, kinds)
     located = found.localized
     assert located is not None
-    alike = bool(located.groups[0].twins)
-    sure = temper_many_laws(found.effects, len(found.fits) - 1, kinds, alike=alike)
-    answers = _once([*(() if unknown else sure), *faults])
-    verdict, sentence = _word(campaign.description, found, answers, kinds)
-    if unknown:
-        verdict, sentence = "unknown_effect", _unnamed(found, kinds)
+    unknown = _is_unknown(found, evaluation, kinds)
+    answers = _answers(given, found, () if unknown else found.effects, findings, kinds)
+    verdict, sentence = _verdict_and_sentence(given, found, answers, kinds, unknown=unknown)
     # Constants that were bent to make up for what has no name are no better a model.
-    useless = unknown and bool(campaign.holdout) and errors[-1] > float(nominal.error.mean())
+    useless = unknown and evaluation.last_is_worse
     kept = nominal if useless else steps[-1]
     experiment = (
         propose_experiment(found.pair, trials, kinds) if found.pair and not unknown else None
     )
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
+    white_p_value = chi2_p_value(last)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + _closing(kept, nominal, floor, bool(campaign.holdout)),
+        sentence=sentence + _closing(kept, evaluation),
         effects=tuple(answers),
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
         nothing_probability=_nothing(found, located),
-        moved={} if useless else moved_of(last) | renumbered(last, campaign.description),
+        moved={} if useless else moved_of(last) | renumbered(last, given),
         where=_suspects(located),
         when=_when(located) if found.effects else When((), (), ""),
         findings=findings,
-        gap=_gap(campaign, found, nominal, steps, kept, floor),
+        gap=_gap(found, evaluation, kept),
         chi2_per_datum=last.chi2_per_datum,
-        residual_white=chi2_p_value(last) > LIMITS.white_p_value,
-        white_p_value=chi2_p_value(last),
-        nominal=campaign.description,
-        refitted=_described(first),
-        augmented=campaign.description if useless else saying_holds(_described(last)),
-        traces=traces_of(tests, nominal.runs, steps[0].runs, kept.runs),
-        spectra=spectra_of(tests, steps[0].runs, kept.runs, heard),
-        surface=(
-            _surface(located, () if unknown else found.effects, kinds, found.refuted_at)
-            if found.effects or unknown
-            else None
-        ),
+        residual_white=white_p_value > LIMITS.white_p_value,
+        white_p_value=white_p_value,
+        nominal=given,
+        refitted=_described(found.first),
+        augmented=given if useless else saying_holds(_described(last)),
+        traces=traces_of(evaluation.tests, nominal.runs, steps[0].runs, kept.runs),
+        spectra=spectra_of(evaluation.tests, steps[0].runs, kept.runs, evaluation.noise),
+        surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
         notes=(
-            *((NOT_HELD_OUT,) if not campaign.holdout else ()),
-            *((NOT_KEPT,) if useless else ()),
-            *told_of_holds(campaign.description),
-            *((FLOATS,) if has_rigid_motion(campaign.description) else ()),
+            *_notes_on_records(given, evaluation, useless=useless),
             *((HURRIED,) if found.exhausted else ()),
-            *(
-                (f"Nearest: {a.sentence}" for a in found.effects)
-                if unknown
-                else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
-            ),
+            *_notes_on_effects(found, kinds, unknown=unknown),
             *(_far(last) if verdict == "nothing_missing" else ()),
-            *((LOUD,) if loud and not unknown and _unknown(found, kinds) else ()),
+            *_note_on_noise(found, evaluation, kinds, unknown=unknown),
         ),
     )
 
 
-def _foretold(
-    found: Hypothesis, errors: Sequence[float], floor: float, kinds: Mapping[str, Kind]
-) -> bool:
-    """Whether records that were never seen are met as by no law but the right one."""
+def _evaluate(
+    campaign: Campaign, trials: tuple[Trial, ...], found: Hypothesis, kinds: Mapping[str, Kind]
+) -> Evaluation:
+    """Simulate the model as given, refitted, and after each effect, on what was not fitted."""
+    given, first, held_out = campaign.description, found.first, bool(campaign.holdout)
+    channels = tuple(sensor.channel for sensor in given.sensors)
+    tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
+    # What a fast clock told of times after the end, nobody foretells.
+    tests = mask_clock_overrun(
+        tests, channels, (answer.effect for answer in found.effects), kinds
+    )
+    as_given = dataclasses.replace(first, values=first.plant.values)
+    nominal = evaluate_free_run(given, as_given, tests)
+    ahead = found.fits if held_out else [refit_on_heads(fit, trials) for fit in found.fits]
+    steps = tuple(evaluate_free_run(_described(fit), fit, tests) for fit in ahead)
+    noise = noise_of_runs(found.last, tests, steps[-1].runs)
+    return Evaluation(
+        tests=tests,
+        held_out=held_out,
+        nominal=nominal,
+        steps=steps,
+        noise=noise,
+        floor=noise_floor_error(tests, noise),
+    )
+
+
+def _doubted(
+    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]
+) -> Hypothesis:
+    """Doubt curves that may be pieces of one, and laws that a held-out record contradicts."""
+    if not found.undecided and not found.final:
+        found = doubt_pieces(found, kinds)
+    if not evaluation.held_out or found.undecided or found.final:
+        return found
+    if chi2_p_value(found.last) <= LIMITS.coloured_p_value:
+        return found
+    excess = evaluation.errors[-1] / evaluation.floor
+    confirmed = is_confirmed_on_holdout(found.last, excess, evaluation.tests)
+    return found if confirmed else doubt_laws(found, kinds)
+
+
+def _is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
+    """Whether something is missing that is none of the effects known here."""
+    if found.refuted_at is not None or found.link is not None:
+        return True
+    # Which of two it is matters once one of them could be right.
+    doubted = bool(found.undecided) and found.last.chi2_in_band < LIMITS.far_off_chi2
+    explained = doubted or _foretold(found, evaluation, kinds) or _loud(found, evaluation)
+    return not explained and _leaves_more(found, kinds)
+
+
+def _answers(
+    given: Description,
+    found: Hypothesis,
+    effects: Sequence[NamedEffect],
+    findings: Sequence[Finding],
+    kinds: Mapping[str, Kind],
+) -> list[NamedEffect]:
+    """Give effects, less sure where they are many, and faults that screening found."""
+    assert found.localized is not None
+    alike = bool(found.localized.groups[0].twins)
+    sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
+    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
+    return _once([*sure, *faults])
+
+
+def _notes_on_records(
+    given: Description, evaluation: Evaluation, *, useless: bool
+) -> Iterator[str]:
+    """Tell what limits the comparison of the model with its records."""
+    if not evaluation.held_out:
+        yield NOT_HELD_OUT
+    if useless:
+        yield NOT_KEPT
+    yield from told_of_holds(given)
+    if has_rigid_motion(given):
+        yield FLOATS
+
+
+def _notes_on_effects(
+    found: Hypothesis, kinds: Mapping[str, Kind], *, unknown: bool
+) -> Iterator[str]:
+    """Tell which effects come nearest to an unknown one, or what else those found may be."""
+    if unknown:
+        yield from (f"Nearest: {answer.sentence}" for answer in found.effects)
+        return
+    yield from _pieced(found, kinds)
+    yield from _as_well(found, kinds)
+    yield from _besides(found)
+
+
+def _note_on_noise(
+    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind], *, unknown: bool
+) -> Iterator[str]:
+    """Tell of noise of another colour, where that keeps what is left from being unknown."""
+    if not unknown and _loud(found, evaluation) and _leaves_more(found, kinds):
+        yield LOUD
+
+
+def _foretold(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
+    """Whether held-out records are explained as by no law but the right one."""
+    if not evaluation.held_out or not found.effects:
+        return False
+    errors = evaluation.errors
     inside = ("element", "node", "base")
     laws = [a for a in found.effects if kinds[a.effect.kind].where in inside]
-    return errors[-1] <= FORETOLD * floor or (
-        len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
+    return errors[-1] <= NOISE_ERROR_RATIO * evaluation.floor or (
+        len(laws) == 1 and errors[-1] <= SINGLE_LAW_ERROR_SHARE * errors[0]
     )
 
 
-def _loud(found: Hypothesis, errors: Sequence[float], floor: float) -> bool:
+def _loud(found: Hypothesis, evaluation: Evaluation) -> bool:
     """Whether nothing was found, and what was not fitted is met as well as noise allows.
 
     What is left is then noise of another colour than it was taken to have.
     """
     little = found.fits[-1].chi2_in_band < WRONG_MODEL_CHI2
-    return not found.effects and little and CLOSED * errors[-1] <= floor
+    within = FALLEN_ERROR_SHARE * evaluation.errors[-1] <= evaluation.floor
+    return not found.effects and little and within
 
 
-def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+def _leaves_more(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     """Whether what is left is more than what was found, or nothing, could leave."""
     last = found.fits[-1]
     if not found.effects and last.chi2_in_band > WRONG_MODEL_CHI2:
@@ -219,8 +342,8 @@ def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     rest = found.rest.groups[0]
     here = [a for a in found.effects if a.effect.place in (*rest.places, *rest.twins)]
     sticks = any(isinstance(kinds[a.effect.kind].action, Friction) for a in here)
-    most = FLAW if sticks else LEFT
-    return _still_left(found) > (most if here else ELSEWHERE)
+    most = MAX_LOCAL_MINIMUM_REST if sticks else MAX_REST_HERE
+    return _still_left(found) > (most if here else MAX_REST_ELSEWHERE)
 
 
 def _still_left(found: Hypothesis) -> float:
@@ -278,7 +401,7 @@ def _as_well(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
         "well: what sets it apart does not show in these records."
         for name, one in others.items()
         if len(kinds[name].names) > len(answer.effect.parameters)
-        and misfit(one.fit, best.noise, found.trials) < least + AS_WELL
+        and misfit(one.fit, best.noise, found.trials) < least + EQUIVALENT_CHI2
     )
 
 
@@ -293,7 +416,7 @@ def _far(fit: Fit) -> tuple[str, ...]:
         f"The {name[0]} of {name[1]} had to be {abs(pulls[name]):.1f} tolerances off: allowed, "
         f"but so far is any of them by a chance of {_percent(chance)}."
         for name, chance in chances.items()
-        if chance < UNLIKELY
+        if chance < IMPROBABLE_PULL
     )
 
 
@@ -310,12 +433,16 @@ def _described(fit: Fit) -> Description:
     return with_values(fit.plant.description, values)
 
 
-def _word(
+def _verdict_and_sentence(
     given: Description,
     found: Hypothesis,
     answers: Sequence[NamedEffect],
     kinds: Mapping[str, Kind],
+    *,
+    unknown: bool,
 ) -> tuple[Verdict, str]:
+    if unknown:
+        return "unknown_effect", _unnamed(found, kinds)
     if found.undecided:
         names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
         names += ", or no more than constants that are off" if found.constants_suffice else ""
@@ -347,7 +474,7 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
         first, rest = found.localized, found.rest
         assert first is not None
         assert rest is not None
-        far = _still_left(found) > HALF
+        far = _still_left(found) > UNEXPLAINED_SHARE
         place, but = (first if far else rest).best_structural, "leaves more than the noise"
         near = "" if far else near
     return (
@@ -357,12 +484,13 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
     )
 
 
-def _closing(kept: FreeRunResult, nominal: FreeRunResult, floor: float, held: bool) -> str:
+def _closing(kept: FreeRunResult, evaluation: Evaluation) -> str:
     """Say how far the gap has closed, and how near it is to the noise."""
-    before, after = float(nominal.error.mean()), float(kept.error.mean())
-    on = "the record it never saw" if held else "the last third of the records"
-    fell = f"falls from {_percent(before)} to" if after < CLOSED * before else "is"
-    close = after <= floor / CLOSED
+    before, after = float(evaluation.nominal.error.mean()), float(kept.error.mean())
+    floor = evaluation.floor
+    on = "the record it never saw" if evaluation.held_out else "the last third of the records"
+    fell = f"falls from {_percent(before)} to" if after < FALLEN_ERROR_SHARE * before else "is"
+    close = after <= floor / FALLEN_ERROR_SHARE
     rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."
     return f" The error on {on} {fell} {_percent(after)}{rest}"
 
@@ -392,35 +520,27 @@ def _when(located: Localization) -> When:
     )
 
 
-def _gap(
-    campaign: Campaign,
-    found: Hypothesis,
-    nominal: FreeRunResult,
-    steps: Sequence[FreeRunResult],
-    kept: FreeRunResult,
-    floor: float,
-) -> Gap:
+def _gap(found: Hypothesis, evaluation: Evaluation, kept: FreeRunResult) -> Gap:
+    refitted, *errors = evaluation.errors
     return Gap(
-        nominal=float(nominal.error.mean()),
-        refitted_nominal=float(steps[0].error.mean()),
+        nominal=float(evaluation.nominal.error.mean()),
+        refitted_nominal=refitted,
         steps=tuple(
-            Step(answer.effect.kind, answer.effect.place, float(step.error.mean()))
-            for answer, step in zip(found.effects, steps[1:], strict=False)
+            Step(answer.effect.kind, answer.effect.place, error)
+            for answer, error in zip(found.effects, errors, strict=False)
         ),
         augmented=float(kept.error.mean()),
-        noise_floor=floor,
-        on="holdout" if campaign.holdout else "tail",
+        noise_floor=evaluation.floor,
+        on="holdout" if evaluation.held_out else "tail",
         worst=float(kept.error.max()),
     )
 
 
-def _surface(
-    located: Localization,
-    answers: Sequence[NamedEffect],
-    kinds: Mapping[str, Kind],
-    refuted: Place | None,
-) -> Surface | None:
+def _surface(found: Hypothesis, kinds: Mapping[str, Kind], *, unknown: bool) -> Surface | None:
     """Force at the place of the first effect, or of none, as recovered before any was in."""
+    located, refuted = found.localized, found.refuted_at
+    assert located is not None
+    answers = () if unknown else found.effects
     place = answers[0].effect.place if answers else refuted or located.best_structural
     if place.kind not in ("element", "node"):
         return None

@@ -69,7 +69,11 @@ def _by_the_others(
     own = len(found.effects) - len(kept)
     whole = found.first if own else before
     number += 1 - own
-    if (own and kept) or number >= how.most or not any(trial.used.any() for trial in trials):
+    if (
+        (own and kept)
+        or number >= how.options.most
+        or not any(trial.used.any() for trial in trials)
+    ):
         return found, before
     try:
         first = refit(

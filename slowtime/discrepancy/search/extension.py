@@ -48,7 +48,12 @@ from slowtime.discrepancy.selection.acceptance import (
     end_with,
     is_second_curve,
 )
-from slowtime.discrepancy.selection.shortlist import LATER, begins, begun_with, shortlist
+from slowtime.discrepancy.selection.shortlist import (
+    LATER_CANDIDATES,
+    begins,
+    begun_with,
+    shortlist,
+)
 from slowtime.discrepancy.selection.trial_order import (
     TrialOrder,
     is_enough,
@@ -60,7 +65,7 @@ from slowtime.dynamics.effects import Effect, Place
 
 from .settings import SearchSettings
 
-LOST = 30.0
+UNTRACKED_CHI2 = 30.0
 """[noise variances] Mean square in band from which what a model with effects leaves of whole
 records tells less than what it leaves of how they begin, or of their segments. Source: chosen
 on hidden cases."""
@@ -100,7 +105,7 @@ def extend(
     if localized.p_value > LIMITS.false_alarm_p_value and not pulled:
         return Step(hypothesis, added=0)
     much = not hypothesis.effects and hypothesis.last.chi2_in_band > LIMITS.far_off_chi2
-    if much and not how.quick:
+    if much and not how.options.quick:
         sensor = biased_accelerometer(hypothesis.last, hypothesis.trials)
         if sensor is not None:
             return _name_sensor_error(hypothesis, before, localized, sensor, how)
@@ -114,7 +119,7 @@ def extend(
         _round(hypothesis, before, localized, tried, how, number),
         base_moves=moved_base is not None, share=share,
     )  # fmt: skip
-    if number or how.quick:
+    if number or how.options.quick:
         return _from_shortlist(given, how, moved_base, begun, pulled=pulled)
     return _from_proposals(given, how, moved_base, pulled=pulled)
 
@@ -148,7 +153,7 @@ def _round(
     effects, kinds = hypothesis.effects, how.kinds
     tried = [one for one in tried if not is_second_curve(one.effect, effects, kinds)]
     short = shortlist(
-        hypothesis, before, localized, tried, kinds, number=number, quick=how.quick
+        hypothesis, before, localized, tried, kinds, number=number, quick=how.options.quick
     )
     channels = tuple(s.channel for s in before.plant.description.sensors)
     trials = mask_clock_overrun(
@@ -190,7 +195,7 @@ def _from_shortlist(
     otherwise = _explained_otherwise(given, fitted, moved_base)
     if otherwise is not None:
         return otherwise
-    if number and not (how.quick or monitor.is_late):
+    if number and not (how.options.quick or monitor.is_late):
         before = given.before
         if not begun and fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             begun = fit_later_segments(given.hypothesis, before, how)
@@ -261,7 +266,7 @@ def _fit_proposals(
     the order of trials, which knows what there was no budget for; and the fits.
     """
     turn, fitting = None, None
-    for proposer in how.proposers:
+    for proposer in how.options.proposers:
         proposal = proposer(given)
         given = dataclasses.replace(given, proposals=(*given.proposals, proposal))
         if not proposal.candidates:
@@ -345,7 +350,7 @@ def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[
     segments, initial = given.of(Segments().name), given.of(InitialSegments().name)
     if segments is not None and segments.candidates:
         # A law that is right, and loses its way in a whole record, is fitted to all segments.
-        lost = bool(fitted) and fitted[0].fit.chi2_in_band > LOST
+        lost = bool(fitted) and fitted[0].fit.chi2_in_band > UNTRACKED_CHI2
         return segments.shot if lost else ()
     opened = initial.shot if initial is not None else ()
     begins_with = initial.begins if initial is not None else None
@@ -393,7 +398,7 @@ def accept_best(
     if not step.added or monitor.is_over or step.hypothesis.final:
         return step
     found = step.hypothesis
-    for refine in how.refiners:
+    for refine in how.options.refiners:
         found = refine(found, kinds, monitor)
     return dataclasses.replace(step, hypothesis=found)
 
@@ -422,7 +427,7 @@ def fit_later_segments(
     more = before.data / max(part.data, 1)
     candidates = [
         dataclasses.replace(one, cost=more * one.cost, cost_without=more * one.cost_without)
-        for one in best_of_each_place(tried, LATER)
+        for one in best_of_each_place(tried, LATER_CANDIDATES)
     ]
     return fit_candidates(
         part, candidates, hypothesis.trials, kinds, tick, over=lambda: monitor.is_over

@@ -24,10 +24,10 @@ from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.thresholds import LIMITS
 
 from .drifting_sensor import end_with_drift
-from .extension import LOST, accept_best, extend, fit_later_segments
+from .extension import UNTRACKED_CHI2, accept_best, extend, fit_later_segments
 from .settings import SearchSettings
 
-SILENT = 0.01
+NOTHING_LEFT_P_VALUE = 0.01
 """[probability] p-value of chi squared above which nothing more is looked for after the first
 effect. Source: the 1 % level."""
 
@@ -41,7 +41,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
         Fit of the model as given, its constants free within their tolerances.
     """
     found = Hypothesis((first,), trials)
-    if how.quick:
+    if how.options.quick:
         return continue_search(found, how, 0)
     held = refit_within_tolerances(first, trials)
     step = _next(found, how, 0, held)
@@ -66,7 +66,7 @@ def continue_search(found: Hypothesis, how: SearchSettings, begun: int) -> Hypot
     begun
         Number of effects that were looked for before.
     """
-    for number in range(begun, how.most):
+    for number in range(begun, how.options.most):
         step = _next(found, how, number)
         found = step.hypothesis
         if not step.added:
@@ -90,7 +90,7 @@ def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None 
     """
     before = found.last
     pulled = bool(moved_of(before))
-    if found.effects and chi2_p_value(before) > SILENT:
+    if found.effects and chi2_p_value(before) > NOTHING_LEFT_P_VALUE:
         if pulled:
             # Of parameters told only together, one may have stopped far from its claim.
             found = converge(found, found.given_effects, how.kinds)
@@ -104,7 +104,7 @@ def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None 
         relearnt = relearn_force(found, held, localized, how.kinds, how.monitor)
         if relearnt is not found:
             return _next(relearnt, how, number)
-    lost = number > 0 and held.chi2_in_band > LOST and not how.quick
+    lost = number > 0 and held.chi2_in_band > UNTRACKED_CHI2 and not how.options.quick
     begun = fit_later_segments(found, held, how) if lost else []
     if begun and begun[0].fit.chi2_in_band < LIMITS.far_off_chi2:
         rest = localized or locate(held, found.trials)
@@ -132,7 +132,7 @@ def _close(found: Hypothesis, how: SearchSettings, number: int) -> tuple[Hypothe
     exhausted = how.monitor.is_late
     found = dataclasses.replace(found, exhausted=exhausted)
     enough = exhausted and (how.monitor.is_over or explains_all(found))
-    if not enough and number < how.most - 1:
+    if not enough and number < how.options.most - 1:
         return found, False
     how.monitor("looking at what is left", 0.9)
     return dataclasses.replace(found, rest=locate(found.last, found.trials)), True
@@ -187,6 +187,6 @@ def _revise(found: Hypothesis, how: SearchSettings) -> Hypothesis:
     revised = substitute(found, how.kinds, how.stated, how.monitor)
     count = len(revised.effects)
     changed = [one.effect for one in revised.effects] != [one.effect for one in found.effects]
-    if changed and count < how.most and not explains_all(revised):
+    if changed and count < how.options.most and not explains_all(revised):
         return continue_search(revised, how, count)
     return revised

@@ -9,38 +9,58 @@ from slowtime.discrepancy.proposers import PROPOSERS, Proposer
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.dynamics.effects import Kind
 
-MOST = 3
+MAX_EFFECTS = 3
 """[effects] That are looked for, one after the other. Source: a decision of scope; records that
 lack more than three effects are a model to be rebuilt."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class SearchSettings:
-    """What is looked for, and who is told.
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SearchOptions:
+    """How thoroughly effects are searched for, and by which steps.
 
     Parameters
     ----------
     quick
-        One effect is looked for, among few candidates.
-    stated
-        What the model says of its inputs between samples; as it stands where not given.
-    asked
-        Holds under which effects were looked for already.
+        One effect is searched for, among few candidates.
     proposers
-        Asked in order for candidates of the first effect.
+        Asked in order for candidates of the first effect; one of your own is put among them.
     refiners
         Steps taken in order after each effect.
     """
 
-    kinds: Mapping[str, Kind]
-    monitor: Monitor
     quick: bool = False
-    stated: tuple[Hold, ...] | None = None
-    asked: tuple[tuple[Hold, ...] | None, ...] = ()
     proposers: tuple[Proposer, ...] = PROPOSERS
     refiners: tuple[Refiner, ...] = REFINERS
 
     @property
     def most(self) -> int:
-        """Number of effects that are looked for."""
-        return 1 if self.quick else MOST
+        """Number of effects that are searched for."""
+        return 1 if self.quick else MAX_EFFECTS
+
+
+DEFAULT_OPTIONS = SearchOptions()
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class SearchSettings:
+    """What is searched for, by which steps, and who is told.
+
+    Parameters
+    ----------
+    kinds
+        Effects that may be named.
+    monitor
+        Told the stage; says whether the budget is used up.
+    options
+        How thoroughly, and by which steps.
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    asked
+        Holds under which effects were searched for already.
+    """
+
+    kinds: Mapping[str, Kind]
+    monitor: Monitor
+    options: SearchOptions = DEFAULT_OPTIONS
+    stated: tuple[Hold, ...] | None = None
+    asked: tuple[tuple[Hold, ...] | None, ...] = ()

@@ -22,7 +22,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     with_noise,
 )
 from slowtime.discrepancy.estimation.input_hold import (
-    FAINT,
+    NOTICEABLE_POWER,
     Hold,
     held_as_well,
     held_instead,
@@ -38,14 +38,16 @@ from slowtime.dynamics.effects import Effect, Kind, Law
 from .many_laws import variable_of
 from .probabilities import answer_of, hardly_any, rivals_within, shares_of
 
-SPECK = 0.01
-"""Share of what is missing, by which a first effect that explains no more is not what is."""
-SLIGHT = 1e-3
-"""Share of what is missing, up to which a law of more numbers that explains no more than its
-limit does is taken for it. Of friction that creeps where it should stick, Stribeck's law makes
-up to 0.9e-3; of true Stribeck curves in twenty hidden cases, 1.35e-3 at least, 20e-3 mostly."""
-MUCH = 0.2
-"""Share of what was left that a second law at one place may leave, if more than noise."""
+MIN_FIRST_SHARE = 0.01
+"""[share of what is missing] That a first effect has to explain. Source:
+docs/decisions/0021."""
+MIN_NESTED_GAIN = 1e-3
+"""[share of what is missing] That a law must explain beyond the simpler law it contains.
+Source: docs/decisions/0027; where friction creeps, Stribeck's law explains up to 0.9e-3, in
+twenty hidden cases with true Stribeck friction 1.35e-3 at least."""
+MAX_SECOND_REST = 0.2
+"""[share of what the first law left beyond noise] That a second law at one place may leave, if
+more than noise. Source: judgement; no study is recorded."""
 NESTED = {"stribeck": "coulomb"}
 """Laws, and the simpler ones that they become."""
 
@@ -207,7 +209,7 @@ def _worth_it(
     least = (
         _least_gain(hypothesis, best, bare, same_place=terms.same_place)
         if hypothesis.effects
-        else SPECK * missing
+        else MIN_FIRST_SHARE * missing
     )
     if not (constant or terms.certain) and bare.cost - best.fit.cost < least:
         return None
@@ -248,7 +250,7 @@ def _explains_much(
     there = [a.effect for a in hypothesis.effects if a.effect.place == best.effect.place]
     cut_segments = own is not None and any(variable_of(one, kinds) == own for one in there)
     first, last = hypothesis.first, hypothesis.last
-    much = best.fit.chi2_in_band - 1 < MUCH * (last.chi2_in_band - 1)
+    much = best.fit.chi2_in_band - 1 < MAX_SECOND_REST * (last.chi2_in_band - 1)
     return much and not hardly_any(last, first) and not cut_segments
 
 
@@ -259,7 +261,10 @@ def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[Fitt
         limit = other.effect.kind == NESTED.get(best.effect.kind)
         if limit and other.effect.place == best.effect.place:
             gained = other.fit.cost - best.fit.cost
-            if len(other.fit.states) == len(best.fit.states) and gained < SLIGHT * missing:
+            if (
+                len(other.fit.states) == len(best.fit.states)
+                and gained < MIN_NESTED_GAIN * missing
+            ):
                 rest = [one for one in others if one is not other]
                 return [other, *rest]
     return [best, *others]
@@ -275,12 +280,12 @@ def _least_gain(
     """
     fleck = LIMITS.negligible_share * _missing_at_first(hypothesis, best)
     still = not same_place and _clears(bare, best.fit)
-    return fleck if still else max(FAINT * bare.data, fleck)
+    return fleck if still else max(NOTICEABLE_POWER * bare.data, fleck)
 
 
 def _clears(bare: Fit, fit: Fit) -> bool:
     """Whether a fit leaves noise where something was heard, and much of it in band."""
-    much = bare.chi2_in_band - fit.chi2_in_band > FAINT
+    much = bare.chi2_in_band - fit.chi2_in_band > NOTICEABLE_POWER
     return (
         much
         and chi2_p_value(bare) < LIMITS.coloured_p_value

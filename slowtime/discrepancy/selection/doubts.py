@@ -9,10 +9,10 @@ from slowtime.dynamics.effects import Kind
 
 from .many_laws import pieces_of_one
 
-EITHER = 0.5
+DOUBTED_PROBABILITY = 0.5
 """[probability] Of a law that need do nothing of its own, or that fails elsewhere. Source:
 indifference between it and a law near it that is not known."""
-SLIGHTLY = 0.01
+MAX_CORRECTION_SHARE = 0.01
 """[share of what was missing] Up to which the second of two curves over one variable only
 corrects the first. Source: chosen on hidden cases."""
 
@@ -21,8 +21,8 @@ def doubt(hypothesis: Hypothesis, number: int) -> Hypothesis:
     """Hold a law for no likelier than one that is not known."""
     effects = list(hypothesis.effects)
     named = effects[number]
-    effects[number] = dataclasses.replace(named, probability=EITHER)
-    rival = Rival(named.effect.kind, named.effect.place, EITHER)
+    effects[number] = dataclasses.replace(named, probability=DOUBTED_PROBABILITY)
+    rival = Rival(named.effect.kind, named.effect.place, DOUBTED_PROBABILITY)
     return dataclasses.replace(
         hypothesis,
         effects=tuple(effects),
@@ -38,7 +38,7 @@ def doubt_pieces(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesi
     for place in pieces_of_one(hypothesis.effects, kinds):
         there = [n for n, named in enumerate(hypothesis.effects) if named.effect.place == place]
         before = hypothesis.fits[there[-1]].chi2_in_band - 1
-        if before > SLIGHTLY * missing:
+        if before > MAX_CORRECTION_SHARE * missing:
             for number in there:
                 doubted = doubt(doubted, number)
     return doubted

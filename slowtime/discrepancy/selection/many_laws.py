@@ -23,8 +23,10 @@ from slowtime.dynamics.effects import (
     force_along,
 )
 
-MANY, PATCHED = 3, 0.8
-"""Laws from which on a model is patchwork; chance that such a one holds the right ones."""
+MANY_LAWS = 3
+"""[laws] From which they may fit any motion together. Source: docs/decisions/0020."""
+PATCHWORK_PROBABILITY = 0.8
+"""[probability] That the right laws are among such. Source: docs/decisions/0020."""
 
 Variable = Literal["elongation", "speed"]
 STRAIGHT: Mapping[str, Variable] = {
@@ -51,9 +53,9 @@ def temper_many_laws(
     # What no law follows, at the base, may be what the laws that were named lack; or, where
     # sensors cannot tell the base from an element, what a law there does that is unknown.
     shaken = (alike or len(answers) > 1) and any(_shakes(a, kinds) for a in answers)
-    many = count >= MANY or shaken
+    many = count >= MANY_LAWS or shaken
     return [
-        dataclasses.replace(answer, probability=PATCHED * answer.probability)
+        dataclasses.replace(answer, probability=PATCHWORK_PROBABILITY * answer.probability)
         if many or answer.effect.place in pieced
         else answer
         for answer in answers

@@ -19,18 +19,33 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-FLAW = 0.003
-"""Share of what was missing that a right model may leave: friction that sticks leaves a little
-wherever its fit ends, for its misfit has many minima."""
+MAX_LOCAL_MINIMUM_REST = 0.003
+"""[share of what was missing] That a right model leaves at most in a local minimum, as where
+friction sticks. Source: docs/decisions/0019."""
 
 
 def hardly_any(last: Fit, first: Fit) -> bool:
     """Whether a fit leaves hardly any of what the first left beyond the noise."""
-    return last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
+    return last.chi2_in_band - 1 < MAX_LOCAL_MINIMUM_REST * (first.chi2_in_band - 1)
 
 
 def probabilities(scores: Sequence[float], excess: float) -> list[float]:
-    """From log evidence, tempered by what the best model leaves over the noise."""
+    """Probabilities of models from their log evidence.
+
+    Log evidence is tempered by `evidence_power` of the thresholds, and by what the best model
+    leaves over the noise.
+
+    Parameters
+    ----------
+    scores
+        Log evidence of each model [nats].
+    excess
+        Mean square that the best model leaves [noise variances].
+
+    Returns
+    -------
+    One for each model, in their order; they sum to 1.
+    """
     left = np.asarray(scores) * LIMITS.evidence_power / max(excess, 1.0)
     odds = np.exp(left - left.max())
     return [float(p) for p in odds / odds.sum()]
@@ -42,14 +57,22 @@ def shares_of(
     besides: Sequence[float] = (),
     bare: Fit | None = None,
 ) -> list[float]:
-    """Give the probability of each label, in their order.
+    """Give the probability of each candidate, in their order.
 
     Parameters
     ----------
+    found
+        Refitted candidates, the best first.
+    kinds
+        Catalogue of effects by name.
     besides
-        Log evidence of other answers, no effect among them, that take their share.
+        Log evidence [nats] of other answers without an effect, which take their share.
     bare
         The fit without any of them.
+
+    Returns
+    -------
+    One for each candidate [1]; with those of `besides` they sum to 1.
     """
     scores = [n.score + leniency(n, kinds, bare) for n in found]
     return probabilities([*scores, *besides], found[0].fit.chi2_in_band)[: len(scores)]
@@ -58,7 +81,17 @@ def shares_of(
 def answer_of(
     found: Sequence[FittedCandidate], shares: Sequence[float], kinds: Mapping[str, Kind]
 ) -> NamedEffect:
-    """Give the best label, with its numbers and rivals."""
+    """Give the best candidate as an effect, with its parameters and rivals.
+
+    Parameters
+    ----------
+    found
+        Refitted candidates, the best first.
+    shares
+        Probability of each [1].
+    kinds
+        Catalogue of effects by name.
+    """
     best = found[0]
     effect = fitted_effect(best)
     rivals = tuple(
@@ -124,7 +157,15 @@ def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Ver
 def rivals_within(
     found: Sequence[FittedCandidate], shares: Sequence[float]
 ) -> tuple[Rival, ...]:
-    """Give the labels that make up the greater part of the probability, the likeliest first."""
+    """Give the candidates that together hold `undecided_mass` of the probability.
+
+    Parameters
+    ----------
+    found
+        Refitted candidates, the most probable first.
+    shares
+        Probability of each [1].
+    """
     return _greater([
         Rival(named.effect.kind, named.effect.place, share)
         for named, share in zip(found, shares, strict=True)

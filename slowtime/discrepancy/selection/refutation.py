@@ -10,7 +10,7 @@ from slowtime.discrepancy.validation.free_force_test import refuted_by_free_forc
 from slowtime.dynamics.effects import Kind
 
 from .doubts import doubt
-from .many_laws import MANY
+from .many_laws import MANY_LAWS
 
 
 def refute(found: Hypothesis, first: int, kinds: Mapping[str, Kind]) -> Hypothesis:
@@ -27,7 +27,7 @@ def refute(found: Hypothesis, first: int, kinds: Mapping[str, Kind]) -> Hypothes
     last = found.last
     if not found.effects or found.undecided or found.final:
         return found
-    patchwork = len(found.effects) >= MANY and last.chi2_in_band < LIMITS.explained_chi2
+    patchwork = len(found.effects) >= MANY_LAWS and last.chi2_in_band < LIMITS.explained_chi2
     if chi2_p_value(last) <= LIMITS.coloured_p_value and not patchwork:
         return found
     against = refuted_by_free_force(last, first, found.trials, kinds)

@@ -11,7 +11,7 @@ from slowtime.discrepancy.candidates.library_fit import (
     mirrored_factor,
 )
 from slowtime.discrepancy.estimation.candidate_fit import (
-    KEPT,
+    MAX_CANDIDATES,
     FittedCandidate,
     best_of_each_place,
 )
@@ -20,12 +20,20 @@ from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
-HASTY, LATER, TWICE = 3, 3, 2
-"""Labels refitted where it is to be quick, and where more than one effect is missing; for the
-later ones; and where what is left is left at a place that has an effect already."""
-APART, LEADING = 0.4, 0.25
-"""Share of what any other place leaves, and of what was missing, that one of several effects
-leaves where it is told before the others."""
+QUICK_CANDIDATES = 3
+"""[candidates] Refitted for the first effect in a quick search, and where several effects are
+missing. Source: docs/decisions/0023."""
+LATER_CANDIDATES = 3
+"""[candidates] Refitted for each later effect. Source: a bound on computing time."""
+SAME_PLACE_CANDIDATES = 2
+"""[candidates] Refitted where the residual points to a place that has an effect. Source: a
+bound on computing time."""
+DOMINANT_PLACE_RATIO = 0.4
+"""[1] Of what a force at the best place leaves to what one at any other leaves, up to which one
+of several effects dominates. Source: docs/decisions/0030; chosen on hidden cases."""
+DOMINANT_REST_SHARE = 0.25
+"""[share of what was missing] That its law leaves at most. Source: docs/decisions/0030; chosen
+on hidden cases."""
 
 
 def shortlist(
@@ -51,8 +59,10 @@ def shortlist(
     again = any(a.effect.place in located.groups[0].places for a in hypothesis.effects)
     # No force at one place does it: which of two comes first matters less than both.
     several = located.groups[0].left > LIMITS.several_forces_chi2
-    most = HASTY if quick or several else KEPT
-    labels = best_of_each_place(tried, (TWICE if again else LATER) if number else most)
+    most = QUICK_CANDIDATES if quick or several else MAX_CANDIDATES
+    labels = best_of_each_place(
+        tried, (SAME_PLACE_CANDIDATES if again else LATER_CANDIDATES) if number else most
+    )
     if len(before.plant.description.sensors) == 1:
         labels += mirrored_factor(labels, tried, kinds)
     if number == 0 and located.p_value > LIMITS.false_alarm_p_value:
@@ -69,8 +79,8 @@ def begun_with(named: Sequence[FittedCandidate], before: Fit, located: Localizat
         or best.left < LIMITS.several_forces_chi2
     ):
         return False
-    alone = all(best.left < APART * other.left for other in others)
-    return alone and named[0].fit.chi2_in_band < LEADING * before.chi2_in_band
+    alone = all(best.left < DOMINANT_PLACE_RATIO * other.left for other in others)
+    return alone and named[0].fit.chi2_in_band < DOMINANT_REST_SHARE * before.chi2_in_band
 
 
 def begins(one: FittedCandidate, label: Label | None, bent: Fit) -> bool:

@@ -9,12 +9,12 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind
 
-APART = 2.0
-"""Times what the best leaves along the force, from which others are not tried once it is late.
-"""
-AS_GOOD = 1.1
-"""Times what the best leaves along the force, within which the simpler is tried first: it takes
-less time, and what it leaves is soon too much for the others."""
+FAR_COST_RATIO = 2.0
+"""[1] Times what the best candidate leaves along the force, from which others are not tried in
+the last part of the budget. Source: docs/decisions/0023."""
+EQUAL_COST_RATIO = 1.1
+"""[1] Times what the best candidate leaves along the force, within which those with fewer
+parameters are tried first. Source: docs/decisions/0026 for the rule; the value is judgement."""
 
 
 class TrialOrder:
@@ -51,7 +51,7 @@ def near_first(
     labels: list[Candidate], kinds: Mapping[str, Kind]
 ) -> tuple[list[Candidate], set[Label]]:
     """Put labels of few numbers first, those far behind the best last; say which these are."""
-    reach = APART * min((one.cost for one in labels), default=0.0)
+    reach = FAR_COST_RATIO * min((one.cost for one in labels), default=0.0)
     far = {label_of(one.effect) for one in labels if one.cost >= reach}
 
     def turn(one: Candidate) -> tuple[bool, int]:
@@ -62,7 +62,7 @@ def near_first(
 
 def simple_first(labels: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
     """Put labels of few numbers first among those that leave about as little."""
-    reach = AS_GOOD * min((one.cost for one in labels), default=0.0)
+    reach = EQUAL_COST_RATIO * min((one.cost for one in labels), default=0.0)
 
     def turn(one: Candidate) -> tuple[bool, int]:
         near = one.cost <= reach

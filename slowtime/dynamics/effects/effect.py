@@ -45,8 +45,14 @@ def read_effects(
 
     Parameters
     ----------
+    description
+        Structure with its effects.
     kinds
         Those known, by name; the catalogue where not given.
+
+    Returns
+    -------
+    The effects.
 
     Raises
     ------

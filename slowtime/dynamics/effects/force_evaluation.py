@@ -19,9 +19,17 @@ def force_along(kind: Kind, parameters: Mapping[str, float], motion: Motion) -> 
 
     Parameters
     ----------
+    kind
+        Kind of the effect.
+    parameters
+        Its parameters, by name, in their units.
     motion
         Of the place; of a node, its displacement and velocity against the base, and its
         acceleration in space.
+
+    Returns
+    -------
+    Force [N].
 
     Raises
     ------

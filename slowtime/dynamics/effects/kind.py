@@ -50,7 +50,17 @@ class Parameter:
     choices: tuple[float, ...] = ()
 
     def refuses(self, value: float) -> str | None:
-        """Say what is wrong with a value; None where nothing is."""
+        """Explain why a value is not allowed.
+
+        Parameters
+        ----------
+        value
+            Value in the unit of the parameter.
+
+        Returns
+        -------
+        Message to the user; None where the value is allowed.
+        """
         if self.default is not None and math.isnan(self.default) and math.isnan(value):
             return None
         if self.choices:
@@ -186,7 +196,19 @@ Action = Law | Friction | Hidden | InputChange | SensorChange | Unmeasured
 
 
 def always(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Of kinds that any motion shows."""
+    """Tell that a motion shows the effect: for kinds that any motion shows.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    True.
+    """
     return True
 
 
@@ -196,7 +218,19 @@ def no_shapes(motion: Motion) -> list[Shape]:
 
 
 def no_guesses(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
-    """Of kinds of which a model tells nothing."""
+    """List no values to begin with: for kinds that a linear model says nothing about.
+
+    Parameters
+    ----------
+    mass_kg
+        Mass of the node [kg].
+    frequencies_hz
+        Undamped natural frequencies of the model [Hz].
+
+    Returns
+    -------
+    An empty list.
+    """
     return []
 
 
@@ -328,7 +362,22 @@ class Kind:
         return self.parameters[self.names.index(name)]
 
     def values(self, parameters: Mapping[str, float]) -> Values:
-        """Parameters in the order in which laws see them, defaults put in."""
+        """Parameters in the order in which laws see them, with defaults filled in.
+
+        Parameters
+        ----------
+        parameters
+            Values by name, in their units.
+
+        Returns
+        -------
+        Values [parameter].
+
+        Raises
+        ------
+        ValueError
+            Where a parameter without a default is missing, or a name is unknown.
+        """
         missing = [p.name for p in self.parameters if p.default is None]
         missing = [name for name in missing if name not in parameters]
         strange = [name for name in parameters if name not in self.names]

@@ -184,13 +184,35 @@ def plain(number: int) -> int:
 
 @compiled
 def address(matrix: Reals, row: int, column: int) -> int:
-    """Where a number of a matrix stands in memory."""
+    """Memory address of an entry of a matrix.
+
+    Parameters
+    ----------
+    matrix
+        Matrix, stored row by row.
+    row, column
+        Indices of the entry.
+
+    Returns
+    -------
+    Address [bytes].
+    """
     return int(matrix.ctypes.data + 8 * (row * matrix.shape[1] + column))
 
 
 @compiled
 def by_linear(store: Whole, shares: Reals, slopes: Reals) -> None:
-    """Find what linear parameters do by themselves: slopes of a matrix, times its columns."""
+    """Compute what linear parameters do by themselves: slopes of a matrix, times its columns.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    shares
+        Factor of each column of the matrix [column].
+    slopes
+        Slopes of the matrix, laid out by column [column, row and parameter].
+    """
     found, nought = line(store, BY_LINEAR), line(store, NOUGHT)
     width = slopes.shape[1]
     for i in range(0, width, ROUND):
@@ -206,7 +228,21 @@ def by_linear(store: Whole, shares: Reals, slopes: Reals) -> None:
 
 @compiled
 def carry(store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals) -> None:
-    """Find the slopes of what a matrix makes of the state, and add those of `by_linear`."""
+    """Compute the slopes of a matrix times the state, and add those of `by_linear`.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    matrix
+        The matrix [row, column]; its first columns belong to the state.
+    linear
+        Number of slopes to linear parameters, in whole rounds.
+    slope
+        Slopes of the state [state, slope].
+    found
+        Slopes of the product [row, slope]; written.
+    """
     own, nought = line(store, BY_LINEAR), line(store, NOUGHT)
     states, width = slope.shape
     for r in range(len(found)):
@@ -220,7 +256,17 @@ def carry(store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals) 
 
 @compiled
 def solve(matrix: Reals, right: Reals, size: int) -> None:
-    """Solve a system of the first rows in place, for several right sides; it is used up."""
+    """Solve a system of linear equations in place, by elimination with pivoting.
+
+    Parameters
+    ----------
+    matrix
+        Matrix [row, column]; overwritten.
+    right
+        Right sides [row, side]; overwritten by the solutions.
+    size
+        Number of leading rows that make the system.
+    """
     sides = right.shape[1]
     for k in range(size):
         best = k
@@ -249,7 +295,27 @@ def solve(matrix: Reals, right: Reals, size: int) -> None:
 
 @compiled
 def force_of(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -> float:
-    """Value of one channel of one effect; of friction that slides, with its sign."""
+    """Value of one channel of one effect; that of sliding friction has its sign.
+
+    Parameters
+    ----------
+    law
+        Address of the compiled law.
+    row
+        Row of the table of effects.
+    mode
+        Mode of friction: 1 or -1 where it slides, 0 where it sticks.
+    w
+        Observations of the state that laws see [observation].
+    t
+        Time [s].
+    p
+        Parameters of all laws [parameter].
+
+    Returns
+    -------
+    Force [N], or rate of an internal state.
+    """
     seen = row[SEEN]
     z, own = w.ctypes.data + 8 * (seen + 2), p.ctypes.data + 8 * row[FIRST]
     if row[FRICTION] == 1:
@@ -261,7 +327,23 @@ def force_of(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) ->
 
 @compiled
 def forces(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int) -> None:
-    """Put all channels into a column, from row `first`; of what sticks, the most it holds."""
+    """Compute all channels; of friction that sticks, the most that it holds.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    modes
+        Mode of each effect [effect].
+    w
+        Observations of the state that laws see [observation].
+    t
+        Time [s].
+    y
+        Column that takes the channels [row, 1]; written.
+    first
+        Row of the first channel.
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     p = line(store, P)
     for i in range(len(table)):
@@ -272,7 +354,19 @@ def forces(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int)
 
 @compiled
 def slopes_of_laws(store: Whole, w: Reals, t: float, point: int) -> None:
-    """Differentiate all channels, by central differences, to what is seen and to parameters."""
+    """Differentiate all channels to observations and parameters, by central differences.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    w
+        Observations of the state that laws see [observation].
+    t
+        Time [s].
+    point
+        Index of the Radau point whose slopes are written.
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     column, modes = whole_line(store, COLUMN), line(store, MODES)
     largest_w, by_seen = line(store, LARGEST_W), cube(store, BY_SEEN)
@@ -307,7 +401,23 @@ def slopes_of_laws(store: Whole, w: Reals, t: float, point: int) -> None:
 def spread_slopes(
     store: Whole, point: int, slope_w: Reals, at: int, slope_y: Reals, first: int
 ) -> None:
-    """Chain rule from what is seen (rows from `at` on) to forces; of what sticks, nothing."""
+    """Apply the chain rule from observations to forces; of what sticks, slopes are zero.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    point
+        Index of the Radau point.
+    slope_w
+        Slopes of the observations [row, slope].
+    at
+        Row of the first observation.
+    slope_y
+        Slopes of the forces [row, slope]; written.
+    first
+        Row of the first channel.
+    """
     table, column = whole_grid(store, TABLE), whole_line(store, COLUMN)
     modes, by_seen = line(store, MODES), cube(store, BY_SEEN)
     by_parameter, nought = grid(store, BY_PARAMETER), line(store, NOUGHT)
@@ -332,7 +442,19 @@ def spread_slopes(
 
 @compiled
 def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
-    """Add the forces that keep the speeds of what sticks, and what they do to the rates."""
+    """Add the forces that keep the speeds of sticking friction, and their effect on the rates.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    rates
+        Rates of the state, or their slopes [state, side]; changed.
+    v
+        State, inputs and forces, or their slopes [row, side]; forces are written.
+    right
+        Room for the right sides [friction, side].
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     seeing, matrix = grid(store, SEEING), grid(store, MATRIX)
     modes, stuck = line(store, MODES), grid(store, STUCK)
@@ -370,7 +492,15 @@ def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
 
 @compiled
 def see(store: Whole, x: Reals) -> None:
-    """Tell what laws see of a state."""
+    """Compute what laws see of a state.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    x
+        State [state].
+    """
     seeing, w, nought = grid(store, SEEING_BY_COLUMN), line(store, W), line(store, NOUGHT)
     width = seeing.shape[1]
     for o in range(0, len(w), ROUND):
@@ -380,7 +510,21 @@ def see(store: Whole, x: Reals) -> None:
 
 @compiled
 def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
-    """Find forces at one instant, those of sticking too, and the rate of the state."""
+    """Compute the forces at one instant, those of sticking too, and the rate of the state.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    x
+        State [state].
+    t
+        Time [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     matrix, modes = grid(store, MATRIX_BY_COLUMN), line(store, MODES)
     v, rate, nought = grid(store, V), grid(store, RATE), line(store, NOUGHT)
@@ -408,7 +552,21 @@ def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> Non
 
 @compiled
 def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s: float) -> None:
-    """Find slopes of what `flow` has just told."""
+    """Compute the slopes of the forces and rates that `flow` has just computed.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    slope
+        Slopes of the state [state, slope].
+    t
+        Time [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    """
     laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN)
     seeing, matrix = grid(store, SEEING), grid(store, MATRIX)
     slope_matrix = grid(store, SLOPE_MATRIX)
@@ -452,7 +610,19 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
 
 @compiled
 def settle(store: Whole, t: float, coefficients: Reals, s: float) -> None:
-    """Let friction whose mode is 0 stick where it can hold, and slide where it cannot."""
+    """Let friction whose mode is 0 stick where it can hold, and slide where it cannot.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    t
+        Time [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     matrix, x = grid(store, MATRIX), line(store, X)
     modes, v = line(store, MODES), grid(store, V)
@@ -484,7 +654,25 @@ def crawl(
     width: float,
     slopes: int,
 ) -> None:
-    """Step from `x`, `s` to `x_1`, `s_1` by Runge and Kutta's fourth-order rule."""
+    """Step from `x`, `s` to `x_1`, `s_1` by the classical Runge-Kutta rule of order 4.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    t
+        Time [s].
+    h
+        Length of the step [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    width
+        Length of the step over the sample interval [1].
+    slopes
+        Number of slopes to carry along.
+    """
     x, slope = line(store, X), grid(store, S)
     rate, slope_rate = grid(store, RATE), grid(store, SLOPE_RATE)
     x_0, s_0 = line(store, X_0), grid(store, S_0)
@@ -511,7 +699,27 @@ def crawl(
 
 @compiled
 def margin(store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: float) -> float:
-    """How far friction is from an event: speed on while it slides, force to spare while not."""
+    """Distance of friction from its next event.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    i
+        Index of the effect.
+    x
+        State [state].
+    t
+        Time [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+
+    Returns
+    -------
+    Speed in its direction [m/s] while it slides, force to spare [N] while it sticks.
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     p, matrix = line(store, P), grid(store, MATRIX)
     modes, v = line(store, MODES), grid(store, V)
@@ -529,7 +737,23 @@ def margin(store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: flo
 def creep(
     store: Whole, t: float, h: float, coefficients: Reals, s: float, width: float
 ) -> None:
-    """Take the shortest step, and every event within it at its instant."""
+    """Take the shortest step, with every event within it at its instant.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    t
+        Time [s].
+    h
+        Length of the step [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    width
+        Length of the step over the sample interval [1].
+    """
     table, jumps = whole_grid(store, TABLE), line(store, JUMPS)
     x, slope = line(store, X), grid(store, S)
     x_1, s_1 = line(store, X_1), grid(store, S_1)
@@ -583,7 +807,25 @@ def switch(
     jump: int,
     hair: float,
 ) -> None:
-    """Change the mode of friction `which`, or pass `jump`; slopes jump with the rate."""
+    """Change the mode of friction `which`, or pass `jump`; slopes jump with the rate.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    t
+        Time [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    which
+        Index of the effect whose friction changes its mode; -1 for none.
+    jump
+        Index of the instant at which a law jumps; -1 for none.
+    hair
+        Time by which before and after the event are told apart [s].
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     jump_columns, seeing = whole_line(store, JUMP_COLUMNS), grid(store, SEEING)
     matrix, x = grid(store, MATRIX), line(store, X)
@@ -622,7 +864,15 @@ def switch(
 
 @compiled
 def newton_inverse(store: Whole, level: int) -> None:
-    """Differentiate (force - law) at the three points by the forces there, and invert that."""
+    """Invert the Jacobian of (force - law) at the three points to the forces there.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    level
+        How often the sample interval is halved.
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     big, x = cube(store, BIG)[level], line(store, X)
     modes, w = line(store, MODES), line(store, W)
@@ -652,10 +902,27 @@ def newton_inverse(store: Whole, level: int) -> None:
 
 @compiled
 def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) -> float:
-    """Try one step: forces at its three points into `y`; by how much it misses, or infinity.
+    """Try one step: write the forces at its three points into `y`.
 
     The miss is that of the forces at the beginning, over the largest so far, in units of the
     tolerance; infinity stands for an event, or for no convergence.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    level
+        How often the sample interval is halved.
+    t
+        Time [s].
+    h
+        Length of the step [s].
+    tolerance
+        Miss that counts as one, over the largest force so far [1].
+
+    Returns
+    -------
+    Miss of the forces at the beginning, in units of the tolerance; or infinity.
     """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     p, matrix = line(store, P), grid(store, MATRIX)
@@ -746,7 +1013,15 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
 
 @compiled
 def drive(store: Whole, level: int) -> None:
-    """Add what inputs that hang on parameters do to the slopes of a step."""
+    """Add the contribution of inputs that depend on parameters to the slopes of a step.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    level
+        How often the sample interval is halved.
+    """
     driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
     part, slope_room = grid(store, PART), grid(store, SLOPE_ROOM)
     states, powers = len(line(store, X)), part.shape[1]
@@ -760,7 +1035,19 @@ def drive(store: Whole, level: int) -> None:
 
 @compiled
 def advance(store: Whole, level: int, t: float, h: float) -> None:
-    """Take the step that `collocate` found: state, and slopes."""
+    """Take the step that `collocate` found: state, and slopes.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    level
+        How often the sample interval is halved.
+    t
+        Time [s].
+    h
+        Length of the step [s].
+    """
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
     slope_big, x = cube(store, SLOPE_BIG)[level], line(store, X)
@@ -815,7 +1102,19 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
 
 @compiled
 def shift(coefficients: Reals, s: float, width: float, part: Reals) -> None:
-    """Turn polynomials over the sample interval into those over a part of it."""
+    """Turn polynomials over the sample interval into those over a part of it.
+
+    Parameters
+    ----------
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Beginning of the part, over the sample interval [1].
+    width
+        Length of the part, over the sample interval [1].
+    part
+        Polynomials over the part [input, power]; written.
+    """
     inputs, powers = coefficients.shape
     for i in range(inputs):
         for j in range(powers):
@@ -848,12 +1147,42 @@ def march(
     target: Whole,
     heard: Reals,
 ) -> int:
-    """Run over all samples; how many steps it took, negative where it had to give up.
+    """Run over all samples.
 
-    Of the slopes only those are kept that a sensor hears: `readouts` says of each sensor which
-    number of the state (or, where its second column is 1, of the rate) it hears, or -1, with
-    `scale` for a factor; `target` into which column of `heard` [sensor, time, column] each
-    slope goes. Where `eventful` is None, what events need is left out, and not even compiled.
+    Of the slopes only those are kept that a sensor hears.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `places`.
+    eventful
+        True where friction or laws that jump make events; None leaves out what events need,
+        which is then not even compiled.
+    coefficients
+        Polynomials of the inputs over each sample interval [time, input, power].
+    start_s
+        Campaign time of the first sample [s].
+    interval
+        Sample interval [s].
+    tolerance
+        Miss of a step that is accepted, over the largest force so far [1].
+    states, rates
+        States and their rates at the samples [time, state]; written.
+    held
+        Forces at the samples [time, channel]; written.
+    readouts
+        Index of the number of the state (of the rate where the second column is 1) that each
+        sensor hears; -1 for none [sensor, 2].
+    scale
+        Factor of each sensor [sensor].
+    target
+        Column of `heard` of each slope [slope].
+    heard
+        Slopes of the outputs [sensor, time, column]; written.
+
+    Returns
+    -------
+    Number of steps; negative where the run was given up.
     """
     laws, jumps = whole_line(store, LAWS), line(store, JUMPS)
     matrix, big = grid(store, MATRIX), cube(store, BIG)

@@ -78,7 +78,19 @@ class Matrices:
         return cls(constant, units, beams, hidden, (*description.dofs, *riders))
 
     def at(self, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
-        """Mass, damping and stiffness at values of the parameters."""
+        """Compute mass, damping and stiffness at values of the parameters.
+
+        Parameters
+        ----------
+        values
+            Values of all parameters, by name, in SI units.
+        kinds
+            Kind of each effect.
+
+        Returns
+        -------
+        Mass, damping and stiffness over all coordinates, in SI units.
+        """
         whole = self.constant.copy()
         for name, unit in self.units.items():
             whole += values[name] * unit
@@ -91,7 +103,21 @@ class Matrices:
         return whole
 
     def slope(self, name: Name, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
-        """Differentiate the matrices to one parameter."""
+        """Differentiate the matrices to one parameter.
+
+        Parameters
+        ----------
+        name
+            Name of the parameter.
+        values
+            Values of all parameters, by name, in SI units.
+        kinds
+            Kind of each effect.
+
+        Returns
+        -------
+        Derivatives of mass, damping and stiffness, in SI units.
+        """
         if len(name) == 3:
             _, i, key = name
             action, to = self.hidden[i]

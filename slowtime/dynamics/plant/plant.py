@@ -49,11 +49,17 @@ class Plant:
 
         Parameters
         ----------
+        description
+            Structure with its effects, inputs and sensors.
         kinds
             Those known, by name; the catalogue where not given.
         hold
             What inputs do between samples of which the description does not say it, see
             `signals.interpolation.polynomials`.
+
+        Returns
+        -------
+        The plant.
         """
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)
@@ -112,7 +118,7 @@ class Plant:
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
     ) -> Outputs:
-        """Run, and tell what the sensors do.
+        """Simulate the outputs of the sensors.
 
         Parameters
         ----------
@@ -148,10 +154,31 @@ class Plant:
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
     ) -> tuple[Outputs, Float[np.ndarray, "time sensor slope"]]:
-        """Run; give outputs, and their slopes to the `free` parameters and then to `state0`.
+        """Simulate the outputs and their derivatives to free parameters and to the first state.
 
-        The slopes are those of the motion computed, exact but for the differences that laws
-        are differentiated by: about 1e-7 of them. Parameters as for `simulate`.
+        The derivatives are those of the motion computed, exact but for the differences by which
+        laws are differentiated: about 1e-7 of them.
+
+        Parameters
+        ----------
+        values
+            Values of all parameters, in their order.
+        inputs
+            One column for each input of the description, in its unit.
+        rate_hz
+            Sampling rate [Hz].
+        free
+            Names of the parameters to differentiate to.
+        state0
+            State at the first sample, in the order of `state_names`; rest where not given.
+        start_s
+            Campaign time of the first sample [s].
+        base
+            Acceleration of the base beyond what was measured [m/s^2].
+
+        Returns
+        -------
+        Outputs in the sensors' units, and their derivatives: first to `free`, then to `state0`.
         """
         found = self.run(
             values, inputs, rate_hz, free, state0=state0, start_s=start_s, base=base
@@ -169,10 +196,27 @@ class Plant:
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
     ) -> dict[Place, Motion]:
-        """Run, and give the motion of every spring element and every node that moves.
+        """Simulate the motion of every spring element and of every node that moves.
 
-        Elongations of elements; of nodes, displacement and velocity against the base and
-        acceleration in space. Parameters as for `simulate`.
+        Parameters
+        ----------
+        values
+            Values of all parameters, in their order.
+        inputs
+            One column for each input of the description, in its unit.
+        rate_hz
+            Sampling rate [Hz].
+        state0
+            State at the first sample, in the order of `state_names`; rest where not given.
+        start_s
+            Campaign time of the first sample [s].
+        base
+            Acceleration of the base beyond what was measured [m/s^2].
+
+        Returns
+        -------
+        Place → its motion: elongations of elements; of nodes, displacement and velocity against
+        the base and acceleration in space.
         """
         found = self.run(values, inputs, rate_hz, state0=state0, start_s=start_s, base=base)
         return motions(self.description, self.matrices.names, found)
@@ -188,7 +232,30 @@ class Plant:
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
     ) -> Run:
-        """Run, and give all of it. Slopes where `free` is given, be it empty."""
+        """Simulate, and return all results of the run.
+
+        Parameters
+        ----------
+        values
+            Values of all parameters, in their order.
+        inputs
+            One column for each input of the description, in its unit.
+        rate_hz
+            Sampling rate [Hz].
+        free
+            Names of the parameters to differentiate to; None for no derivatives at all, while
+            an empty sequence still gives those to the first state.
+        state0
+            State at the first sample, in the order of `state_names`; rest where not given.
+        start_s
+            Campaign time of the first sample [s].
+        base
+            Acceleration of the base beyond what was measured [m/s^2].
+
+        Returns
+        -------
+        Outputs, states, forces and derivatives.
+        """
         self._check(values, inputs, rate_hz, free)
         named = dict(zip(self.entries, values.tolist(), strict=True))
         return run(

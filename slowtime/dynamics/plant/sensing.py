@@ -43,7 +43,27 @@ def acting(
     times: Series,
     free: Sequence[Name],
 ) -> tuple[Float[np.ndarray, "time input"], list[tuple[Name, int, Series]]]:
-    """Turn inputs into what acts, in SI; and tell how that changes with free parameters."""
+    """Convert recorded inputs to those that act, and differentiate these to free parameters.
+
+    Parameters
+    ----------
+    description
+        Structure, with the units of its inputs.
+    effects, kinds
+        Effects, and the kind of each; those of kind `InputChange` alter an input.
+    values
+        Values of all parameters, by name.
+    inputs
+        Recorded inputs, in the units of the description.
+    times
+        Campaign time of the samples [s].
+    free
+        Names of the parameters to differentiate to.
+
+    Returns
+    -------
+    Inputs that act, in SI units, and for each derivative its parameter, column and series.
+    """
     acts, slopes = np.empty_like(inputs, dtype=float), []
     for column, entry in enumerate(description.inputs):
         quantity: Literal["force", "acceleration"]
@@ -69,7 +89,19 @@ def acting(
 
 
 def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Polynomials:
-    """Find the polynomials between samples of every input, with the powers that are used."""
+    """Compute the polynomials of every input between samples, up to the powers that are used.
+
+    Parameters
+    ----------
+    columns
+        Inputs, in SI units.
+    holds
+        Hold of each input: ``"zero"``, ``"first"`` or ``"band_limited"``.
+
+    Returns
+    -------
+    Coefficients over the share of the sample interval [time, input, power].
+    """
     powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
     found = [
         _kept(column.tobytes(), hold, powers)
@@ -87,7 +119,19 @@ def _kept(column: bytes, hold: str, powers: int) -> Float[np.ndarray, "time powe
 
 
 def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Base:
-    """Integrate a base acceleration that is polynomial between samples, from rest."""
+    """Integrate a base acceleration that is polynomial between samples, from rest.
+
+    Parameters
+    ----------
+    along
+        Coefficients over the share of the sample interval [m/s^2], with their slopes.
+    interval
+        Sample interval [s].
+
+    Returns
+    -------
+    Displacement [m], velocity [m/s] and acceleration [m/s^2] at the samples, with their slopes.
+    """
     powers = np.arange(along.shape[1])[:, None]
     gained = interval * np.sum(along / (powers + 1), axis=1)
     velocity = np.cumsum(gained, axis=0) - gained
@@ -136,7 +180,25 @@ def told(
     slopes: Float[np.ndarray, "time sensor slope"],
     columns: Mapping[Name, int],
 ) -> None:
-    """Put in place of what is there what sensors tell of it, slopes too."""
+    """Apply the sensor effects to the outputs and to their slopes, in place.
+
+    Parameters
+    ----------
+    description
+        Structure, with its sensors.
+    effects, kinds
+        Effects, and the kind of each; those of kind `SensorChange` alter an output.
+    values
+        Values of all parameters, by name.
+    heard
+        Outputs in the sensors' units; overwritten.
+    times
+        Campaign time of the samples [s].
+    slopes
+        Slopes of the outputs; overwritten. Empty where none are asked for.
+    columns
+        Name of each free parameter → its column of the slopes.
+    """
     for i, effect in enumerate(effects):
         action = kinds[i].action
         if not isinstance(action, SensorChange):

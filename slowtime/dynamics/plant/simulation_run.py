@@ -74,7 +74,39 @@ def run(
     base: Float[np.ndarray, " time"] | None,
     hold: str,
 ) -> Run:
-    """Run a plant: see `Plant.run`."""
+    """Simulate a plant; see `Plant.run`.
+
+    Parameters
+    ----------
+    description
+        Structure, with its inputs and sensors.
+    effects, kinds
+        Effects, and the kind of each.
+    matrices
+        Parts of mass, damping and stiffness.
+    layout
+        Places of laws, inputs and states.
+    values
+        Values of all parameters, by name; NaN stands for the end of the record.
+    inputs
+        One column for each input of the description, in its unit.
+    rate_hz
+        Sampling rate [Hz].
+    free
+        Names of the parameters to differentiate to; None for no derivatives.
+    state0
+        State at the first sample, in SI units.
+    start_s
+        Campaign time of the first sample [s].
+    base
+        Acceleration of the base beyond what was measured [m/s^2].
+    hold
+        Hold of inputs that name none: ``"zero"``, ``"first"`` or ``"band_limited"``.
+
+    Returns
+    -------
+    Outputs, states, forces and derivatives; NaN from where the motion grew beyond bounds.
+    """
     samples, interval = len(inputs), 1 / rate_hz
     times = start_s + np.arange(samples) / rate_hz
     # Not-a-number stands for the end of the record.

@@ -52,14 +52,22 @@ class Steps:
 
 
 def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -> Steps:
-    r"""Make steps of a sample interval [s], its half and so on: `deep`, as events need, or one.
+    r"""Compute the propagators over a sample interval and, if `deep`, over its half and so on.
 
     Parameters
     ----------
     a, b
         Matrices of :math:`\dot x = A x + B u`, then their slopes.
+    interval
+        Sample interval [s].
     powers
         Of the polynomials, from 0.
+    deep
+        Whether to halve it as often as events need.
+
+    Returns
+    -------
+    Steps of all lengths.
     """
     fastest = float(np.abs(np.linalg.eigvals(a[0])).max(initial=0.0))
     needed = max(0, math.ceil(math.log2(max(fastest * interval / REACH, 1.0))))
@@ -77,7 +85,17 @@ def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -
 def product(
     first: Float[np.ndarray, "*_a slope _ _"], second: Float[np.ndarray, "*_b slope _ _"]
 ) -> Float[np.ndarray, "*_c slope _ _"]:
-    """Multiply two matrices, and their slopes by the product rule; leading axes alike."""
+    """Multiply two matrices, and their slopes by the product rule.
+
+    Parameters
+    ----------
+    first, second
+        Matrices, each followed by its slopes; leading axes are broadcast.
+
+    Returns
+    -------
+    Product, followed by its slopes.
+    """
     found = first[..., :1, :, :] @ second
     found[..., 1:, :, :] += first[..., 1:, :, :] @ second[..., :1, :, :]
     return np.asarray(found)

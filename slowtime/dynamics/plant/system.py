@@ -116,14 +116,22 @@ def layout_of(
 def state_matrices(
     layout: Layout, names: Sequence[str], triples: Sequence[Triple], *, unmeasured: bool
 ) -> tuple[Stack, Stack, Stack]:
-    """Make A, B of inputs and B of forces, each with its slopes behind it.
+    """Compute A, B of inputs and B of forces, each followed by its slopes.
 
     Parameters
     ----------
+    layout
+        Places of laws, inputs and states.
+    names
+        Names of the free coordinates.
     triples
         Mass, damping and stiffness, then their slopes.
     unmeasured
         Whether one more input stands for a motion of the base.
+
+    Returns
+    -------
+    A, B of inputs and B of forces, each followed by its slopes.
     """
     free = len(names)
     whole = np.array(triples)
@@ -158,7 +166,23 @@ def state_matrices(
 def big_matrices(
     layout: Layout, a: Stack, b_u: Stack, b_y: Stack, interval: float, powers: int
 ) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level column spread"]]:
-    """Lay out steps of every level as the compiled code wants them: see `kernel.System`."""
+    """Lay out the steps of every level as the compiled code needs them; see `kernel.System`.
+
+    Parameters
+    ----------
+    layout
+        Places of laws, inputs and states.
+    a, b_u, b_y
+        Matrices of the state, of inputs and of forces, each followed by its slopes.
+    interval
+        Sample interval [s].
+    powers
+        Number of coefficients of the inputs' polynomials.
+
+    Returns
+    -------
+    Matrices of the steps, and their slopes to linear parameters.
+    """
     deep = len(layout.laws) > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]
     steps = levels_of(
@@ -191,7 +215,17 @@ def big_matrices(
 def turned(
     matrices: Float[np.ndarray, "*level row column"],
 ) -> Float[np.ndarray, "*level column longer"]:
-    """Turn matrices, their rows made whole rounds; a round may begin at any of them."""
+    """Transpose matrices, and pad their rows so that a round may begin at any of them.
+
+    Parameters
+    ----------
+    matrices
+        Matrices, in any number of levels.
+
+    Returns
+    -------
+    Transposed and padded matrices.
+    """
     *levels, rows, columns = matrices.shape
     found = np.zeros((*levels, columns, padded(rows) + ROUND))
     found[..., :rows] = np.swapaxes(matrices, -1, -2)
@@ -201,7 +235,17 @@ def turned(
 def slopes_by_column(
     slopes: Float[np.ndarray, "*level linear row column"],
 ) -> Float[np.ndarray, "*level column spread"]:
-    """Lay out the slopes of matrices as the compiled code wants them: see `kernel.System`."""
+    """Lay out the slopes of matrices as the compiled code needs them; see `kernel.System`.
+
+    Parameters
+    ----------
+    slopes
+        Slopes of matrices to each linear parameter.
+
+    Returns
+    -------
+    One row for each column of the matrices, padded with zeros.
+    """
     *levels, linear, rows, columns = slopes.shape
     found = np.zeros((*levels, columns, rows, padded(linear)))
     found[..., :linear] = np.moveaxis(slopes, (-3, -1), (-1, -3))

@@ -151,7 +151,24 @@ class PeriodLaw:
     def predict(
         self, quantities: Mapping[str, Samples], amplitude: Samples | None = None
     ) -> tuple[Samples, Bool[np.ndarray, " sample"]]:
-        """Periods, and whether each lies within what was seen: elsewhere the law is a guess."""
+        """Predict periods, and tell whether each lies within the range of the data.
+
+        Parameters
+        ----------
+        quantities
+            Values of each quantity by name, in the units that the law was learnt in.
+        amplitude
+            Amplitudes, where the law depends on them.
+
+        Returns
+        -------
+        Periods, in the unit they were learnt in, and True where none is extrapolated.
+
+        Raises
+        ------
+        ValueError
+            Where other quantities are given than the law was learnt from.
+        """
         given = dict(quantities) | ({} if amplitude is None else {"amplitude": amplitude})
         if set(given) != set(self.seen):
             raise ValueError(
@@ -177,7 +194,7 @@ def learn_period(
     *,
     amplitude_powers: int = 2,
 ) -> PeriodLaw:
-    """Learn how a period depends on whatever was written down beside it.
+    """Fit a power law of a period in the quantities that were recorded with it.
 
     Parameters
     ----------
@@ -189,6 +206,10 @@ def learn_period(
         [rad]; enters in even powers, since a pendulum swings as far left as right.
     amplitude_powers
         How many of them.
+
+    Returns
+    -------
+    The law, with the uncertainty of its coefficients.
 
     Raises
     ------

@@ -45,10 +45,16 @@ def free_response(
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
     times
         Since the release, not negative [s].
     displacement, velocity
         At the release [m], [m/s].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
     """
     if np.any(times < 0):
         raise ValueError(
@@ -96,18 +102,26 @@ def harmonic_response(
     *,
     force: float = 1.0,
 ) -> tuple[Series, Series]:
-    r"""Total motion under :math:`F \cos \omega t`: the steady state and what dies away of it.
+    r"""Total motion under :math:`F \cos \omega t`: steady state and transient.
 
     Section 3.2.2 calls this the steady-state response; it is the total one.
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
+    times
+        Times from time zero [s].
     frequency
         :math:`\omega` of the force [rad/s].
     displacement, velocity
         At time zero [m], [m/s].
     force
         Amplitude :math:`F` [N].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
 
     Raises
     ------
@@ -134,8 +148,14 @@ def frequency_response(
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
     omega
         [rad/s]
+
+    Returns
+    -------
+    Complex displacement per force [m/N].
     """
     m, c, k = (
         oscillator.mass_kg,

@@ -68,6 +68,8 @@ def simulate(
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
     force
         [N], one value per sample.
     rate_hz
@@ -77,6 +79,10 @@ def simulate(
     hold
         ``"zero"``: the force keeps its value until the next sample; ``"first"``: it goes
         straight to the next value.
+
+    Returns
+    -------
+    Displacement [m], velocity [m/s] and acceleration [m/s^2].
 
     Examples
     --------
@@ -137,12 +143,18 @@ def ambient_acceleration(
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
     samples, rate_hz
         Length and rate of the record.
     rng
         Where all randomness comes from.
     force_psd
         :math:`S_f`, one-sided [N^2/Hz].
+
+    Returns
+    -------
+    Acceleration [m/s^2].
     """
     if samples < 1:
         raise ValueError(f"{samples=} is no length of a record. Give 1 or more.")

@@ -55,13 +55,37 @@ class Records:
 
 
 def two_masses(cubic_n_per_m3: float = 100.0) -> Description:
-    """Two masses, the first on a Duffing spring."""
+    """Two masses, the first on a Duffing spring.
+
+    Parameters
+    ----------
+    cubic_n_per_m3
+        Cubic stiffness [N/m^3].
+
+    Returns
+    -------
+    Description of the structure.
+
+    References
+    ----------
+    .. [1] arXiv 2103.15636.
+    """
     plain = chain([20.0, 10.0], [1000.0, 500.0], dampings_n_s_per_m=[10.0, 5.0])
     return _with_cubic(plain, "k1", cubic_n_per_m3)
 
 
 def seven_masses(cubic_n_per_m3: float = 100.0) -> Description:
-    """Seven masses in a row, the fourth spring a hill between two valleys."""
+    """Seven masses in a row; the fourth spring has two stable positions.
+
+    Parameters
+    ----------
+    cubic_n_per_m3
+        Cubic stiffness of the fourth spring [N/m^3].
+
+    Returns
+    -------
+    Description of the structure.
+    """
     plain = chain(
         [20.0, 20.0, 10.0, 10.0, 10.0, 10.0, 5.0],
         [2000.0, 2000.0, 1000.0, -1000.0, 1000.0, 1000.0, 500.0],
@@ -85,7 +109,19 @@ def _with_cubic(plain: Description, element: str, cubic_n_per_m3: float) -> Desc
 def aged(
     springs: Springs, days: Float[np.ndarray, " epoch"]
 ) -> Float[np.ndarray, "epoch parameter"]:
-    """Values of all constants at some ages: stiffness and damping fade, but for `KEPT`."""
+    """Values of all constants at some ages: stiffness and damping decay, except `KEPT`.
+
+    Parameters
+    ----------
+    springs
+        Structure when new.
+    days
+        Ages [days].
+
+    Returns
+    -------
+    Values in the order of `springs.names`, in SI units.
+    """
     values = np.repeat(springs.values[None], len(days), axis=0)
     seven = len(springs.nodes) == 7
     for i, name in enumerate(springs.names):
@@ -102,10 +138,27 @@ def record(
     *,
     every: int = 10,
 ) -> Records:
-    """Measure the structure at each epoch, from rest, as the authors do.
+    """Simulate the measurement of the structure at each epoch, from rest, as the authors do.
 
     Unlike theirs, the accelerations hold all forces, and their mean is taken over `every`
     samples, which is what white forces allow to be read (see `estimation.epochs`).
+
+    Parameters
+    ----------
+    springs
+        Structure.
+    values
+        Values of its constants at each epoch, in SI units.
+    white
+        White forces beside the sine.
+    rng
+        Generator of the forces and of the noise.
+    every
+        Number of samples per interval.
+
+    Returns
+    -------
+    Accelerations and measured forces, with the standard deviations of their noise.
     """
     nodes, epochs = len(springs.nodes), len(values)
     samples = round(SECONDS * RATE_HZ)

@@ -20,7 +20,19 @@ ROOM = 12
 
 @compiled
 def stretch(x: Vector, first: int, second: int) -> float:
-    """Elongation of what joins two nodes; -1 stands for the base."""
+    """Elongation of an element between two nodes.
+
+    Parameters
+    ----------
+    x
+        Displacement of each node [m], or velocity [m/s].
+    first, second
+        Its nodes; -1 stands for the base.
+
+    Returns
+    -------
+    Elongation [m], or its rate [m/s].
+    """
     begin = x[first] if first >= 0 else 0.0
     end = x[second] if second >= 0 else 0.0
     return float(end - begin)
@@ -28,7 +40,17 @@ def stretch(x: Vector, first: int, second: int) -> float:
 
 @compiled
 def pull(out: Vector, first: int, second: int, force: float) -> None:
-    """Add a force that resists elongation."""
+    """Add a force that resists elongation to the nodes of an element.
+
+    Parameters
+    ----------
+    out
+        Force on each node [N]; changed.
+    first, second
+        Nodes of the element; -1 stands for the base.
+    force
+        Force of the element [N].
+    """
     if first >= 0:
         out[first] += force
     if second >= 0:
@@ -46,7 +68,27 @@ def accelerate(
     force: Vector,
     out: Vector,
 ) -> None:
-    """Acceleration of each node, put into `out`."""
+    """Compute the acceleration of each node.
+
+    Parameters
+    ----------
+    ends
+        Nodes that each element joins; -1 stands for the base.
+    laws
+        Laws of force, as the module describes.
+    values
+        Stiffnesses, dampings, masses and parameters of laws, in SI units.
+    x
+        Displacement of each node [m].
+    v
+        Velocity of each node [m/s].
+    t
+        Campaign time [s].
+    force
+        Force on each node [N].
+    out
+        Acceleration of each node [m/s^2]; written.
+    """
     count, nodes = len(ends), len(x)
     own = values.ctypes.data
     for i in range(nodes):
@@ -78,10 +120,32 @@ def runge_kutta(
     substeps: int,
     room: Float[np.ndarray, "vector node"],
 ) -> None:
-    """Move every row on by h without noise, the force going straight from `first` to `last`.
+    """Advance every row by h without noise; the force is linear from `first` to `last`.
 
-    Rows of states are displacements, then velocities; each row of forces serves as many rows of
-    states in turn as there are more of them.
+    Each row of forces serves as many rows of states in turn as there are more of them.
+
+    Parameters
+    ----------
+    ends
+        Nodes that each element joins; -1 stands for the base.
+    laws
+        Laws of force, as the module describes.
+    values
+        Stiffnesses, dampings, masses and parameters of laws, in SI units.
+    states
+        Displacements [m], then velocities [m/s], of each row; changed.
+    first
+        Forces on the nodes at the beginning of the step [N].
+    last
+        Forces at its end [N].
+    t
+        Campaign time [s].
+    h
+        Length of the step [s].
+    substeps
+        Number of Runge-Kutta steps in h.
+    room
+        Room for intermediate results.
     """
     nodes = first.shape[1]
     share = len(states) // len(first)
@@ -125,7 +189,29 @@ def bend(
     h: float,
     out: Vector,
 ) -> None:
-    """Second derivatives of accelerations to velocities, along the noise, put into `out`."""
+    """Compute second derivatives of accelerations to velocities, along the noise.
+
+    Parameters
+    ----------
+    ends
+        Nodes that each element joins; -1 stands for the base.
+    laws
+        Laws of force, as the module describes.
+    values
+        Stiffnesses, dampings, masses and parameters of laws, in SI units.
+    x
+        Displacement of each node [m].
+    v
+        Velocity of each node [m/s].
+    t
+        Campaign time [s].
+    b
+        Noise of each node's velocity [m/s^(3/2)].
+    h
+        Length of the step [s].
+    out
+        Second derivatives, as a rate of the velocity [m/s^3]; written.
+    """
     own = values.ctypes.data
     for i in range(len(x)):
         out[i] = 0.0
@@ -167,7 +253,35 @@ def ito_taylor(
     normal: Float[np.ndarray, "2 row node"],
     room: Float[np.ndarray, "vector node"],
 ) -> None:
-    """Move every row on by h with noise, by the scheme of strong order 1.5; see `paths`."""
+    """Advance every row by h with noise, by the scheme of strong order 1.5; see `paths`.
+
+    Parameters
+    ----------
+    ends
+        Nodes that each element joins; -1 stands for the base.
+    laws
+        Laws of force, as the module describes.
+    values
+        Stiffnesses, dampings, masses and parameters of laws, in SI units.
+    states
+        Displacements [m], then velocities [m/s], of each row; changed.
+    first
+        Forces on the nodes at the beginning of the step [N].
+    last
+        Forces at its end [N].
+    t
+        Campaign time [s].
+    h
+        Length of the step [s].
+    added
+        Square root of the density of the white force on each node [N s^(1/2)].
+    multiplied
+        The same per metre of the node's displacement [N s^(1/2)/m].
+    normal
+        Two standard normal numbers for each row and node.
+    room
+        Room for intermediate results.
+    """
     nodes, count = first.shape[1], len(ends)
     share = len(states) // len(first)
     a, b, up, down = room[0], room[1], room[2], room[3]

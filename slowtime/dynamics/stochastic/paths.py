@@ -61,6 +61,8 @@ def simulate(
 
     Parameters
     ----------
+    springs
+        Structure.
     forces
         Known forces on the nodes [N] at the samples, straight between them; one series for
         all paths, or one for each.
@@ -68,6 +70,8 @@ def simulate(
         Samples per second; one step of the scheme a sample.
     noise
         White forces beside them.
+    rng
+        Generator of the noise.
     values
         Of the parameters, one row for all paths or one for each.
     start
@@ -117,7 +121,19 @@ def simulate(
 def means(
     samples: Float[np.ndarray, "time *twins _"], every: int
 ) -> Float[np.ndarray, "interval *twins _"]:
-    """Means over intervals of `every` steps of a signal that goes straight between samples."""
+    """Means over intervals of a signal that is linear between samples.
+
+    Parameters
+    ----------
+    samples
+        Samples of the signal.
+    every
+        Number of steps per interval.
+
+    Returns
+    -------
+    Mean over each whole interval, in the unit of the samples.
+    """
     middle = 0.5 * (samples[1:] + samples[:-1])
     count = len(middle) // every
     return np.asarray(middle[: count * every].reshape(count, every, *middle.shape[1:]).mean(1))

@@ -95,8 +95,18 @@ class Springs:
         first, last
             Forces [N] at both ends of the step, straight between; each row of them serves
             equally many rows of states in turn.
+        step_s
+            Length of the step [s].
         values
             Of the parameters, a row for each state; as the description has them if not given.
+        time_s
+            Campaign time at the beginning of the step [s].
+        substeps
+            Number of Runge-Kutta steps in it.
+
+        Returns
+        -------
+        Displacements [m], then velocities [m/s].
         """
         moved = np.ascontiguousarray(states, dtype=float).copy()
         kernel.runge_kutta(
@@ -116,7 +126,20 @@ class Springs:
     def rows(
         self, values: Float[np.ndarray, "_ parameter"] | None, count: int
     ) -> Float[np.ndarray, "row parameter"]:
-        """One row of parameters for each of `count` motions."""
+        """Make one row of parameters for each of `count` motions.
+
+        Parameters
+        ----------
+        values
+            Values in SI units, one row for all motions or one for each; None for those of the
+            structure.
+        count
+            Number of motions.
+
+        Returns
+        -------
+        Values, one row for each motion.
+        """
         if values is None:
             values = self.values[None]
         wanted = (count, len(self.names))

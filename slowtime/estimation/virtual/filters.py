@@ -50,12 +50,18 @@ class Filters:
         state: Float[np.ndarray, "model state"],
         samples: Float[np.ndarray, "time channel"],
     ) -> tuple[Float[np.ndarray, "model state"], Float[np.ndarray, "model time output"]]:
-        """Take whole blocks of samples.
+        """Filter whole blocks of samples.
 
         Parameters
         ----------
+        state
+            State of each model.
         samples
             As many as a multiple of `BLOCK`, in SI.
+
+        Returns
+        -------
+        State after the samples, and the outputs in their units.
         """
         outputs = self.variance.shape[1]
         blocks = samples.reshape(-1, BLOCK * samples.shape[1])
@@ -72,7 +78,21 @@ def make_filters(
     levels: Levels,
     rate_hz: float,
 ) -> Filters:
-    """Solve for the gain of each model, and unroll its recursion over a block."""
+    """Solve for the steady gain of each model, and unroll its recursion over a block.
+
+    Parameters
+    ----------
+    models
+        Models with their latent forces.
+    levels
+        Covariance of latent forces and noises.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Filters of all models.
+    """
     closed, gains, variances, priors = [], [], [], []
     noise = np.diag(levels.noise)
     for model in models:

@@ -72,7 +72,17 @@ class Latent:
     def response(
         self, frequency_hz: Float[np.ndarray, " f"]
     ) -> Complex[np.ndarray, "f channel both"]:
-        """Transfer from the driving noise of each latent force to the channels."""
+        """Frequency response from the driving noise of each latent force to the channels.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz].
+
+        Returns
+        -------
+        Responses, in SI units.
+        """
         # Not by eigenvectors, which are ill-conditioned where poles come close together.
         size = len(self.drift)
         out = np.empty((len(frequency_hz), len(self.sensing), self.driving.shape[1]), complex)
@@ -91,8 +101,14 @@ class Latent:
 
         Parameters
         ----------
+        rate_hz
+            Sampling rate [Hz].
         covariances
             Of the slow and of the fast latent forces.
+
+        Returns
+        -------
+        Transition, and covariance of the process noise.
         """
         size, step = len(self.drift), 1.0 / rate_hz
         noise = sum(
@@ -124,12 +140,26 @@ def latent_model(
 
     Parameters
     ----------
+    description
+        Structure.
     channels
         Sensors and inputs of the description that are listened to, in order.
+    outputs
+        Quantities to estimate.
+    rate_hz
+        Sampling rate [Hz].
+    settings
+        Settings of the virtual sensor.
+    lowest_hz
+        Lower edge of the band [Hz].
     modes
         How many are kept, the lowest.
     moving_base
         Whether the base moves; absolute accelerations hold its motion.
+
+    Returns
+    -------
+    The model.
 
     Raises
     ------
@@ -231,7 +261,26 @@ BLIND = 0.02
 
 
 def modes_kept(description: Description, rate_hz: float, settings: VirtualSettings) -> int:
-    """Count the modes that the sampling rate can show."""
+    """Count the modes below the highest usable frequency.
+
+    Parameters
+    ----------
+    description
+        Structure.
+    rate_hz
+        Sampling rate [Hz].
+    settings
+        Settings, with the largest number of modes.
+
+    Returns
+    -------
+    Number of modes, at least 1.
+
+    Raises
+    ------
+    ValueError
+        Where the lowest natural frequency is above the usable band.
+    """
     frequency = undamped_modes(assemble(description)).angular_frequency / (2 * np.pi)
     kept = int((frequency < USABLE * rate_hz / 2).sum())
     if not kept:

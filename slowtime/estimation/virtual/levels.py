@@ -62,7 +62,23 @@ class Groups:
     def of(
         cls, count: int, rate_hz: float, lowest_hz: float, highest_mode_hz: float
     ) -> "Groups":
-        """Gather the frequencies of a window of `count` samples."""
+        """Group the frequencies of a window of `count` samples.
+
+        Parameters
+        ----------
+        count
+            Number of samples.
+        rate_hz
+            Sampling rate [Hz].
+        lowest_hz
+            Lower edge of the first group [Hz].
+        highest_mode_hz
+            Natural frequency of the highest mode that is kept [Hz].
+
+        Returns
+        -------
+        The groups.
+        """
         spacing = rate_hz / count
         first = max(2, int(np.ceil(lowest_hz / spacing)))
         last = int(min(HIGHEST * rate_hz, ABOVE_MODES * highest_mode_hz) / spacing)
@@ -77,14 +93,36 @@ class Groups:
         return np.diff(self.bins).astype(float)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """Average values of the bins over each group."""
+        """Average values of the bins over each group.
+
+        Parameters
+        ----------
+        values
+            Values, first axis by bin.
+
+        Returns
+        -------
+        Means, first axis by group.
+        """
         sums = np.add.reduceat(values, self.bins[:-1] - self.bins[0], axis=0)
         return np.asarray(sums / self.sizes.reshape(-1, *[1] * (values.ndim - 1)))
 
     def spectra(
         self, samples: Float[np.ndarray, "time channel"], rate_hz: float
     ) -> Complex[np.ndarray, "group channel channel"]:
-        """One-sided cross spectral densities of a window, tapered (Hann)."""
+        """One-sided cross spectral densities of a window, tapered (Hann).
+
+        Parameters
+        ----------
+        samples
+            Samples of all channels.
+        rate_hz
+            Sampling rate [Hz].
+
+        Returns
+        -------
+        Densities averaged over each group [unit of the samples, squared, per Hz].
+        """
         count = len(samples)
         taper = np.hanning(count + 1)[:count, None]
         whole = np.fft.rfft((samples - samples.mean(axis=0)) * taper, axis=0)
@@ -125,7 +163,19 @@ class Levels:
 def responses(
     response: Complex[np.ndarray, "bin channel both"], groups: Groups
 ) -> Complex[np.ndarray, "2 group channel force"]:
-    """Transfer of the slow and of the fast latent forces, in the middle of each group."""
+    r"""Response to the slow and to the fast latent forces, averaged over each group.
+
+    Parameters
+    ----------
+    response
+        Response of the channels to each latent force, slow and fast in turn.
+    groups
+        Groups of frequencies.
+
+    Returns
+    -------
+    Responses, times :math:`\sqrt 2` because densities are one-sided.
+    """
     middle = groups.mean(response) * np.sqrt(2)  # densities are one-sided
     return np.stack([middle[..., 0::2], middle[..., 1::2]])
 
@@ -140,16 +190,28 @@ def fit_levels(
     iterations: int,
     start: Levels | None = None,
 ) -> Levels:
-    """Fit covariances of forces, and variances of noises that nobody knows.
+    """Fit covariances of forces, and variances of unknown noises.
 
     Parameters
     ----------
+    spectra
+        One-sided cross spectral densities of the channels, by group.
     given
         As of `responses`.
+    sizes
+        Number of bins of each group.
     noise_sd
         Of each channel; NaN to fit it.
+    rate_hz
+        Sampling rate [Hz].
+    iterations
+        Number of steps.
     start
         Levels of the window before.
+
+    Returns
+    -------
+    Covariances of forces, and variances of noises.
     """
     channels, count = spectra.shape[-1], given.shape[-1]
     power = np.einsum("fii->fi", spectra).real

@@ -43,7 +43,7 @@ class Output:
     factor_sd: float = 0.0
 
     def scaled(self, factor: float, unit: str, *, sd: float = 0.0, name: str = "") -> "Output":
-        """Multiply the values, as by stress for one newton of force.
+        """Scale the output, such as from force to stress.
 
         Parameters
         ----------
@@ -53,6 +53,12 @@ class Output:
             Of the new quantity.
         sd
             Relative standard deviation of `factor` [1].
+        name
+            Name of the new output; that of this one where empty.
+
+        Returns
+        -------
+        The scaled output.
         """
         return dataclasses.replace(
             self,

@@ -147,12 +147,18 @@ class VirtualSensor:
     def step(
         self, state: VirtualState, samples: Float[np.ndarray, "time channel"]
     ) -> tuple[VirtualState, tuple[Window, ...]]:
-        """Take samples; give the windows that they complete.
+        """Process samples; return the windows that they complete.
 
         Parameters
         ----------
+        state
+            State after the samples before.
         samples
             Accelerations in SI, all finite.
+
+        Returns
+        -------
+        State after the samples, and the windows that they complete.
         """
         if not np.isfinite(samples).all():
             raise ValueError(

@@ -85,7 +85,33 @@ def update_onsets(
     size: float,
     entered: Entered,
 ) -> Onsets:
-    """Bet on `time` as well, and pay all bets by one residual."""
+    """Add a candidate onset at `time`, and update the capital of all by one residual.
+
+    Parameters
+    ----------
+    onsets
+        Candidate onsets before the reading.
+    time
+        Slow time of the reading.
+    elapsed
+        Slow time since the reading before.
+    seen
+        Row that maps the state of the filter to the reading.
+    gain
+        Gain of the filter.
+    residual
+        Reading minus its prediction [unit of the readings].
+    variance
+        Variance of the residual [its square].
+    size
+        Prior standard deviation of the step [unit of the readings].
+    entered
+        Sign of the step, if only one is asked for.
+
+    Returns
+    -------
+    Candidate onsets after the reading.
+    """
     count = len(onsets.time)
     score, information = np.append(onsets.score, 0.0), np.append(onsets.information, 0.0)
     response = np.concatenate([onsets.response, np.zeros((1, onsets.response.shape[1]))])

@@ -49,6 +49,10 @@ def estimate_change(
         As in `Watch`.
     level
         Probability of the intervals [1].
+
+    Returns
+    -------
+    Size and onset, with their uncertainty.
     """
     if not len(onsets.time):
         raise ValueError("Nothing has been judged yet. Step through readings first.")

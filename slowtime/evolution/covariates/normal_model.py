@@ -151,6 +151,10 @@ def learn_normal(
     freezing
         Where to expect the bend, in the unit of that column.
 
+    Returns
+    -------
+    The model.
+
     Notes
     -----
     For each law, the memory and the spread of the wandering part, the noise beyond the stated

@@ -122,8 +122,14 @@ class ChangeDetector:
 
         Parameters
         ----------
+        belief
+            Belief after the history.
         log_weights
             Of the members of a family; all alike where not given.
+
+        Returns
+        -------
+        State of the detector.
         """
         none, family = np.zeros(0), belief.mean.shape[:-1]
         weights = np.zeros(family) if log_weights is None else log_weights

@@ -225,14 +225,20 @@ def select_jumps(
     log_weights: Float[np.ndarray, " family"],
     places: Sequence[int] = (),
 ) -> tuple[Places, float]:
-    """Add jumps and take them away until nothing is gained; and the log-likelihood then.
+    """Select jumps by adding and removing them until nothing is gained.
 
     Parameters
     ----------
+    scored
+        Readings, known jumps, and the standard deviation of a jump's size.
     family, log_weights
         Processes, and the logarithms of their probabilities before the readings.
     places
         From which the selection begins.
+
+    Returns
+    -------
+    Places of the jumps, and the log-likelihood with them.
     """
     passes = Passes(family, scored.time)
 

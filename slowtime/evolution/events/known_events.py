@@ -310,6 +310,12 @@ def apply_event(process: Startable, belief: Belief, event: KnownEvent) -> Belief
         A process or a family of them, with the level first in its state and its slope second.
     belief
         Of a time no later than that of the event.
+    event
+        Event, with its time and effect.
+
+    Returns
+    -------
+    Belief just after the event.
     """
     apart = event.time - belief.time
     if apart > 0.0:

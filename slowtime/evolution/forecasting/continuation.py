@@ -122,7 +122,7 @@ class Continuation:
     def predict(
         self, horizon_times: Float[np.ndarray, " later"], *, level: float = 0.95
     ) -> Forecast:
-        """Tell what is expected at future slow times, none before the last reading.
+        """Forecast the quantity at future slow times, none before the last reading.
 
         Parameters
         ----------
@@ -130,6 +130,10 @@ class Continuation:
             Future slow times, ascending or not.
         level
             Probability of the bands [1].
+
+        Returns
+        -------
+        Mean, standard deviation and interval, in the unit of the readings.
         """
         tail = float(ndtr(-check_level(level)))
         if horizon_times.size and not horizon_times.min() >= self.time:
@@ -209,12 +213,24 @@ def begin(
     *,
     known: Sequence[KnownEvent] = (),
 ) -> Continuation:
-    """Take in a history, in any order, from before its first reading on.
+    """Filter a history, in any order, from before its first reading on.
 
     Parameters
     ----------
+    outlook
+        Processes that could have made the history.
+    slow_time
+        Slow time of each reading.
+    value
+        Readings; NaN where missing.
+    sd
+        Their standard deviations, in the unit of the readings.
     known
         Events that were told, in any order; those before the first reading say nothing.
+
+    Returns
+    -------
+    History with its processes, ready to be continued.
     """
     time, values, sds = history(slow_time, value, sd)
     readings = time, values, _floored(outlook, sds)

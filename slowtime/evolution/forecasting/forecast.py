@@ -103,7 +103,7 @@ def fit(
     suspected: Sequence[float] = (),
     known: Sequence[KnownEvent] = (),
 ) -> Outlook:
-    """Learn from a history which processes could have made it.
+    """Learn which processes could have made a history.
 
     Parameters
     ----------
@@ -119,6 +119,10 @@ def fit(
     known
         Events that were told. At those that move the level it may go anywhere here; how far it
         should have gone is for `continuation.begin`, which is given them too.
+
+    Returns
+    -------
+    Processes with their probabilities.
 
     Notes
     -----
@@ -362,6 +366,10 @@ def predict(
         Future slow times, ascending or not, none before the last reading.
     level
         Probability of the bands [1].
+
+    Returns
+    -------
+    Mean, standard deviation and interval, in the unit of the readings.
     """
     return continuation.begin(outlook, slow_time, value, sd).predict(horizon_times, level=level)
 

@@ -33,7 +33,12 @@ class JumpLaw:
     count: int
 
     def moments(self, ahead: Series) -> tuple[Series, Series, Series, Series]:
-        """Tell what jumps add until so much later.
+        """Compute the moments of the jumps within a time from now.
+
+        Parameters
+        ----------
+        ahead
+            Times from now, in the unit of slow time.
 
         Returns
         -------

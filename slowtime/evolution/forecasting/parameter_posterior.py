@@ -60,6 +60,12 @@ def learn_parameters(
         Of the parameters' logarithms.
     net
         Likelihood at the points of ``prior.net(NET)``, where it is known.
+    iterations
+        Largest number of Newton steps.
+
+    Returns
+    -------
+    Weighted points of the posterior, and its evidence.
     """
 
     def objective(points: np.ndarray) -> np.ndarray:

@@ -159,10 +159,26 @@ def log_sought(time: Usable, period: float) -> float:
 def prior_of(
     period: float, time: Usable, value: Usable, base: SlowProcess, prior: Prior
 ) -> Prior:
-    """Prior of length, spread and drift as without a wave; then of the wave.
+    """Prior of length, spread and drift as without a wave, followed by that of the wave.
 
-    Of the wave: its period, size, roughness within a period, and memory. With the wave out of
-    the history, what is left scatters less, and the prior of the Matérn process knows.
+    Of the wave: its period, size, roughness within a period, and memory. Once the wave is
+    removed from the history, the rest scatters less, and the prior of the Matérn process is
+    adapted.
+
+    Parameters
+    ----------
+    period
+        Period of the wave, in slow time.
+    time, value
+        Slow time and value of each reading.
+    base
+        Matérn process without a wave.
+    prior
+        Prior of its parameters.
+
+    Returns
+    -------
+    Prior of the logarithms of all parameters.
     """
     span = float(time[-1] - time[0])
     phase = 2.0 * np.pi * time / period
@@ -188,8 +204,16 @@ def members(
 
     Parameters
     ----------
+    base
+        Process without a wave.
+    points
+        Logarithms of the parameters of each member.
     edged
         Harmonics of a wave that may jump and bend; 0 for a smooth one.
+
+    Returns
+    -------
+    The family.
     """
     length, sd, drift, period, size, roughness, memory = np.exp(points.T)
     trend = Trend(level_sd=base.level_sd, slope_sd=base.slope_sd, drift=drift)

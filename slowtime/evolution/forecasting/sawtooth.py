@@ -197,18 +197,24 @@ def learn_teeth(
     where: Places,
     begin: Float[np.ndarray, " parameter"],
 ) -> Repeating:
-    """Learn what teeth a history has.
+    """Fit sawtooth processes to a history.
 
     Parameters
     ----------
     readings, told
         Slow times, values and standard deviations; jumps that are taken for given.
+    base
+        Process without a wave.
     wave_prior
         Of the parameters of a wave without teeth.
     where
         Places from `places`.
     begin
         The best of `trial`.
+
+    Returns
+    -------
+    Processes with teeth, and their evidence.
 
     Notes
     -----

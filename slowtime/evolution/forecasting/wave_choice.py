@@ -33,7 +33,7 @@ def learn_periodic_process(
     beaten: float = -np.inf,
     edges: bool = True,
 ) -> Repeating | None:
-    """Learn processes with a wave; None where least squares find no period.
+    """Fit processes with a wave; None where least squares find no period.
 
     Of smooth waves, waves with edges and teeth, that one is learnt of which a few trials are
     likelier. Its evidence counts how many periods were looked at.
@@ -55,6 +55,10 @@ def learn_periodic_process(
     beaten
         Log-evidence of what else explains the history: None is the answer where all trials of
         waves are so much less likely that learning would not make up for it.
+
+    Returns
+    -------
+    Processes with a wave, and their evidence; None where there is no period.
     """
     time, values, sds = readings
     period = periodicity.period_of(time, levelled, sds)

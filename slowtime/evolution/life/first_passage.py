@@ -16,7 +16,7 @@ def first_passage(
     roughness: Float[np.ndarray, " path"],
     chance: Float[np.ndarray, " path"],
 ) -> Float[np.ndarray, " path"]:
-    """Give the time at which each path first reaches zero from above.
+    """Time at which each path first reaches zero from above.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _within(
 def inverse_gaussian_cdf(
     t: np.ndarray | float, mean: np.ndarray | float, shape: np.ndarray | float
 ) -> np.ndarray:
-    r"""Give the distribution function of the inverse Gaussian law.
+    r"""Distribution function of the inverse Gaussian law.
 
     .. math:: F(t) = \Phi\left(\sqrt{\lambda/t} (t/m - 1)\right)
               + e^{2 \lambda / m} \Phi\left(-\sqrt{\lambda/t} (t/m + 1)\right)
@@ -107,6 +107,10 @@ def inverse_gaussian_cdf(
         Times, positive.
     mean, shape
         :math:`m` and :math:`\lambda`, in the unit of t.
+
+    Returns
+    -------
+    Probabilities [1].
 
     References
     ----------

@@ -64,12 +64,16 @@ class RemainingLife:
         return np.asarray(self.quantile(np.array(self.shares)))
 
     def cdf(self, t: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Give the probability that the threshold has been crossed by slow time t.
+        """Probability that the threshold has been crossed by slow time t.
 
         Parameters
         ----------
         t
             Slow times; NaN is given beyond the horizon, where nothing is known.
+
+        Returns
+        -------
+        Probability [1], of the shape of `t`.
         """
         at = np.asarray(t, dtype=float)
         found = (
@@ -114,7 +118,7 @@ class RemainingLife:
         return np.asarray(np.where(at > self.horizon, np.nan, rate))
 
     def quantile(self, p: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Give the slow time by which the threshold has been crossed with probability p.
+        """Slow time by which the threshold has been crossed with probability p.
 
         Parameters
         ----------
@@ -173,7 +177,7 @@ def from_failure_times(
     shares: tuple[float, ...] = SHARES,
     weights: Mapping[str, float] | None = None,
 ) -> RemainingLife:
-    """Give the distribution of sampled failure times, each as probable as the others.
+    """Distribution of sampled failure times, each as probable as the others.
 
     Parameters
     ----------
@@ -181,6 +185,10 @@ def from_failure_times(
         Slow time of the first crossing of each path; infinite where not by the horizon.
     threshold, now, horizon, shares, weights
         As for `RemainingLife`.
+
+    Returns
+    -------
+    The distribution.
     """
     count = len(failure_time)
     at = np.sort(failure_time[np.isfinite(failure_time)])

@@ -35,7 +35,7 @@ def first_crossing(
     paths: int = 4000,
     seed: int = 0,
 ) -> RemainingLife:
-    """Draw futures, and see when each first crosses the threshold.
+    """Distribution of the time at which the future of a history first crosses a threshold.
 
     Parameters
     ----------
@@ -58,6 +58,10 @@ def first_crossing(
         Instants up to the horizon at which a future is looked at, straight between.
     paths, seed
         How many futures, and of which random numbers.
+
+    Returns
+    -------
+    Distribution of the time of the first crossing.
     """
     begun = continuation.begin(outlook, slow_time, value, sd)
     futures = draw_futures(begun, horizon, points=points, paths=paths, seed=seed)
@@ -101,7 +105,17 @@ class SampledFutures:
         toward: Literal["below", "above"] | None = None,
         common_sd: float = 0.0,
     ) -> Float[np.ndarray, " path"]:
-        """Give the slow time at which each future first crosses a threshold.
+        """Slow time at which each future first crosses a threshold.
+
+        Parameters
+        ----------
+        threshold
+            Threshold [unit of the readings].
+        toward
+            Side on which the quantity has failed; by default the side away from its present
+            median.
+        common_sd
+            Standard deviation of the error that all readings share [unit of the readings].
 
         Returns
         -------
@@ -160,7 +174,30 @@ class SampledFutures:
 def draw_futures(
     begun: Continuation, horizon: float, *, points: int = 200, paths: int = 4000, seed: int = 0
 ) -> SampledFutures:
-    """Draw futures up to a horizon; the parameters as for `first_crossing`."""
+    """Draw futures up to a horizon.
+
+    Parameters
+    ----------
+    begun
+        History with its fitted processes, ready to be continued.
+    horizon
+        Slow time of the last instant.
+    points
+        Number of instants after the last reading.
+    paths
+        Number of futures.
+    seed
+        Seed of the draws.
+
+    Returns
+    -------
+    The futures.
+
+    Raises
+    ------
+    ValueError
+        Where the horizon is not after the last reading.
+    """
     if not horizon > begun.time:
         raise ValueError(
             f"The horizon {horizon:g} is not after the last reading at {begun.time:g}. Give a "

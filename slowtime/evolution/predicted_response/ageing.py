@@ -146,16 +146,28 @@ class Ageing:
         paths: int = 400,
         level: float = 0.95,
     ) -> Response:
-        """Response from rest at a slow time to come, by simulation.
+        """Simulate the response from rest at a future slow time.
 
         Parameters
         ----------
+        slow_time
+            Slow time of the response.
         forces
             Known forces on the nodes [N] at the samples.
+        rate_hz
+            Sampling rate of the forces [Hz].
         white
             Forces that nobody knows.
+        rng
+            Generator of constants and of white forces.
         paths
             How many are drawn, each with constants of its own.
+        level
+            Probability of the interval [1].
+
+        Returns
+        -------
+        Mean displacement [m] with its interval.
         """
         check_level(level)
         start = np.zeros((paths, 2 * len(self.springs.nodes)))
@@ -189,7 +201,7 @@ def learn_ageing(
     *,
     of: tuple[str, ...] = ("stiffness", "damping"),
 ) -> Ageing:
-    """Learn how the constants of some kinds age, from what each epoch told of them.
+    """Learn how constants of some kinds age, from their estimates at each epoch.
 
     Parameters
     ----------
@@ -200,6 +212,12 @@ def learn_ageing(
     constants
         Of one twin, one row an epoch, each from readings of its own; what the prior has put
         into each is taken out.
+    of
+        Kinds of constants that age.
+
+    Returns
+    -------
+    Constants as functions of slow time.
     """
     if constants.log_ratio.shape[:-1] != slow_time.shape:
         raise ValueError(

@@ -131,12 +131,16 @@ def response_runs(
     draws: int = 400,
     rng: np.random.Generator,
 ) -> Runs:
-    """Run drawn structures from rest under a load that is straight between its samples.
+    """Simulate drawn structures from rest under a load that is linear between its samples.
 
     Parameters
     ----------
+    believed
+        Belief about the parameters of the structure.
     load
         Force on the degree of freedom `on` [N], or acceleration of the base [m/s^2].
+    rate_hz
+        Sampling rate of the load [Hz].
     on
         None for the base.
     outputs
@@ -145,6 +149,10 @@ def response_runs(
         Displacement [m] and velocity [m/s] against the base; acceleration in space [m/s^2].
     draws, rng
         How many structures, and where their randomness comes from.
+
+    Returns
+    -------
+    Response of each draw, in SI units.
     """
     if quantity not in QUANTITIES:
         raise ValueError(f"{quantity=} is none of {', '.join(QUANTITIES)}.")

@@ -30,13 +30,43 @@ class Scale(Protocol):
     """How a frequency ratio maps to a change, monotonically."""
 
     def change(self, ratio: np.ndarray) -> np.ndarray:
-        """Change that gives `ratio`."""
+        """Change that gives a frequency ratio.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Relative change [1], of the shape of `ratio`.
+        """
 
     def ratio(self, change: np.ndarray) -> np.ndarray:
-        """Ratio that `change` gives."""
+        """Frequency ratio that a change gives.
+
+        Parameters
+        ----------
+        change
+            Relative change [1].
+
+        Returns
+        -------
+        Frequency ratio [1], of the shape of `change`.
+        """
 
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
-        """Absolute derivative of the change with respect to the ratio."""
+        """Absolute derivative of the change to the frequency ratio.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Absolute derivative [1], of the shape of `ratio`.
+        """
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -46,15 +76,45 @@ class StiffnessScale:
     ground: PerReading
 
     def change(self, ratio: np.ndarray) -> np.ndarray:
-        """Change that gives `ratio`."""
+        """Change of stiffness that gives a frequency ratio.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Relative change [1], of the shape of `ratio`.
+        """
         return ratio**2 - _column(self.ground, ratio)
 
     def ratio(self, change: np.ndarray) -> np.ndarray:
-        """Ratio that `change` gives; 0 where it would not ring."""
+        """Frequency ratio that a change of stiffness gives; 0 where it would not ring.
+
+        Parameters
+        ----------
+        change
+            Relative change [1].
+
+        Returns
+        -------
+        Frequency ratio [1], of the shape of `change`.
+        """
         return np.sqrt(np.maximum(change + self.ground, 0.0))
 
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
-        """Absolute derivative of the change."""
+        """Absolute derivative of the change to the frequency ratio.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Absolute derivative [1], of the shape of `ratio`.
+        """
         return 2.0 * ratio
 
 
@@ -72,7 +132,17 @@ class MassScale:
         return highest
 
     def change(self, ratio: np.ndarray) -> np.ndarray:
-        """Change that gives `ratio`; infinite for ratio zero."""
+        """Change of mass that gives a frequency ratio; infinite for ratio zero.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Relative change [1], of the shape of `ratio`.
+        """
         zeta = _column(self.damping_ratio_0, ratio)
         root = np.sqrt(np.maximum(1.0 - (2.0 * zeta * ratio) ** 2, 0.0))
         with np.errstate(divide="ignore"):
@@ -80,26 +150,55 @@ class MassScale:
         return mass - 1.0
 
     def ratio(self, change: np.ndarray) -> np.ndarray:
-        """Ratio that `change` gives, from the least mass of the branch on."""
+        """Frequency ratio that a change of mass gives, from the least mass of the branch on.
+
+        Parameters
+        ----------
+        change
+            Relative change [1].
+
+        Returns
+        -------
+        Frequency ratio [1], of the shape of `change`.
+        """
         least = 2.0 * np.square(self.damping_ratio_0)
         mass = np.maximum(1.0 + change, np.maximum(least, 1e-12))
         found: np.ndarray = np.sqrt(mass - np.square(self.damping_ratio_0)) / mass
         return found
 
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
-        """Absolute derivative of the change."""
+        """Absolute derivative of the change to the frequency ratio.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Absolute derivative [1], of the shape of `ratio`.
+        """
         zeta = _column(self.damping_ratio_0, ratio)
         root = np.sqrt(np.maximum(1.0 - (2.0 * zeta * ratio) ** 2, 1e-12))
         steep: np.ndarray = 2.0 * ratio * (0.5 * (1.0 + root) / ratio**2) ** 2 / root
         return steep
 
     def mass_and_derivatives(self, ratio: Series) -> tuple[Series, Series, Series]:
-        r"""Mass over the nominal one, and its first two derivatives.
+        r"""Mass over the nominal one, and its first two derivatives to the frequency ratio.
 
         From :math:`r^2 \mu^2 - \mu + \zeta_0^2 = 0` with
         :math:`q = 2 r^2 \mu - 1 = \sqrt{1 - 4 r^2 \zeta_0^2}`:
         :math:`\mu' = -2 r \mu^2 / q` and
         :math:`\mu'' = -2 \mu^2/q + 8 r^2 \mu^3/q^2 - 8 r^2 \mu^2 \zeta_0^2/q^3`.
+
+        Parameters
+        ----------
+        ratio
+            Damped frequency over the nominal natural frequency [1].
+
+        Returns
+        -------
+        Mass ratio and its two derivatives [1].
         """
         z2, r2 = np.square(self.damping_ratio_0), ratio**2
         q = np.sqrt(np.maximum(1.0 - 4.0 * r2 * z2, 1e-12))
@@ -128,7 +227,25 @@ def bounded_change(
     flat_in: FlatIn,
     level: float,
 ) -> Change:
-    """Most likely change within the bounds, posterior standard deviation, densest interval."""
+    """Most probable change within the bounds, its standard deviation and densest interval.
+
+    Parameters
+    ----------
+    readings
+        Frequency ratios with their standard deviations.
+    scale
+        Map between frequency ratio and change.
+    bounds
+        Least and largest change possible [1].
+    flat_in
+        Variable in which the prior is flat.
+    level
+        Probability of the interval [1].
+
+    Returns
+    -------
+    Relative changes [1]; readings far outside the bounds are flagged.
+    """
     sd = readings.total_sd
     found = posterior(readings.ratio, sd, scale, bounds, flat_in=flat_in, level=level)
     low, high = _window(scale, bounds, readings.ratio)
@@ -160,6 +277,10 @@ def posterior(
         Whether the prior is flat in the frequency ratio or in the change.
     level
         Probability of the interval [1].
+
+    Returns
+    -------
+    Posterior of each change [1].
 
     Notes
     -----

@@ -52,6 +52,10 @@ def mass_from_frequency(
         As in `stiffness_from_frequency`; `damping_ratio_0` below 0.7071, where more mass
         means a lower damped frequency.
 
+    Returns
+    -------
+    Relative change of mass [1], with standard deviation and interval.
+
     References
     ----------
     .. [1] R. Ganguli et al., "Digital Twin: A Dynamic System and Computing Perspective",

@@ -66,6 +66,11 @@ def learn_nominal(
     damping, damping_sd
         Damping ratios and their standard deviations [1]; NaN where not identified.
 
+    Returns
+    -------
+    Nominal frequency [unit of `frequency`] and damping ratio [1], with their standard
+    deviations.
+
     Examples
     --------
     >>> nominal = learn_nominal(np.array([9.99, 10.01, 10.0, 14.0]), 0.01)

@@ -62,6 +62,10 @@ def stiffness_from_frequency(
     level
         Probability of the interval [1].
 
+    Returns
+    -------
+    Relative change of stiffness [1], with standard deviation and interval.
+
     Notes
     -----
     Below one standard deviation from zero frequency the estimate is held at zero stiffness;

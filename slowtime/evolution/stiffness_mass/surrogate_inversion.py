@@ -40,7 +40,19 @@ class Surrogate(Protocol):
     """What foretells a frequency: mean and standard deviation at changes of the structure."""
 
     def predict(self, X: np.ndarray, return_std: bool = False) -> Any:
-        """Mean, or mean and standard deviation, at points [point change]."""
+        """Predict the frequency at changes of the structure.
+
+        Parameters
+        ----------
+        X
+            Points [point, change].
+        return_std
+            Whether to return the standard deviation as well.
+
+        Returns
+        -------
+        Mean, or mean and standard deviation, at each point [Hz].
+        """
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -62,7 +74,7 @@ def changes_from_frequencies(
     level: float = 0.95,
     draws: int = DRAWS,
 ) -> Changes:
-    r"""Turn readings of frequencies round, by Bayes' rule.
+    r"""Estimate changes of a structure from readings of its frequencies, by Bayes' rule.
 
     .. math:: p(\Delta \mid f) \propto p(\Delta) \prod_j
               N(f_j; m_j(\Delta), s_j(\Delta)^2 + \sigma_j^2)

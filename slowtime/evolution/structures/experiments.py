@@ -49,12 +49,16 @@ def propose_measurements(
     posterior: StructurePosterior,
     limits: tuple[Limit, ...],
 ) -> tuple[Remedy, ...]:
-    """For each means, the place that lifts most of the limits; none for means that lift none.
+    """Propose, for each means, the place that lifts most of the limits; none if it lifts none.
 
     Parameters
     ----------
     structure, measured, posterior, limits
         As they were; the same modes are supposed to be measured as well as now.
+
+    Returns
+    -------
+    The best place of each means.
     """
     slope = posterior.optima[0].whitened
     information = slope.T @ slope

@@ -107,7 +107,17 @@ class StructurePosterior:
     def interval(
         self, level: float = 0.95
     ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " parameter"]]:
-        """Give the ends of intervals of the changes about the most probable ones [1]."""
+        """Compute the ends of intervals of the changes about the most probable ones.
+
+        Parameters
+        ----------
+        level
+            Probability of each interval [1].
+
+        Returns
+        -------
+        Lower and upper ends, as relative changes [1].
+        """
         half = check_level(level) * np.sqrt(np.diag(self.covariance))
         return np.expm1(self.theta - half), np.expm1(self.theta + half)
 
@@ -142,6 +152,10 @@ def estimate(
         Points spread over the prior from which the search begins besides the nominal one. A
         posterior with several peaks shows itself by searches that end apart.
 
+    Returns
+    -------
+    Posterior of the parameters.
+
     Examples
     --------
     >>> k = np.array([[[2.0, 0], [0, 0]], [[2.0, -2.0], [-2.0, 2.0]]])
@@ -175,7 +189,23 @@ def optimise_from(
     prior_sd: Float[np.ndarray, " parameter"],
     start: Float[np.ndarray, " parameter"],
 ) -> Optimum:
-    """Search from one start to the optimum that it leads to; modes are paired at each step."""
+    """Search from one start to the optimum that it leads to; modes are paired at each step.
+
+    Parameters
+    ----------
+    structure
+        Nominal structure and its variable parts.
+    sets
+        Measured modes, one set for each state of the structure.
+    prior_sd
+        Prior standard deviation of each parameter [1]; 0 for one that stays nominal.
+    start
+        Parameters to start from, as logarithms of factors [1].
+
+    Returns
+    -------
+    The optimum.
+    """
     whitening = np.where(prior_sd > 0.0, prior_sd, 1.0)
     point = np.where(prior_sd > 0.0, start / whitening, 0.0)
     here = total_misfit(structure, sets, prior_sd * point, prior_sd)
@@ -205,7 +235,23 @@ def total_misfit(
     theta: Float[np.ndarray, " parameter"],
     spread: Float[np.ndarray, " parameter"],
 ) -> ModeMisfit:
-    """Misfit of all sets together."""
+    """Misfit of all sets of measured modes together.
+
+    Parameters
+    ----------
+    structure
+        Nominal structure and its variable parts.
+    sets
+        Measured modes, one set for each state of the structure.
+    theta
+        Parameters, as logarithms of factors [1].
+    spread
+        Standard deviation of each parameter [1].
+
+    Returns
+    -------
+    Residuals in standard deviations, their slopes, and the pairs of modes.
+    """
     gaps = [mode_misfit(structure, measured, theta, spread) for measured in sets]
     return ModeMisfit(
         np.concatenate([one.residual for one in gaps]),
@@ -217,7 +263,24 @@ def total_misfit(
 def check_prior(
     structure: ParametricStructure, prior_sd: Float[np.ndarray, " parameter"] | float
 ) -> Float[np.ndarray, " parameter"]:
-    """One prior standard deviation a parameter."""
+    """Check the prior standard deviations, and make one for each parameter.
+
+    Parameters
+    ----------
+    structure
+        Nominal structure and its variable parts.
+    prior_sd
+        Standard deviation of the logarithm of a factor [1], one for all or one each.
+
+    Returns
+    -------
+    One standard deviation for each parameter [1].
+
+    Raises
+    ------
+    ValueError
+        Where their number is wrong, or one is negative or not finite.
+    """
     sd = np.asarray(prior_sd, dtype=np.float64)
     count = len(structure.names)
     if sd.shape not in ((), (count,)) or not ((sd >= 0.0) & np.isfinite(sd)).all():

@@ -77,7 +77,7 @@ def name_changes(
     changed_share: float = 0.1,
     most: int = 4,
 ) -> NamedChanges:
-    """Name the changed parts, or say between which the data cannot decide.
+    """Find the changed parts, or the parts between which the data cannot decide.
 
     Parameters
     ----------
@@ -92,6 +92,10 @@ def name_changes(
         Share of the parts expected to have changed [1].
     most
         Largest number of changed parts considered.
+
+    Returns
+    -------
+    Hypotheses about the changed parts, with their probabilities.
     """
     sets = (measured,) if isinstance(measured, MeasuredModes) else tuple(measured)
     slab = check_prior(structure, changed_sd)

@@ -65,7 +65,19 @@ def ratio_along(
     information: Float[np.ndarray, "parameter parameter"],
     direction: Float[np.ndarray, " parameter"],
 ) -> float:
-    """Posterior over prior standard deviation along a direction of unit norm."""
+    """Posterior over prior standard deviation along a direction.
+
+    Parameters
+    ----------
+    information
+        Information of the data on the parameters, each in prior standard deviations [1].
+    direction
+        Direction of unit norm, in prior standard deviations [1].
+
+    Returns
+    -------
+    Ratio [1]: 1 where the data say nothing.
+    """
     covariance = np.linalg.inv(np.eye(len(direction)) + information)
     return float(np.sqrt(direction @ covariance @ direction))
 

@@ -73,10 +73,21 @@ class MeasuredModes:
     def of(
         cls, modes: Sequence[Mode], channels: Float[np.ndarray, "channel dof"] | None = None
     ) -> "MeasuredModes":
-        """Take over the structural ones of identified modes.
+        """Collect the structural ones of identified modes.
 
         The deviation of a complex component is taken to be as large along the real line as
         across it, so that the real shape has half of its variance.
+
+        Parameters
+        ----------
+        modes
+            Identified modes with shapes.
+        channels
+            What each channel sees of the degrees of freedom; all of them, one each, by default.
+
+        Returns
+        -------
+        The measured modes.
         """
         own = [mode for mode in modes if mode.kind == "structural"]
         silent = [np.where(mode.shape_sd > 0.0, mode.shape_sd, np.nan) for mode in own]
@@ -141,6 +152,10 @@ def mode_misfit(
     spread
         How far each parameter may still be off, which decides how far a mode may be from its
         partner when modes are paired.
+
+    Returns
+    -------
+    Residuals in standard deviations, their slopes, and the pairs of modes.
     """
     seen = measured.seen_by(structure)
     modes = structure.modes(theta, measured.added_mass)

@@ -108,7 +108,17 @@ class ParametricStructure:
     def matrices(
         self, theta: Float[np.ndarray, " parameter"]
     ) -> tuple[Float[np.ndarray, "dof dof"], Float[np.ndarray, "dof dof"]]:
-        """Mass and stiffness with parameters `theta`, logarithms of factors on the parts."""
+        """Compute mass and stiffness at values of the parameters.
+
+        Parameters
+        ----------
+        theta
+            Logarithms of factors on the parts: first of elements, then of masses [1].
+
+        Returns
+        -------
+        Mass and stiffness, in the units of the nominal matrices.
+        """
         change = np.expm1(theta)
         elements = len(self.stiffness_parts)
         stiffness = self.stiffness + np.tensordot(change[:elements], self.stiffness_parts, 1)
@@ -136,6 +146,10 @@ class ParametricStructure:
             Logarithms of factors on the parts; 0 is nominal.
         added_mass
             A known mass put on the structure, whatever the parameters.
+
+        Returns
+        -------
+        Eigenvalues [rad^2/s^2], shapes, and their slopes.
 
         References
         ----------

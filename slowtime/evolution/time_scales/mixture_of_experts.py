@@ -93,6 +93,10 @@ def fit(
         How many, at most.
     seed
         Of the starts.
+
+    Returns
+    -------
+    The mixture.
     """
     rng = np.random.default_rng(seed)
     found = [

@@ -89,12 +89,16 @@ class SeparationChoice:
 
 
 def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
-    """Take a series apart into a long and a short scale.
+    """Split a series into a long and a short scale by an additive process.
 
     Parameters
     ----------
     slow_time, value, sd
         Slow times, ascending, values, and their known standard deviations.
+
+    Returns
+    -------
+    Both parts, in the unit of the readings.
 
     Examples
     --------

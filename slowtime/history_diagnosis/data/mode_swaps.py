@@ -16,7 +16,7 @@ _FAR_SDS = 8.0
 """[noise standard deviations] From the medians of both sides, beyond which a reading is
 suspected. Source: judgement."""
 _CLUSTER_SDS = 6.0
-"""[noise standard deviations] Width of a cluster: plus and minus three sigma."""
+"""[noise standard deviations] Width of a cluster. Source: three-sigma rule, to either side."""
 _FEWEST_SWAPPED = 5
 """[readings] Fewest that form a cluster. Source: judgement."""
 _LEAST_LOG_ODDS = 7.0

@@ -23,10 +23,13 @@ from slowtime.history_diagnosis.selection.forward_selection import ModelComparis
 
 _DRAWS = 32
 """[points] Of the importance sampling around each fit. Source: a bound on computing time."""
-_NARROW, _WIDE = 1.0, 2.0
-"""[widths of the Laplace approximation] Of the proposals, half the draws each: the wide one
-covers tails that are heavier than Gaussian."""
-_SCALES = np.tile([_NARROW, _WIDE], _DRAWS // 2)
+_NARROW_WIDTH = 1.0
+"""[widths of the Laplace approximation] Of half the proposals. Source: the approximation
+itself."""
+_WIDE_WIDTH = 2.0
+"""[widths of the Laplace approximation] Of the other half, which covers tails that are heavier
+than Gaussian. Source: judgement."""
+_SCALES = np.tile([_NARROW_WIDTH, _WIDE_WIDTH], _DRAWS // 2)
 _LEAST_CURVATURE = 0.05
 """[1] Least eigenvalue of the scaled curvature. Source: judgement."""
 _LEAST_WEIGHT = 2e-3
@@ -172,7 +175,7 @@ def _log_proposal(z: Point) -> float:
     """Log density of the mixture of narrow and wide proposals."""
     parts = [
         -0.5 * float(z @ z) / w**2 - len(z) * np.log(np.sqrt(2.0 * np.pi) * w)
-        for w in (_NARROW, _WIDE)
+        for w in (_NARROW_WIDTH, _WIDE_WIDTH)
     ]
     return float(np.logaddexp(*parts) - np.log(2.0))
 

@@ -25,8 +25,10 @@ _DAYS = {
     "year": 365.25,
 }
 _CALENDAR_DAYS = (1.0, 7.0, 365.25)
+"""[days] Periods of the calendar. Source: day, week and Julian year."""
 _LEAST_CYCLES = 1.5
-"""[cycles in a history] Fewest of a periodic law; fewer cannot be told from a drift."""
+"""[cycles in a history] Fewest of a periodic law; fewer cannot be told from a drift. Source:
+judgement."""
 _MOST_TEETH = 40.0
 """[teeth in a history] Most of a sawtooth. Source: a bound on computing time."""
 _LEAST_SIDE = 0.04

@@ -20,7 +20,8 @@ _EVALUATIONS = 25
 """[evaluations for each coordinate] Of the simplex search. Source: a bound on computing
 time."""
 _EVIDENCE_DROP = 0.5
-"""[nats] One standard deviation from the peak of a Gaussian."""
+"""[nats] Below the peak, at which the width of a peak is read. Source: one standard deviation
+of a Gaussian."""
 _LONGEST_LENGTH = 0.6
 """[histories] Longest length scale of the random process: what is slower counts as a drift.
 Source: chosen on hidden histories (decision 0030)."""

@@ -14,7 +14,7 @@ from .catalogue import CandidateLaw, Shape
 
 _CONSTANT_SD = 10.0
 """[scatters of the readings] Prior standard deviation of the constant: wide, as the values have
-zero median."""
+zero median. Source: judgement."""
 _LEAST_COLUMN_VARIANCE = 0.01
 """[1] Variance of a regressor below which the prior of its coefficient stops widening. Source:
 judgement."""

@@ -23,7 +23,8 @@ from scipy.linalg import solve_triangular
 from .whitening import FilterResult, MaternProcess, gram_of_each, whitened_gram
 
 NOISE_PRIOR = 3.0
-r""":math:`a_0` [1]: the stated standard deviation is right to about 30 %. Source: judgement."""
+"""[1] :math:`a_0`, with which the stated standard deviation is right to about 30 %. Source:
+judgement."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -25,8 +25,8 @@ from jaxtyping import Bool, Float
 from slowtime.estimation import kernels
 
 _IGNORED_VARIANCE = 1e8
-"""[variances of the readings] Noise given to a reading that is predicted but not used: its gain
-vanishes, and its variance still keeps eight digits."""
+"""[variances of the readings] Noise given to a reading that is predicted but not used. Source:
+its gain vanishes, and its variance still keeps eight of the sixteen digits."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -196,12 +196,11 @@ def _filter(
     covariance: Float[np.ndarray, "state state"],
 ) -> tuple[Float[np.ndarray, "time column"], Float[np.ndarray, " time"], float]:
     """Run the filter; writes the last state into `mean` and `covariance`."""
-    white, spread = np.empty(columns.shape), np.empty(len(step))
     run = _matern12 if process.smoothness == 0.5 else _matern32
     rate = float(np.sqrt(2.0 * process.smoothness) / process.length)
     columns = np.ascontiguousarray(columns)
-    log_determinant = run(
-        rate, process.sd**2, step, variance, columns, mean, covariance, white, spread
+    white, spread, log_determinant = run(
+        rate, process.sd**2, step, variance, columns, mean, covariance
     )
     return white, spread, float(log_determinant)
 
@@ -225,7 +224,8 @@ def _gram_of_each_loop(white):  # type: ignore[no-untyped-def]
     return out
 
 
-def _matern12_loop(rate, level, step, variance, columns, mean, covariance, white, spreads):  # type: ignore[no-untyped-def]
+def _matern12_loop(rate, level, step, variance, columns, mean, covariance):  # type: ignore[no-untyped-def]
+    white, spreads = np.empty(columns.shape), np.empty(len(step))
     count = columns.shape[1]
     total = 0.0
     p = covariance[0, 0]
@@ -249,10 +249,11 @@ def _matern12_loop(rate, level, step, variance, columns, mean, covariance, white
             mean[0, j] = expected + gain * residual
         p -= gain * p
     covariance[0, 0] = p
-    return total
+    return white, spreads, total
 
 
-def _matern32_loop(rate, level, step, variance, columns, mean, covariance, white, spreads):  # type: ignore[no-untyped-def]
+def _matern32_loop(rate, level, step, variance, columns, mean, covariance):  # type: ignore[no-untyped-def]
+    white, spreads = np.empty(columns.shape), np.empty(len(step))
     count = columns.shape[1]
     total = 0.0
     # Propagates the difference from the stationary covariance: long steps lose no digits.
@@ -288,7 +289,7 @@ def _matern32_loop(rate, level, step, variance, columns, mean, covariance, white
         p01 -= gain0 * p01
         p00 -= gain0 * p00
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = p00, p01, p01, p11
-    return total
+    return white, spreads, total
 
 
 # Unwrapped, because tests wrap every function in a checker of array shapes.

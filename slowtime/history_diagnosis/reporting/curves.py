@@ -14,8 +14,9 @@ from slowtime.history_diagnosis.likelihood.whitening import one_step_errors
 from .parameters import columns_of
 from .report import EffectCurve, PlotSeries, ScatterGap
 
-_GRID = 121
-"""[points] Of a curve over a covariate; four times as many over time."""
+_GRID_POINTS = 121
+"""[points] Of a curve over a covariate; four times as many over time. Source: the resolution of
+a plot."""
 _LAGS = 12
 """[readings] Longest lag of the test of whiteness. Source: judgement."""
 
@@ -126,9 +127,9 @@ def _regressors_along(
 ) -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, "grid column"]]:
     """Regressors along the axis of a term: in steady state, where it lags."""
     if followed is None:
-        x = np.linspace(time[0], time[-1], 4 * _GRID)
+        x = np.linspace(time[0], time[-1], 4 * _GRID_POINTS)
         return x, term.columns(x, ())
-    x = np.linspace(followed.values.min(), followed.values.max(), _GRID)
+    x = np.linspace(followed.values.min(), followed.values.max(), _GRID_POINTS)
     count = (term.law.covariate or 0) + 1
 
     def columns(at: Series, values: Series) -> np.ndarray:
@@ -138,7 +139,7 @@ def _regressors_along(
     if any("lag" in axis.name for axis in term.law.axes):
         steady = [columns(np.array([0.0, 1.0]), np.full(2, value))[-1] for value in x]
         return x, np.array(steady)
-    return x, columns(np.ones(_GRID), x)
+    return x, columns(np.ones(_GRID_POINTS), x)
 
 
 def _effects(model: MixtureModel) -> Float[np.ndarray, "effect time"]:

@@ -30,7 +30,7 @@ from .irregular_sawtooth import add_irregular_sawtooth
 from .outliers import inlier_mask
 
 _NOTHING_PRIOR = 0.5
-"""[probability] Prior that no further term is missing."""
+"""[probability] Prior that no further term is missing. Source: indifference."""
 _FAMILY_WEIGHTS = {"drift": 3.0, "crack": 0.2, "sensor": 0.5}
 """[1] Prior weights of families, 1 if not listed: everything ages, cracks are rare. Source:
 judgement."""
@@ -39,8 +39,10 @@ _SCAN_MARGIN = 9.0
 judgement."""
 _REFINED_MARGIN = 7.0
 """[nats] Behind the best refined law, beyond which a law is dropped. Source: judgement."""
-_FEWEST_REFINED, _MOST_REFINED = 3, 9
-"""[laws] Refined in each comparison. Source: the most bounds the computing time."""
+_FEWEST_REFINED = 3
+"""[laws] Refined in each comparison at least. Source: judgement."""
+_MOST_REFINED = 9
+"""[laws] Refined in each comparison at most. Source: a bound on computing time."""
 _INFLUENTIAL = 3
 """[readings] On which no discovery may depend. Source: judgement."""
 _LEAST_WITHOUT = 3.0

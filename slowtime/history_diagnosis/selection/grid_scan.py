@@ -28,7 +28,8 @@ time."""
 _SECOND_START_SHAPES = 4
 """[shapes] Of a law, beyond which the refinement gets a second start. Source: judgement."""
 _ZOOMS = (1.0, 0.3, 0.08)
-"""[grid spacings] Half widths of the finer grids around the best shapes of a multimodal law."""
+"""[grid spacings] Half widths of the finer grids around the best shapes of a multimodal law.
+Source: judgement."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -27,8 +27,10 @@ from slowtime.history_diagnosis.likelihood.whitening import MaternProcess
 
 from .grid_scan import GridScan, ScanResult
 
-_FEWEST_FALLS, _MOST_FALLS = 2, 14
-"""[falls] Of a sawtooth. Source: one fall is a step; the most bounds the computing time."""
+_FEWEST_FALLS = 2
+"""[falls] Of a sawtooth at least. Source: one fall is a step."""
+_MOST_FALLS = 14
+"""[falls] Of a sawtooth at most. Source: a bound on computing time."""
 _PASSES = 2
 """[passes] Of moving, removing and adding. Source: a bound on computing time."""
 _LEAST_HINT = 3.0

@@ -140,6 +140,10 @@ def maximise_posterior(
 
     Parameters
     ----------
+    data
+        Fourier coefficients of the band.
+    start
+        Parameters to start from.
     sd
         About the standard deviations of the parameters, which scale the differences.
     held

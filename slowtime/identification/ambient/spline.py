@@ -18,6 +18,10 @@ def cubic_spline(
     ----------
     places
         Ascending; four at least.
+    values
+        Value at each of them.
+    at
+        Places to interpolate at.
 
     Returns
     -------

@@ -83,6 +83,10 @@ def identify_modes(
         Highest order of the subspace model of one band; a band spans about half an octave.
     most
         Keep so many structural modes, those of most evidence.
+
+    Returns
+    -------
+    The modes, with their errors.
     """
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples

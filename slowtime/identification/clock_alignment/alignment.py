@@ -41,9 +41,15 @@ def align(
 
     Parameters
     ----------
+    first, second
+        Records of both boards.
     band_hz
         Where to look for modes that both see; by default from a few cycles in the common time
         to 0.43 of the slower rate.
+
+    Returns
+    -------
+    The merged boards where possible, and what was found.
 
     Raises
     ------
@@ -186,11 +192,19 @@ def _verdict(
 def align_all(
     boards: tuple[Board, ...], *, band_hz: tuple[float, float] | None = None
 ) -> tuple[Board, tuple[Alignment, ...]]:
-    """Align each board with those before it that could be merged; what cannot is left out.
+    """Align each board with those before it that could be merged; leave out those that cannot.
+
+    Parameters
+    ----------
+    boards
+        Records of the boards.
+    band_hz
+        Where to look for modes that both see; by default from a few cycles in the common time
+        to 0.43 of the slower rate [Hz].
 
     Returns
     -------
-    All that could be merged, and what was found of each board after the first.
+    All that could be merged, and the result of each board after the first.
     """
     whole, said = boards[0], []
     for board in itertools.islice(boards, 1, None):

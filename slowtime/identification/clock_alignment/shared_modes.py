@@ -67,6 +67,10 @@ class SharedMode:
             Seconds by which the second board's axis falls back per second.
         times_s
             Of the stretches, about the middle of the record [s].
+
+        Returns
+        -------
+        Phase [rad], its standard deviation [rad], and coherence [1].
         """
         turn = np.exp(-2j * np.pi * self.frequency_hz * drift * times_s)
         total = np.einsum("s,sij->ij", turn, self.cross)

@@ -161,6 +161,8 @@ def decompose_spectrum(
 
     Parameters
     ----------
+    data
+        Fourier coefficients of all channels.
     band_hz
         Where to look [Hz]; by default from 20 cycles in the record to nearly half the rate.
     resolution

@@ -51,6 +51,16 @@ def mode_of_fit(
 
     Parameters
     ----------
+    fit
+        Fit of several decays.
+    which
+        Index of the mode.
+    rate_hz
+        Sampling rate [Hz].
+    start_s
+        Time of the first sample [s].
+    band_hz
+        Band over which the noise is judged [Hz]; the whole spectrum where None.
     shift_hz
         What was taken off all frequencies of the series before [Hz].
 

@@ -209,15 +209,27 @@ def find_harmonics(
     false_alarm: float = FALSE_ALARM,
     seed: int = 0,
 ) -> tuple[tuple[PeakClass, ...], tuple[HarmonicFamily, ...]]:
-    """Find the lines of machines in a record, and the speeds that they are multiples of.
+    """Find the lines of machines in a record, and the base frequencies of their harmonics.
 
     Every sharp peak is judged as `classify_peaks` would; where the lines found are multiples
     of a base, the other peaks on its multiples are judged again as at a known speed.
 
     Parameters
     ----------
+    samples
+        Samples of all channels.
+    rate_hz
+        Sampling rate [Hz].
     band_hz
         Where to look [Hz]; by default from four cycles in the record to 0.45 of the rate.
+    known_hz
+        Known speeds of machines [Hz].
+    least_damping
+        Smallest damping ratio of a structural mode [1].
+    false_alarm
+        Probability with which a mode may be called a line [1].
+    seed
+        Seed of the simulated envelopes.
 
     Returns
     -------

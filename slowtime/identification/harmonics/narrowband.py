@@ -176,6 +176,14 @@ def draw_envelopes(
         Power of the mode over the noise, both within the band [1].
     bins
         Of the band; odd.
+    draws
+        Number of envelopes.
+    rng
+        Generator of the draws.
+
+    Returns
+    -------
+    Envelopes.
     """
     count = OVERSAMPLED * bins
     keep = np.exp(-2 * np.pi * half_widths_in_record / count)

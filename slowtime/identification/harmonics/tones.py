@@ -31,7 +31,24 @@ SURROUNDINGS = 40
 
 
 def strongest_bin(spectra: Spectra, frequency_hz: float) -> int:
-    """Bin of the strongest ordinate about a frequency, channels weighted by their own level."""
+    """Bin of the strongest ordinate about a frequency, channels weighted by their own level.
+
+    Parameters
+    ----------
+    spectra
+        Fourier coefficients of all channels.
+    frequency_hz
+        Approximate frequency of the peak [Hz].
+
+    Returns
+    -------
+    Index of the bin.
+
+    Raises
+    ------
+    ValueError
+        Where the frequency is too close to zero or to half the sampling rate.
+    """
     last = len(spectra.coefficients) - 2
     at = round(frequency_hz / spectra.spacing_hz)
     if not 2 <= at <= last - 1:
@@ -49,11 +66,22 @@ def strongest_bin(spectra: Spectra, frequency_hz: float) -> int:
 
 
 def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
-    r"""Middle of the line, and the error of a tone in noise or how far it wanders.
+    r"""Frequency of a spectral line; its error is that of a tone, or how far it wanders.
 
     The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
     \mathrm{sinc}(p - k)` over the bins k; the best p has the standard deviation
     :math:`\sqrt{6 / E} / 2 \pi` bins, E its energy over the noise density.
+
+    Parameters
+    ----------
+    seen
+        Envelope of the band around the line.
+    spacing_hz
+        Spacing of the bins [Hz].
+
+    Returns
+    -------
+    Frequency and its standard deviation [Hz].
     """
     count = len(seen.envelope)
     bins = np.fft.fft(seen.envelope) / count
@@ -97,7 +125,7 @@ def remove_lines(
     rate_hz: float,
     lines: tuple[Measured, ...],
 ) -> Float[np.ndarray, "time channel"]:
-    r"""Take lines out of a record by least squares, each with the bins that it wanders over.
+    r"""Remove lines from a record by least squares, each with the bins that it wanders over.
 
     A steady line takes its tone and one bin either side, for slow changes of its amplitude; one
     that wanders with standard deviation s takes :math:`\lceil 2 s T \rceil` bins. Unlike a band
@@ -105,8 +133,16 @@ def remove_lines(
 
     Parameters
     ----------
+    samples
+        Samples of all channels.
+    rate_hz
+        Sampling rate [Hz].
     lines
         Frequencies with their errors, as `judge` and `find_harmonics` give them [Hz].
+
+    Returns
+    -------
+    Samples without the lines, in the same unit.
 
     Examples
     --------

@@ -11,6 +11,15 @@ from jaxtyping import Complex, Float, Num
 def normalised(shape: Num[np.ndarray, " channel"]) -> Complex[np.ndarray, " channel"]:
     """Shape of unit norm whose largest component is real and positive.
 
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
+
+    Returns
+    -------
+    Normalised shape [1].
+
     Examples
     --------
     >>> normalised(np.array([3j, -4j])).round(3) + 0
@@ -25,6 +34,15 @@ def mac(one: Num[np.ndarray, " channel"], other: Num[np.ndarray, " channel"]) ->
     r"""Modal assurance criterion of two shapes, 0 (orthogonal) to 1 (alike).
 
     .. math:: \frac{|\phi^H \psi|^2}{(\phi^H \phi)(\psi^H \psi)}
+
+    Parameters
+    ----------
+    one, other
+        Shapes of any norm.
+
+    Returns
+    -------
+    MAC [1].
 
     References
     ----------
@@ -41,13 +59,33 @@ def mac(one: Num[np.ndarray, " channel"], other: Num[np.ndarray, " channel"]) ->
 def mac_matrix(
     one: Num[np.ndarray, "channel mode"], other: Num[np.ndarray, "channel other"]
 ) -> Float[np.ndarray, "mode other"]:
-    """MAC of each column of one with each column of the other; see `mac`."""
+    """MAC of each column of one with each column of the other; see `mac`.
+
+    Parameters
+    ----------
+    one, other
+        Shapes of any norm, one column each.
+
+    Returns
+    -------
+    MAC of each pair [1].
+    """
     overlap = np.abs(_columns(one).conj().T @ _columns(other)) ** 2
     return np.asarray(np.minimum(overlap, 1.0))
 
 
 def mpc(shape: Num[np.ndarray, " channel"]) -> float:
-    """Modal phase collinearity of one shape, 0 to 1; see `mpcs`."""
+    """Modal phase collinearity of one shape; see `mpcs`.
+
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
+
+    Returns
+    -------
+    MPC, 0 to 1 [1].
+    """
     return float(mpcs(shape[:, None])[0])
 
 
@@ -61,6 +99,15 @@ def mpcs(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, " mode"]:
 
     1 for a proportionally damped mode, and about 2 / channels for noise.
 
+    Parameters
+    ----------
+    shapes
+        Shapes of any norm, one column each.
+
+    Returns
+    -------
+    MPC of each shape, 0 to 1 [1].
+
     References
     ----------
     .. [1] R. S. Pappa, K. B. Elliott, A. Schenk, "Consistent-mode indicator for the
@@ -72,12 +119,21 @@ def mpcs(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, " mode"]:
 
 
 def mean_phase_deviation(shape: Num[np.ndarray, " channel"]) -> float:
-    r"""Mean angle between the components and the best line through zero [rad].
+    r"""Mean angle between the components and the best line through zero.
 
     .. math:: \frac{\sum_j |\phi_j| \arccos |\cos(\arg \phi_j - \theta)|}{\sum_j |\phi_j|},
               \qquad \theta = \tfrac{1}{2} \arg \sum_j \phi_j^2
 
     0 for a real shape; the line of angle :math:`\theta` is the one of least squared distance.
+
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
+
+    Returns
+    -------
+    Mean phase deviation [rad].
 
     References
     ----------
@@ -92,6 +148,15 @@ def mean_phase_deviation(shape: Num[np.ndarray, " channel"]) -> float:
 
 def real_shape(shape: Num[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
     """Nearest real shape: turned onto the real line, of unit norm, largest component positive.
+
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
+
+    Returns
+    -------
+    Real shape [1].
 
     Examples
     --------

@@ -100,15 +100,21 @@ class RecursiveModes:
         *,
         first_index: int | None = None,
     ) -> tuple[RecursiveState, tuple[Mode, ...]]:
-        """Take in one block, however long; give all modes as they are known by then.
+        """Process one block of any length; return all modes as they are known by then.
 
         Parameters
         ----------
+        state
+            State after the block before.
         block
             Samples that follow each other, any units. A row with a NaN counts as lost.
         first_index
             Of the first row in the stream, lost samples counted; by default right after the
             last block. What lies between is lost.
+
+        Returns
+        -------
+        State after the block, and all modes.
         """
         if first_index is not None:
             state = self._after_gap(state, first_index)

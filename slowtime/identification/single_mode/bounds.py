@@ -21,6 +21,10 @@ def free_decay_bound(
     snr
         :math:`A^2 / 2 \sigma^2` at t = 0 [1].
 
+    Returns
+    -------
+    Standard deviation [rad/s].
+
     Examples
     --------
     A long record, where the bound tends to :math:`8 \alpha^3 / (\mathrm{SNR}_0 f_s)`:
@@ -50,6 +54,19 @@ def ambient_law(
     :math:`B_\zeta = \tfrac{2}{\pi} (\arctan \kappa + \kappa / (\kappa^2 + 1)
     - 2 \arctan^2 \kappa / \kappa)`.
 
+    Parameters
+    ----------
+    damping_ratio
+        Damping ratio zeta [1].
+    cycles
+        Number :math:`N_c` of natural periods in the record.
+    reach
+        Half width :math:`\kappa` of the band, in half-power half widths [1].
+
+    Returns
+    -------
+    Relative standard deviation of the frequency, and that of the damping ratio [1].
+
     References
     ----------
     .. [1] S.-K. Au, "Uncertainty law in ambient modal identification", MSSP 48 (2014).
@@ -74,7 +91,7 @@ def ambient_law(
 def ambient_bound(
     damping_ratio: float, cycles: float, *, snr: float, reach: float
 ) -> tuple[float, float]:
-    r"""Give the law for unknown level and noise floor: sd of f over f, of ln zeta.
+    r"""Cramér-Rao bounds for unknown level and noise floor: sd of f over f, and of ln zeta.
 
     Inverse Fisher information of :math:`S \propto 1 / (1 + u^2) + 1 / g` in frequency,
     damping, level and floor, over :math:`|u| < \kappa`; g is the density of the peak over
@@ -88,6 +105,10 @@ def ambient_bound(
         g [1].
     reach
         :math:`\kappa` [1].
+
+    Returns
+    -------
+    Relative standard deviation of the frequency, and that of the damping ratio [1].
     """
     u = np.sinh(np.linspace(-np.arcsinh(reach), np.arcsinh(reach), 20001))
     shape = 1 / (1 + u**2)

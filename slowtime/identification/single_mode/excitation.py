@@ -92,7 +92,7 @@ class Excitation:
 
 
 def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Excitation:
-    """Say of a record whether its force was an event, or periodic.
+    """Tell whether the force of a record was an event, or periodic.
 
     Parameters
     ----------
@@ -100,6 +100,10 @@ def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Ex
         Channels in any unit; each counts alike.
     rate_hz
         Samples per second [Hz].
+
+    Returns
+    -------
+    Duration of an event [s], whether the force sets in, and its period [s].
     """
     columns = detrended(np.asarray(samples, dtype=float))
     scale = columns.std(axis=0)

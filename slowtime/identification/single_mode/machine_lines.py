@@ -45,7 +45,7 @@ def modes_and_machine_lines(
     band_hz: tuple[float, float] | None = None,
     method: Method = "auto",
 ) -> ModesAndLines:
-    """Separate modes as `all_modes` gives them, in what lines of machines leave of a record.
+    """Find separate modes after the removal of machine lines; see `all_modes`.
 
     A record that begins with a blow is left as it is: its decays are no lines, however slow.
 
@@ -53,6 +53,10 @@ def modes_and_machine_lines(
     ----------
     samples, rate_hz, band_hz, method
         As in `all_modes`.
+
+    Returns
+    -------
+    Modes, lines, and families of lines.
     """
     columns = checks.series(samples, rate_hz)
     if _struck(columns):

@@ -103,7 +103,7 @@ def identify_windows(
     method: Method = "auto",
     follow: bool = False,
 ) -> list[Epoch]:
-    """First mode of every window of `window_s` seconds, one every `hop_s`.
+    """Identify the first mode of every window of `window_s` seconds, one every `hop_s`.
 
     Parameters
     ----------
@@ -118,6 +118,10 @@ def identify_windows(
         Errors of windows that overlap are not independent; see `dependence`.
     band_hz, method, follow
         As in `Tracker`.
+
+    Returns
+    -------
+    One epoch for each window.
     """
     given = np.asarray(samples)
     length, hop = _lengths(len(given), rate_hz, window_s, hop_s)
@@ -156,6 +160,10 @@ def dependence(
     ----------
     start_s, end_s
         Of the windows, ascending [s].
+
+    Returns
+    -------
+    Factor of each window [1], at least 1.
 
     Examples
     --------

@@ -68,10 +68,16 @@ def plan_bands(
 
     Parameters
     ----------
+    low_hz, high_hz
+        Ends of all cores together [Hz].
     rate_hz
         Of the record [Hz]; no band reaches half of it.
     resolution_hz
         One over the duration of the record [Hz].
+
+    Returns
+    -------
+    The bands, ascending.
 
     Examples
     --------
@@ -105,6 +111,8 @@ def demodulate(
         ``scipy.fft.rfft(samples, axis=0)``.
     count, rate_hz
         Of the samples.
+    band
+        Band to take out.
 
     Returns
     -------

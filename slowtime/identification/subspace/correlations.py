@@ -99,8 +99,16 @@ def correlation_matrices(
         The references may be channels of the series, or mixtures of them.
     lags
         How many, from 0.
+    rate_hz
+        Sampling rate [Hz].
+    centre_hz
+        Frequency that was moved to zero before [Hz].
     draws
         At most so many; fewer where the series is short.
+
+    Returns
+    -------
+    Correlations, with draws of their errors.
 
     Examples
     --------
@@ -144,6 +152,16 @@ def combine_products(
     ----------
     products, pairs
         Sums of products and how many (or of what total weight) went into them.
+    rate_hz
+        Sampling rate [Hz].
+    centre_hz
+        Frequency that was moved to zero before [Hz].
+    draws
+        Largest number of error draws.
+
+    Returns
+    -------
+    Correlations, with draws of their errors.
 
     References
     ----------

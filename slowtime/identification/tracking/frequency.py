@@ -149,6 +149,10 @@ def student(
         Square of the scale along each dimension.
     dimensions
         Of the space.
+
+    Returns
+    -------
+    Logarithm of the density, of the shape of `squared`.
     """
     half = 0.5 * (TAIL + dimensions)
     constant = gammaln(half) - gammaln(0.5 * TAIL)

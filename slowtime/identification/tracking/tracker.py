@@ -123,7 +123,7 @@ class ModeTracker:
     def step(
         self, state: Tracks, modes: Sequence[Mode], *, elapsed: float = 1.0
     ) -> tuple[Tracks, Tracked]:
-        """Take in the modes of one epoch.
+        """Assign the modes of one epoch to tracks.
 
         Parameters
         ----------
@@ -134,6 +134,10 @@ class ModeTracker:
             that a mode has gone. Harmonics of machines are passed over.
         elapsed
             Time since the epoch before, in usual distances between epochs.
+
+        Returns
+        -------
+        State after the epoch, and the modes with their identities.
         """
         _check(state, modes, elapsed)
         usable = [j for j, mode in enumerate(modes) if mode.kind == "structural"]

@@ -46,20 +46,42 @@ class Descent:
 
 
 def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray]:
-    """Value and gradient by forward differences, n + 1 calls."""
+    """Compute value and gradient by forward differences, in n + 1 calls.
+
+    Parameters
+    ----------
+    g
+        Limit state, from points [sample input] to values [sample].
+    u
+        Point in standard normal space [input].
+    step
+        Length of a difference [standard deviations].
+
+    Returns
+    -------
+    Value, and gradient [input].
+    """
     values = g(np.concatenate([u[None], u + step * np.eye(len(u))]))
     return float(values[0]), (values[1:] - values[0]) / step
 
 
 def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> Descent | None:
-    """Nearest point of the limit state from a start; None where there is none to be found.
+    """Find the nearest point of the limit state from a start; None where the search fails.
 
     Parameters
     ----------
+    g
+        Limit state, from points [sample input] to values [sample].
+    start
+        Point in standard normal space [input].
     scale
         Size of g far from failure, which its tolerance is a share of.
     again
         Try sequential quadratic programming where the iteration does not converge.
+
+    Returns
+    -------
+    The point, the gradient there, and whether the search converged; or None.
     """
     u = start
     best: Descent | None = None

@@ -24,7 +24,7 @@ def mean_value(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
 
     Examples
     --------
-    >>> from .marginals import marginal
+    >>> from slowtime.reliability.random_inputs.marginals import marginal
     >>> inputs = {"r": marginal("normal", mean=10.0, sd=1.2),
     ...           "s": marginal("normal", mean=5.0, sd=0.9)}
     >>> book = Problem(inputs, lambda x: x[:, 0] - x[:, 1])
@@ -92,8 +92,18 @@ def form(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the probes.
+    stopping
+        Targets of sampling; this method does not use them.
     search
         Settings of the search; `Search(rounds=0)` takes the first point that is found.
+
+    Returns
+    -------
+    Probability of failure, and the design points.
     """
     g = Evaluator(problem)
     found = find_design_points(g, rng, search)

@@ -78,6 +78,12 @@ def outcrossing(
     correlation_time
         Time in which the fastest process changes [unit of times]; the step of the rate is a
         thousandth of it.
+    seed
+        Seed of the search for design points.
+
+    Returns
+    -------
+    Rate [1 / unit of times], index and probability of failure [1], for each time.
 
     References
     ----------

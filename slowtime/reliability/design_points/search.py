@@ -73,7 +73,7 @@ def find_design_points(
 
     Examples
     --------
-    >>> from .problem import Problem, unknowns
+    >>> from slowtime.reliability.problem import Problem, unknowns
     >>> two_sided = Problem(unknowns(2), lambda u: 3.0 - np.abs(u[:, 0]))
     >>> found = find_design_points(Evaluator(two_sided), np.random.default_rng(0))
     >>> sorted(round(float(point.u[0]), 3) for point in found.points)
@@ -166,7 +166,19 @@ def _from_failures(
 
 
 def explained(u: Float[np.ndarray, "sample input"], points: list[DesignPoint]) -> np.ndarray:
-    """Which points lie beyond the tangent plane of a known design point."""
+    """Tell which points lie beyond the tangent plane of a known design point, less a margin.
+
+    Parameters
+    ----------
+    u
+        Points in standard normal space.
+    points
+        Design points found so far.
+
+    Returns
+    -------
+    True for each point that a known design point explains [sample].
+    """
     if not points or not len(u):
         return np.zeros(len(u), dtype=bool)
     alphas = np.stack([point.alpha for point in points])
@@ -188,7 +200,23 @@ def is_new(point: DesignPoint, points: list[DesignPoint], search: Search) -> boo
 def descend_from(
     g: Evaluator, start: Float[np.ndarray, " input"], points: list[DesignPoint], search: Search
 ) -> DesignPoint | None:
-    """Descend from a failing point; None where that leads to a point that is known."""
+    """Descend from a failing point to a design point that is not known yet.
+
+    Parameters
+    ----------
+    g
+        Counted limit state in standard normal space.
+    start
+        Point in standard normal space where the descent begins.
+    points
+        Design points found so far, at least one.
+    search
+        Settings that say which points count as new.
+
+    Returns
+    -------
+    The design point; None where the descent fails or ends at a known one.
+    """
     scale = abs(float(g(np.zeros((1, len(start))))[0])) or 1.0
     found = descend(g, start, scale if np.isfinite(scale) else 1.0)
     if found is None or not np.any(found.u):

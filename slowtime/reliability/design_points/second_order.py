@@ -82,7 +82,21 @@ def sorm(
 def curvatures(
     g: Evaluator, u: Float[np.ndarray, " input"], alpha: Float[np.ndarray, " input"]
 ) -> Float[np.ndarray, " curvature"]:
-    """Principal curvatures at a design point, positive where the surface bends away."""
+    """Principal curvatures of a limit state at a design point, positive where it bends away.
+
+    Parameters
+    ----------
+    g
+        Counted limit state in standard normal space.
+    u
+        Design point in standard normal space.
+    alpha
+        Unit vector from the origin to the design point [1].
+
+    Returns
+    -------
+    Curvatures, in rising order [1 / standard deviation]; NaN where they cannot be computed.
+    """
     size = len(u)
     if size == 1:
         return np.empty(0)
@@ -110,7 +124,27 @@ def curvatures(
 def second_order(
     beta: float, kappa: Float[np.ndarray, " curvature"], formula: Formula
 ) -> float:
-    """Probability beyond a paraboloid by Breitung's or Tvedt's formula; NaN where none is.
+    """Probability beyond a paraboloid by Breitung's or Tvedt's formula.
+
+    Parameters
+    ----------
+    beta
+        Distance of the paraboloid from the origin [standard deviations].
+    kappa
+        Its principal curvatures [1 / standard deviation].
+    formula
+        ``"breitung"`` or ``"tvedt"``.
+
+    Returns
+    -------
+    Probability [1]; NaN where the formula has none.
+
+    References
+    ----------
+    .. [1] K. Breitung, "Asymptotic approximations for multinormal integrals", J. Eng. Mech. 110
+       (1984) 357-366.
+    .. [2] L. Tvedt, "Distribution of quadratic forms in normal space: application to structural
+       reliability", J. Eng. Mech. 116 (1990) 1183-1197.
 
     Examples
     --------

@@ -90,6 +90,22 @@ def joint(one: float, other: float, rho: float) -> float:
     As :math:`\Phi(-\beta_1) \Phi(-\beta_2) + \int_0^\rho \phi_2(\beta_1, \beta_2; r) \, dr`
     (Plackett 1954), which keeps its digits far out in the tail.
 
+    Parameters
+    ----------
+    one, other
+        Limits of the two variables [standard deviations].
+    rho
+        Their correlation [1].
+
+    Returns
+    -------
+    Probability [1].
+
+    References
+    ----------
+    .. [1] R. L. Plackett, "A reduction formula for normal multivariate integrals", Biometrika
+       41 (1954) 351-360.
+
     Examples
     --------
     >>> round(joint(0.0, 0.0, 0.5), 9)  # 1/4 + arcsin(1/2) / 2 pi
@@ -112,12 +128,28 @@ def joint(one: float, other: float, rho: float) -> float:
 def ditlevsen(
     betas: Float[np.ndarray, " part"], correlation: Float[np.ndarray, "part part"]
 ) -> tuple[float, float]:
-    r"""Bounds of the probability of a union of half-spaces.
+    r"""Bounds of the probability of a union of half-spaces (Ditlevsen).
 
     .. math:: P_1 + \sum_{k=2} \max\Big(0, P_k - \sum_{l<k} P_{kl}\Big) \le P \le
               \sum_k P_k - \sum_{k=2} \max_{l<k} P_{kl}
 
     with the parts in falling order of their probabilities.
+
+    Parameters
+    ----------
+    betas
+        Reliability index of each part [1].
+    correlation
+        Correlations of the parts' safety margins [1].
+
+    Returns
+    -------
+    Lower and upper bound of the probability [1].
+
+    References
+    ----------
+    .. [1] O. Ditlevsen, "Narrow reliability bounds for structural systems", J. Struct. Mech. 7
+       (1979) 453-472.
 
     Examples
     --------
@@ -139,7 +171,22 @@ def ditlevsen(
 def parallel_bounds(
     betas: Float[np.ndarray, " part"], correlation: Float[np.ndarray, "part part"]
 ) -> tuple[float, float]:
-    """Bounds of an intersection: the least pair; the product where no pair is against it."""
+    """Bounds of the probability of an intersection of half-spaces.
+
+    The upper one is the least probability of a pair of parts. The lower one is the product of
+    the parts' probabilities where no correlation is negative, and 0 otherwise.
+
+    Parameters
+    ----------
+    betas
+        Reliability index of each part [1].
+    correlation
+        Correlations of the parts' safety margins [1].
+
+    Returns
+    -------
+    Lower and upper bound of the probability [1].
+    """
     alone = ndtr(-betas)
     pairs = [
         joint(betas[i], betas[j], float(correlation[i, j]))

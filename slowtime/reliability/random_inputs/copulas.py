@@ -26,10 +26,30 @@ class Copula(Protocol):
     """Dependence of a group of inputs."""
 
     def scores(self, u: Scores) -> Scores:
-        """Dependent standard normal scores of independent ones."""
+        """Transform independent standard normal scores to dependent ones.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
 
     def independent(self, z: Scores) -> Scores:
-        """Invert `scores`."""
+        """Transform dependent standard normal scores to independent ones.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
 
 
 def _cholesky(matrix: np.ndarray) -> np.ndarray:
@@ -55,11 +75,31 @@ class GaussianCopula:
         object.__setattr__(self, "_factor", _cholesky(np.asarray(self.correlation, float)))
 
     def scores(self, u: Scores) -> Scores:
-        """Multiply by the Cholesky factor."""
+        """Transform independent scores to dependent ones, by the Cholesky factor.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         return np.asarray(u @ self._factor.T)  # type: ignore[attr-defined]
 
     def independent(self, z: Scores) -> Scores:
-        """Solve by the Cholesky factor."""
+        """Transform dependent scores to independent ones, by the Cholesky factor.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         return np.asarray(np.linalg.solve(self._factor, z.T).T)  # type: ignore[attr-defined]
 
 
@@ -76,7 +116,17 @@ class StudentCopula:
         object.__setattr__(self, "_factor", _cholesky(np.asarray(self.correlation, float)))
 
     def scores(self, u: Scores) -> Scores:
-        """Draw each input from its conditional t distribution."""
+        """Transform independent scores to dependent ones, by conditional t distributions.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         y, square = np.empty_like(u), np.zeros(len(u))
         for k in range(u.shape[1]):
             freedom = self.freedom + k
@@ -85,7 +135,17 @@ class StudentCopula:
         return _normal(y @ self._factor.T, self.freedom)  # type: ignore[attr-defined]
 
     def independent(self, z: Scores) -> Scores:
-        """Invert `scores`."""
+        """Transform dependent scores to independent ones, by conditional t distributions.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         y = np.linalg.solve(self._factor, _student(z, self.freedom).T).T  # type: ignore[attr-defined]
         u, square = np.empty_like(z), np.zeros(len(z))
         for k in range(z.shape[1]):
@@ -113,7 +173,17 @@ class ClaytonCopula:
         _above(self.theta, 0.0, "ClaytonCopula")
 
     def scores(self, u: Scores) -> Scores:
-        """Invert the conditional distributions, which are closed forms."""
+        """Transform independent scores to dependent ones, by inverse conditional laws.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         p, total = np.empty_like(u), np.ones(len(u))
         for k in range(u.shape[1]):
             q = _inside(special.ndtr(u[:, k]))
@@ -123,7 +193,17 @@ class ClaytonCopula:
         return np.asarray(special.ndtri(_inside(p)))
 
     def independent(self, z: Scores) -> Scores:
-        """Apply the conditional distributions."""
+        """Transform dependent scores to independent ones, by conditional laws.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         p, total, u = _inside(special.ndtr(z)), np.ones(len(z)), np.empty_like(z)
         for k in range(z.shape[1]):
             power = 1.0 + (p[:, k] ** -self.theta - 1.0) / total
@@ -143,11 +223,31 @@ class FrankCopula:
             raise ValueError("theta=0 of FrankCopula is independence. Leave the copula out.")
 
     def scores(self, u: Scores) -> Scores:
-        """Invert the conditional distribution of the second input."""
+        """Transform independent scores to dependent ones, by the inverse conditional law.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         return _second_inverted(u, self._conditional)
 
     def independent(self, z: Scores) -> Scores:
-        """Apply the conditional distribution of the second input."""
+        """Transform dependent scores to independent ones, by the conditional law.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         return _second(z, self._conditional)
 
     def _conditional(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -165,11 +265,31 @@ class GumbelCopula:
         _above(self.theta, 1.0, "GumbelCopula")
 
     def scores(self, u: Scores) -> Scores:
-        """Invert the conditional distribution of the second input."""
+        """Transform independent scores to dependent ones, by the inverse conditional law.
+
+        Parameters
+        ----------
+        u
+            Independent standard normal scores.
+
+        Returns
+        -------
+        Dependent standard normal scores.
+        """
         return _second_inverted(u, self._conditional)
 
     def independent(self, z: Scores) -> Scores:
-        """Apply the conditional distribution of the second input."""
+        """Transform dependent scores to independent ones, by the conditional law.
+
+        Parameters
+        ----------
+        z
+            Dependent standard normal scores.
+
+        Returns
+        -------
+        Independent standard normal scores.
+        """
         return _second(z, self._conditional)
 
     def _conditional(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -220,6 +340,8 @@ def nataf(
 
     Parameters
     ----------
+    marginals
+        Distribution of each input.
     correlations
         Pair of positions → correlation; 0 for pairs left out.
     kind
@@ -227,6 +349,10 @@ def nataf(
         :math:`\rho_{ij} \sigma_i \sigma_j = E[(x_i(z_i) - \mu_i)(x_j(z_j) - \mu_j)]`;
         ``"spearman"`` and ``"kendall"``: rank correlations, by
         :math:`2 \sin(\pi \rho / 6)` and :math:`\sin(\pi \tau / 2)`; ``"scores"``: as it is.
+
+    Returns
+    -------
+    The copula of the scores.
 
     References
     ----------
@@ -250,7 +376,23 @@ def nataf(
 
 
 def corrected(one: Marginal, other: Marginal, correlation: float) -> float:
-    """Correlation of normal scores that gives two inputs the one wanted.
+    """Correlation of normal scores that gives two inputs the linear correlation wanted.
+
+    Parameters
+    ----------
+    one, other
+        Distributions of the two inputs.
+    correlation
+        Linear correlation of the inputs [1].
+
+    Returns
+    -------
+    Correlation of their scores [1].
+
+    Raises
+    ------
+    ValueError
+        Where no correlation of the scores gives the one wanted.
 
     Examples
     --------

@@ -188,7 +188,17 @@ class Marginal:
         return float(self.law.std())
 
     def of_score(self, z: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
-        r"""Value :math:`F^{-1}(\Phi(z))`, accurate in both tails."""
+        r"""Value :math:`F^{-1}(\Phi(z))` of a score, accurate in both tails.
+
+        Parameters
+        ----------
+        z
+            Standard normal scores.
+
+        Returns
+        -------
+        Values in the unit of the input.
+        """
         name = getattr(getattr(self.law, "dist", None), "name", "")
         if name in CLOSED:
             shapes, location, scale = _parts(self.law)
@@ -201,7 +211,17 @@ class Marginal:
         return np.asarray(x)
 
     def score(self, x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
-        r"""Give the score :math:`\Phi^{-1}(F(x))`, accurate in both tails."""
+        r"""Score :math:`\Phi^{-1}(F(x))` of a value, accurate in both tails.
+
+        Parameters
+        ----------
+        x
+            Values in the unit of the input.
+
+        Returns
+        -------
+        Standard normal scores.
+        """
         below, above = self.law.cdf(x), self.law.sf(x)
         return np.asarray(np.where(below < above, special.ndtri(below), -special.ndtri(above)))
 

@@ -66,12 +66,22 @@ def active_learning(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the samples.
+    stopping
+        Targets of the sampling.
     runs
         Runs of the limit state at most, the first ones included.
     first
         Runs of the first design, spread evenly; 10 and 2 per input if None.
     kernel
         Of `slowtime.surrogate.GaussianProcess`.
+
+    Returns
+    -------
+    Probability of failure, with its interval.
 
     References
     ----------

@@ -37,10 +37,20 @@ def cross_entropy(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the samples.
+    stopping
+        Targets of the sampling.
     samples
         Of each level.
     components
         Of the mixture; those without failures vanish.
+
+    Returns
+    -------
+    Probability of failure, with its interval.
 
     References
     ----------

@@ -31,7 +31,7 @@ def directional(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
 
     Examples
     --------
-    >>> from .problem import unknowns
+    >>> from slowtime.reliability.problem import unknowns
     >>> sphere = Problem(unknowns(5), lambda u: 30.0 - np.sum(u**2, axis=1))
     >>> found = directional(sphere, np.random.default_rng(0), Stopping())
     >>> bool(abs(found.probability / stats.chi2.sf(30.0, 5) - 1.0) < 1e-3)

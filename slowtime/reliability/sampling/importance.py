@@ -88,7 +88,19 @@ class Sample:
     def draw(
         self, g: Evaluator, share: np.ndarray, count: int, rng: np.random.Generator
     ) -> None:
-        """Draw points by their shares, and evaluate the limit state there."""
+        """Draw points by their shares, and evaluate the limit state there.
+
+        Parameters
+        ----------
+        g
+            Counted limit state in standard normal space.
+        share
+            Share of each component [component].
+        count
+            Number of points to draw.
+        rng
+            Generator of the points.
+        """
         # Systematic counts: what a component gets differs from its share by less than one.
         edges = np.concatenate([[0.0], np.cumsum(share)]) * count / share.sum()
         counts = np.diff(np.floor(edges + rng.uniform())).astype(int)
@@ -115,7 +127,19 @@ class Sample:
         return np.asarray(np.exp(-np.logaddexp.reduce(share + self.log_ratios, axis=1)))
 
     def ratios_at(self, other: "Sample", which: np.ndarray) -> Float[np.ndarray, " sample"]:
-        """Divide as `ratios` does, by this mixture at points of another sample."""
+        """Ratios of the standard normal density to this mixture at points of another sample.
+
+        Parameters
+        ----------
+        other
+            Sample of the same components.
+        which
+            Mask or indices of its points.
+
+        Returns
+        -------
+        Ratios [1].
+        """
         with np.errstate(divide="ignore"):
             share = np.log(self.drawn / self.drawn.sum())
         return np.asarray(np.exp(-np.logaddexp.reduce(share + other.log_ratios[which], axis=1)))
@@ -133,17 +157,27 @@ def importance(
     search: Search | None = None,
     points: Found | None = None,
 ) -> Result:
-    """Sample from a mixture about all design points, and weight back.
+    """Sample by importance from a mixture about all design points.
 
     Broad components look everywhere else; a point that fails there, and that no design point
     explains, starts a further search. Where few weights make up the estimate, it warns.
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the samples.
+    stopping
+        Targets of the sampling.
     search
         Settings of the search for design points.
     points
         Design points that are already known; no others are searched for beforehand.
+
+    Returns
+    -------
+    Probability of failure, with its interval and the design points.
     """
     g = Evaluator(problem)
     found = find_design_points(g, rng, search) if points is None else points

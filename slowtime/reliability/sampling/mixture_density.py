@@ -40,7 +40,17 @@ class Component:
     """Distance of the shift, start of the tail, or factor of the widening."""
 
     def log_ratio(self, u: Float[np.ndarray, "sample input"]) -> Float[np.ndarray, " sample"]:
-        """Logarithm of this density over the standard normal one."""
+        """Logarithm of this density over the standard normal one.
+
+        Parameters
+        ----------
+        u
+            Points in standard normal space.
+
+        Returns
+        -------
+        Logarithms of the ratio; minus infinity where this density is zero.
+        """
         if self.kind == "broad":
             square = np.sum(u**2, axis=1)
             return np.asarray(0.5 * square * (1.0 - self.at**-2) - u.shape[1] * np.log(self.at))
@@ -93,7 +103,21 @@ def first_shares(components: Sequence[Component]) -> Float[np.ndarray, " compone
 def floored(
     share: Float[np.ndarray, " component"], wide: np.ndarray, least: float = LOOKOUT
 ) -> Float[np.ndarray, " component"]:
-    """Leave no component without samples, and to the broad ones a share that sees enough."""
+    """Raise shares so that no component is without samples, nor the broad ones without enough.
+
+    Parameters
+    ----------
+    share
+        Shares of the components [1], or weights in their proportion.
+    wide
+        Mask of the broad components [component].
+    least
+        Least share of all broad components together [1].
+
+    Returns
+    -------
+    Shares that sum to one.
+    """
     share = (1.0 - FLOOR) * share / share.sum() + FLOOR / len(share)
     lookout = float(share[wide].sum())
     if lookout < least and not wide.all():
@@ -113,7 +137,27 @@ def learnt_shares(
     lookout: float = LOOKOUT,
     rounds: int = 30,
 ) -> Float[np.ndarray, " component"]:
-    """Shares nearest to the failing points in cross-entropy, by expectation maximisation."""
+    """Shares nearest to the failing points in cross-entropy, by expectation maximisation.
+
+    Parameters
+    ----------
+    log_ratios
+        Logarithm of each component's density over the standard normal one, at failing points.
+    weights
+        Importance weights of the failing points.
+    share
+        Shares to start from [1].
+    wide
+        Mask of the broad components [component].
+    lookout
+        Least share of all broad components together [1].
+    rounds
+        Number of iterations.
+
+    Returns
+    -------
+    Shares that sum to one.
+    """
     for _ in range(rounds):
         parts = np.log(share) + log_ratios
         parts = np.exp(parts - np.logaddexp.reduce(parts, axis=1, keepdims=True))

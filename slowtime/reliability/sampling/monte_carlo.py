@@ -22,7 +22,7 @@ def monte_carlo(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
 
     Examples
     --------
-    >>> from .problem import unknowns
+    >>> from slowtime.reliability.problem import unknowns
     >>> found = monte_carlo(
     ...     Problem(unknowns(1), lambda u: 2.0 - u[:, 0]), np.random.default_rng(0), Stopping())
     >>> found.interval[0] < 0.02275 < found.interval[1]

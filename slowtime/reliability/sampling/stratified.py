@@ -33,7 +33,7 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
 
     Examples
     --------
-    >>> from .problem import unknowns
+    >>> from slowtime.reliability.problem import unknowns
     >>> sphere = Problem(unknowns(3), lambda u: 25.0 - np.sum(u**2, axis=1))
     >>> found = stratified(sphere, np.random.default_rng(0), Stopping())
     >>> bool(abs(found.probability / stats.chi2.sf(25.0, 3) - 1.0) < 0.2)

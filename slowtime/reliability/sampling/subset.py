@@ -39,8 +39,18 @@ def subset_simulation(
 
     Parameters
     ----------
+    problem
+        Inputs and limit state.
+    rng
+        Generator of the samples.
+    stopping
+        Targets of the sampling.
     samples
         Of each level and run, a multiple of 10.
+
+    Returns
+    -------
+    Probability of failure, with its interval.
 
     References
     ----------

@@ -47,19 +47,29 @@ def band(
     *,
     draws: int = DRAWS,
 ) -> Band:
-    """Carry what is not known of the members' probabilities through a tree.
+    """Propagate the uncertainty of the members' probabilities through a tree.
 
     The failure probability of a tree rises with that of each member, so that the ends of all
     bands together bound it.
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     bands
         Of each member: value, and the ends of its 95 % band. A value of NaN stands for a
         probability that is not known; its band is then 0 to 1.
     rng
         Draws the members' probabilities, from normal halves on both sides of the value that
         have the ends of the band as their 2.5 % and 97.5 % quantiles.
+    groups
+        Members that do not fail independently; each member in one group at most.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Value and ends of the band of the tree's failure probability.
     """
     names = members(tree)
     for name in names:

@@ -20,8 +20,14 @@ def any_dependence(tree: Node, marginals: Mapping[str, float]) -> tuple[float, f
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     marginals
         Failure probability of each member [1].
+
+    Returns
+    -------
+    Lower and upper bound, whatever the dependence of the members [1].
 
     Examples
     --------

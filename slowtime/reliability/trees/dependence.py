@@ -52,14 +52,38 @@ class Independent:
     members: tuple[str, ...]
 
     def given(self, marginals: Marginals) -> Conditional:
-        """Condition on nothing."""
+        """Condition on nothing: one value with weight 1.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member in each case [1].
+
+        Returns
+        -------
+        Weights of the values, and the failure probability of each member at each of them.
+        """
         failing = {name: np.asarray(marginals[name])[None] for name in self.members}
         return Conditional(np.ones((1, 1)), failing)
 
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         return {name: rng.random(count) < marginals[name] for name in self.members}
 
 
@@ -88,7 +112,17 @@ class CommonCause:
             raise ValueError(f"beta={self.beta:g} is outside [0, 1]. Give 0.1 for 10 %.")
 
     def given(self, marginals: Marginals) -> Conditional:
-        """Condition on whether the common event happens."""
+        """Condition on whether the common event happens.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member in each case [1].
+
+        Returns
+        -------
+        Weights of the values, and the failure probability of each member at each of them.
+        """
         event = self.beta * np.min([marginals[name] for name in self.members], axis=0)
         failing = {
             name: np.stack([_beside(marginals[name], event), np.ones_like(event)])
@@ -99,7 +133,21 @@ class CommonCause:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         least = self.beta * min(marginals[name] for name in self.members)
         event = rng.random(count) < least
         return {
@@ -137,7 +185,17 @@ class Equicorrelated:
             )
 
     def given(self, marginals: Marginals) -> Conditional:
-        """Condition on the values of the common factor, by Gauss-Legendre in panels."""
+        """Condition on the values of the common factor, by Gauss-Legendre in panels.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member in each case [1].
+
+        Returns
+        -------
+        Weights of the values, and the failure probability of each member at each of them.
+        """
         z, weights = _factor(self.rho)
         failing = {
             name: self._given(np.asarray(marginals[name]), z[:, None]) for name in self.members
@@ -153,7 +211,21 @@ class Equicorrelated:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed, so many times."""
+        """Draw which members have failed.
+
+        Parameters
+        ----------
+        marginals
+            Failure probability of each member [1].
+        rng
+            Generator of the draws.
+        count
+            Number of cases.
+
+        Returns
+        -------
+        Name of each member → whether it has failed, in each case.
+        """
         common = math.sqrt(self.rho) * rng.standard_normal(count)
         own = math.sqrt(1.0 - self.rho)
         return {

@@ -48,8 +48,14 @@ class Diagram:
 
         Parameters
         ----------
+        tree
+            Tree of members and gates.
         order
             Number of the variable of each member.
+
+        Returns
+        -------
+        Number of the function in the diagram.
         """
         if isinstance(tree, str):
             return self._node(order[tree], 0, 1)

@@ -77,10 +77,16 @@ def probability(
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     marginals
         Of each member, its failure probability in each case, all of one shape.
     groups
         Members that do not fail independently; each member in one group at most.
+
+    Returns
+    -------
+    Probability in each case [1].
 
     Examples
     --------
@@ -102,10 +108,16 @@ def analyse(
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     marginals
         Failure probability of each member [1].
     groups
         Members that do not fail independently; each member in one group at most.
+
+    Returns
+    -------
+    Probability, bounds and importances [1].
 
     Raises
     ------

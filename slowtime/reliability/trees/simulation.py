@@ -18,14 +18,18 @@ def simulate(
     rng: np.random.Generator,
     count: int,
 ) -> tuple[float, float]:
-    """Draw which members have failed, and see in how many cases the tree fails.
+    """Simulate which members fail, and count the cases in which the tree fails.
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     marginals
         Failure probability of each member [1].
     groups
         As for `analyse`.
+    rng
+        Generator of the draws.
     count
         Cases.
 

@@ -80,8 +80,14 @@ def fails(
 
     Parameters
     ----------
+    tree
+        Tree of members and gates.
     failed
         Of each member, whether it has failed in each case.
+
+    Returns
+    -------
+    True for each case in which the tree fails.
     """
     if isinstance(tree, str):
         return failed[tree]

@@ -95,8 +95,16 @@ def breaks_of(points: Points, line: Line, *, fewest: int, least_s: float) -> tup
 
     Parameters
     ----------
+    points
+        Points of the line.
+    line
+        Line through them.
     fewest, least_s
         Points, and sensor time between them [s], that must lie on either side.
+
+    Returns
+    -------
+    Breaks of each kind, with their scores; none where there are too few points.
     """
     x, y = points.x, points.y
     free = len(x) - 3
@@ -128,7 +136,21 @@ def breaks_of(points: Points, line: Line, *, fewest: int, least_s: float) -> tup
 
 
 def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Change | None:
-    """Break that explains the points best, if it is more than `score` deviations from none."""
+    """Find the break that explains the points best, if its score exceeds a threshold.
+
+    Parameters
+    ----------
+    breaks
+        Breaks of each kind, with their scores.
+    points
+        Points of the line.
+    score
+        Threshold of the score [standard deviations].
+
+    Returns
+    -------
+    The change; None where no score exceeds the threshold.
+    """
     ranked = sorted(breaks, key=_highest, reverse=True)
     if not ranked or _highest(ranked[0]) <= score:
         return None
@@ -149,12 +171,20 @@ def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Chan
 
 
 def doubted(line: Line, breaks: Iterable[Breaks], count: int) -> Line:
-    """Average the slope over the breaks that are possible, each by its weight.
+    """Average the slope over the possible breaks, each by its weight.
 
     Parameters
     ----------
+    line
+        Line through the points.
+    breaks
+        Breaks of each kind, with their scores.
     count
         Points behind the line.
+
+    Returns
+    -------
+    The line, with the slope and its standard deviation averaged.
     """
     scans = tuple(breaks)
     if not scans:

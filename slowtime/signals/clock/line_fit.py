@@ -57,12 +57,32 @@ class Span:
     sum_y: float
 
     def least_s(self, slope: float) -> float:
-        """Least delay beyond a line of this slope through the origin [s]."""
+        """Least delay beyond a line through the origin.
+
+        Parameters
+        ----------
+        slope
+            Delay gained per sensor time, the slope of the line [1].
+
+        Returns
+        -------
+        Delay [s].
+        """
         x, y = lowest(self.hull, slope)
         return y - slope * x
 
     def lateness_s(self, slope: float) -> float:
-        """Mean delay beyond the least [s]."""
+        """Mean delay beyond the least one.
+
+        Parameters
+        ----------
+        slope
+            Delay gained per sensor time [1].
+
+        Returns
+        -------
+        Delay [s].
+        """
         return (self.sum_y - slope * self.sum_x) / self.count - self.least_s(slope)
 
 
@@ -133,7 +153,19 @@ def envelope(spans: Sequence[Span], slope: float, limit: float) -> Points:
 
 
 def means(spans: Sequence[Span], limit: float) -> Points:
-    """Mean of each span."""
+    """Mean sensor time and delay of each span, of those that are possible.
+
+    Parameters
+    ----------
+    spans
+        Spans of messages.
+    limit
+        Largest possible slope of the clock line [1].
+
+    Returns
+    -------
+    Points.
+    """
     points = np.array([(s.sum_x / s.count, s.sum_y / s.count) for s in spans])
     return _within(points, limit)
 
@@ -149,16 +181,22 @@ def _within(points: Float[np.ndarray, "span 2"], limit: float) -> Points:
 def fit(
     spans: Sequence[Span], limit: float, resolution_s: float, slope: float = 0.0
 ) -> Line | None:
-    """Line of the clock; None where the spans are too few to know how good it is.
+    """Fit the line of a clock; None where the spans are too few to know its error.
 
     Parameters
     ----------
+    spans
+        Spans of messages.
     limit
         Largest relative error of the rate that is thought possible.
     resolution_s
         Of the stamps; the scatter is never taken to be less.
     slope
         A first guess.
+
+    Returns
+    -------
+    The line; or None.
     """
     if len(spans) < FEWEST:
         return None

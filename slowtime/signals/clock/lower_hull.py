@@ -42,7 +42,17 @@ def extend(hull: list[Point], point: Point) -> None:
 
 
 def joined(left: Iterable[Point], right: Iterable[Point]) -> tuple[Point, ...]:
-    """Hull of two hulls, the second right of the first."""
+    """Lower hull of two hulls, the second right of the first.
+
+    Parameters
+    ----------
+    left, right
+        Vertices (sensor time, delay) of both hulls [s].
+
+    Returns
+    -------
+    Vertices of the joined hull [s].
+    """
     hull = list(left)
     for point in right:
         extend(hull, point)
@@ -50,7 +60,19 @@ def joined(left: Iterable[Point], right: Iterable[Point]) -> tuple[Point, ...]:
 
 
 def lowest(hull: Iterable[Point], slope: float) -> Point:
-    """Vertex that is lowest above a line of the given slope."""
+    """Vertex of a hull that is lowest above a line of the given slope.
+
+    Parameters
+    ----------
+    hull
+        Vertices (sensor time, delay) [s].
+    slope
+        Slope of the line [1].
+
+    Returns
+    -------
+    The vertex [s].
+    """
     return min(hull, key=lambda point: point[1] - slope * point[0])
 
 

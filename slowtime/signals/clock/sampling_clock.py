@@ -124,15 +124,21 @@ class SamplingClock:
         index: Int[np.ndarray, " message"],
         arrival_ns: Int[np.ndarray, " arrival"],
     ) -> ClockState:
-        """Take messages in the order they came; how they are cut into calls does not matter.
+        """Process messages in order of arrival; how they are cut into calls does not matter.
 
         Parameters
         ----------
+        state
+            State after the messages before.
         index
             Of the last sample of each message, counting lost samples too. A message whose
             index does not rise is left out.
         arrival_ns
             When each arrived, on the host's clock, or its stamp [ns since 1970-01-01 UTC].
+
+        Returns
+        -------
+        State after the messages.
 
         Raises
         ------

@@ -106,6 +106,10 @@ class GeneralisedAnova(ExpansionSurrogate):
         sample
             Draws of the joint law of the inputs [draw input]; if None, a Gaussian copula with
             the rank correlations of the design and its marginals.
+
+        Returns
+        -------
+        Share of each component [1].
         """
         if sample is None:
             sample = joint(self._design(), self.marginals)
@@ -171,9 +175,20 @@ def joint(
     marginals: Sequence[Law] | None = None,
     draws: int = DRAWS,
 ) -> Float[np.ndarray, "draw input"]:
-    """Even draws of a Gaussian copula with the rank correlations of a design.
+    """Quasi-random draws of a Gaussian copula with the rank correlations of a design.
 
-    Marginals are the quantiles of the design unless given.
+    Parameters
+    ----------
+    design
+        Points, each input in its own unit.
+    marginals
+        Distribution of each input; by default the quantiles of the design.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    Draws, each input in its own unit.
     """
     inputs = design.shape[1]
     rank = np.atleast_2d(np.corrcoef(stats.rankdata(design, axis=0), rowvar=False))

@@ -38,13 +38,51 @@ class Covariance(Protocol):
         """Its parameters, for that many inputs."""
 
     def between(self, theta: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Covariance of the points `a` with the points `b`."""
+        """Covariance of the points `a` with the points `b`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a, b
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Covariances [sample of a, sample of b].
+        """
 
     def variance(self, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Variance at the points `a`."""
+        """Variance at the points `a`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Variances [sample].
+        """
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum a symmetric `weight` times the slope of the covariance, by parameter."""
+        """Sum a symmetric `weight` times the covariance's derivative to each parameter.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+        weight
+            Symmetric weights G [sample, sample].
+
+        Returns
+        -------
+        Sums [parameter].
+        """
 
 
 def _size(name: str) -> Range:
@@ -98,16 +136,54 @@ class Stationary:
         return [_size(self.shape), *each]
 
     def between(self, theta: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Covariance of the points `a` with the points `b`."""
+        """Covariance of the points `a` with the points `b`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a, b
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Covariances [sample of a, sample of b].
+        """
         correlation, _ = SHAPES[self.shape](_distance(a, b, theta[1:]))
         return np.asarray(np.exp(2.0 * theta[0]) * correlation)
 
     def variance(self, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Variance at the points `a`."""
+        """Variance at the points `a`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Variances [sample].
+        """
         return np.full(len(a), np.exp(2.0 * theta[0]))
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum a symmetric `weight` times the slope of the covariance, by parameter."""
+        """Sum a symmetric `weight` times the covariance's derivative to each parameter.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+        weight
+            Symmetric weights G [sample, sample].
+
+        Returns
+        -------
+        Sums [parameter].
+        """
         correlation, steep = SHAPES[self.shape](_distance(a, a, theta[1:]))
         variance = np.exp(2.0 * theta[0])
         part = variance * weight * steep
@@ -134,7 +210,19 @@ class Periodic:
         return [_size("periodic"), *lengths, *periods]
 
     def between(self, theta: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Covariance of the points `a` with the points `b`."""
+        """Covariance of the points `a` with the points `b`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a, b
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Covariances [sample of a, sample of b].
+        """
         length, period = np.exp(theta[1:]).reshape(2, -1)
         exponent = np.zeros((len(a), len(b)))
         for d in range(a.shape[1]):
@@ -143,11 +231,37 @@ class Periodic:
         return np.asarray(np.exp(2.0 * theta[0] - 2.0 * exponent))
 
     def variance(self, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Variance at the points `a`."""
+        """Variance at the points `a`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Variances [sample].
+        """
         return np.full(len(a), np.exp(2.0 * theta[0]))
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum a symmetric `weight` times the slope of the covariance, by parameter."""
+        """Sum a symmetric `weight` times the covariance's derivative to each parameter.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+        weight
+            Symmetric weights G [sample, sample].
+
+        Returns
+        -------
+        Sums [parameter].
+        """
         length, period = np.exp(theta[1:]).reshape(2, -1)
         part = weight * self.between(theta, a, a)
         lengths, periods = [], []
@@ -178,22 +292,70 @@ class Expanded:
         return [_size("expansion"), Range("log_interaction", -10.0, 4.0, -1.0, 2.0), *each]
 
     def variances(self, theta: np.ndarray) -> Float[np.ndarray, " term"]:
-        """Prior variance of each coefficient."""
+        """Prior variance of each coefficient of the expansion.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+
+        Returns
+        -------
+        Variances of the coefficients.
+        """
         together = np.maximum(np.sum(self.terms > 0, axis=1) - 1, 0)
         exponent = 2.0 * theta[0] + theta[1] * together + self.terms @ theta[2:]
         found: Float[np.ndarray, " term"] = np.exp(exponent)
         return found
 
     def between(self, theta: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Covariance of the points `a` with the points `b`."""
+        """Covariance of the points `a` with the points `b`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a, b
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Covariances [sample of a, sample of b].
+        """
         return np.asarray((self.design(a) * self.variances(theta)) @ self.design(b).T)
 
     def variance(self, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Variance at the points `a`."""
+        """Variance at the points `a`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Variances [sample].
+        """
         return np.asarray(self.design(a) ** 2 @ self.variances(theta))
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum a symmetric `weight` times the slope of the covariance, by parameter."""
+        """Sum a symmetric `weight` times the covariance's derivative to each parameter.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+        weight
+            Symmetric weights G [sample, sample].
+
+        Returns
+        -------
+        Sums [parameter].
+        """
         values = self.design(a)
         each = self.variances(theta) * np.sum(values * (weight @ values), axis=0)
         together = np.maximum(np.sum(self.terms > 0, axis=1) - 1, 0)
@@ -211,22 +373,72 @@ class Sum:
         return [one for part in self.parts for one in part.ranges(inputs)]
 
     def split(self, theta: np.ndarray, inputs: int) -> list[np.ndarray]:
-        """Parameters by part."""
+        """Split the parameters of the sum into those of each part.
+
+        Parameters
+        ----------
+        theta
+            Parameters of all parts, one part after the other.
+        inputs
+            Number of inputs.
+
+        Returns
+        -------
+        Parameters of each part.
+        """
         ends = np.cumsum([len(part.ranges(inputs)) for part in self.parts])
         return np.split(theta, ends[:-1])
 
     def between(self, theta: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Covariance of the points `a` with the points `b`."""
+        """Covariance of the points `a` with the points `b`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a, b
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Covariances [sample of a, sample of b].
+        """
         own = zip(self.parts, self.split(theta, a.shape[1]), strict=True)
         return np.asarray(sum(part.between(its, a, b) for part, its in own))
 
     def variance(self, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Variance at the points `a`."""
+        """Variance at the points `a`.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+
+        Returns
+        -------
+        Variances [sample].
+        """
         own = zip(self.parts, self.split(theta, a.shape[1]), strict=True)
         return np.asarray(sum(part.variance(its, a) for part, its in own))
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum a symmetric `weight` times the slope of the covariance, by parameter."""
+        """Sum a symmetric `weight` times the covariance's derivative to each parameter.
+
+        Parameters
+        ----------
+        theta
+            Parameters of the function, in the order of `ranges`.
+        a
+            Scaled points [sample, input].
+        weight
+            Symmetric weights G [sample, sample].
+
+        Returns
+        -------
+        Sums [parameter].
+        """
         own = zip(self.parts, self.split(theta, a.shape[1]), strict=True)
         return np.concatenate([part.slopes(its, a, weight) for part, its in own])
 

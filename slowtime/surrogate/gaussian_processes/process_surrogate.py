@@ -27,8 +27,16 @@ class ProcessSurrogate(Surrogate):
 
         Parameters
         ----------
+        X
+            Points [sample, input].
+        y
+            Outputs [sample].
         noise_sd
             Known standard deviation of each output, or of all [unit of y]; none if None.
+
+        Returns
+        -------
+        This surrogate, fitted.
         """
         x, scaled = self._prepare(X, y)
         variance = np.zeros(len(scaled))

@@ -67,10 +67,21 @@ class TrainedProcess:
     def predict(
         self, x: Float[np.ndarray, "point input"], trend: Float[np.ndarray, "point column"]
     ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-        r"""Mean and variance of the function itself, not of a reading of it.
+        r"""Mean and variance of the function at points, without the noise of a reading.
 
         .. math:: \sigma^2 = k_{**} - k^T K^{-1} k + u^T (F^T K^{-1} F)^{-1} u, \quad
                   u = f - F^T K^{-1} k
+
+        Parameters
+        ----------
+        x
+            Scaled points.
+        trend
+            Trend columns at the points.
+
+        Returns
+        -------
+        Mean [unit of the outputs], and variance [its square].
         """
         cross = self.covariance.between(self.theta, self.readings.x, x)
         mean = trend @ self.trend + cross.T @ self.weights
@@ -108,7 +119,23 @@ def _factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
 def condition(
     covariance: Covariance, theta: np.ndarray, nugget: float, readings: Readings
 ) -> TrainedProcess:
-    """Solve for the weights and the trend with given parameters."""
+    """Solve for the weights and the trend with given parameters.
+
+    Parameters
+    ----------
+    covariance
+        Covariance function.
+    theta
+        Its parameters, in the order of its `ranges`.
+    nugget
+        Standard deviation of the noise that is added to the known one [unit of the outputs].
+    readings
+        Points, trend columns, outputs and their known variances.
+
+    Returns
+    -------
+    The process, with the logarithm of its restricted likelihood.
+    """
     count, columns = readings.trend.shape
     matrix = covariance.between(theta, readings.x, readings.x)
     matrix = matrix + np.diag(readings.variance + nugget**2)
@@ -152,9 +179,29 @@ def learn(
     starts: int = 2,
     like: TrainedProcess | None = None,
 ) -> TrainedProcess:
-    """Parameters of most posterior density, from several starts; the nugget too if None.
+    """Fit a process by the parameters of largest posterior density, from several starts.
 
-    With `like` the search starts at the parameters of that process only.
+    Parameters
+    ----------
+    covariance
+        Covariance function, with bounds and priors of its parameters.
+    readings
+        Points, trend columns, outputs and their known variances.
+    nugget
+        Standard deviation of the added noise [unit of the outputs]; learnt where None.
+    starts
+        Number of starts of the search.
+    like
+        Process at whose parameters the search starts instead.
+
+    Returns
+    -------
+    The process with the best parameters found.
+
+    Warns
+    -----
+    IllConditionedWarning
+        Where points nearly coincide, so that their covariance is nearly singular.
     """
     ranges = covariance.ranges(readings.x.shape[1])
     lo = np.array([one.lo for one in ranges] + [NUGGET[0]])

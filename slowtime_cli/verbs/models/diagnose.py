@@ -55,17 +55,17 @@ Examples:
     "--history",
     type=str,
     metavar="STORE|FILE",
-    help="Instead of a model and records: what a twin's database, .csv or .npz tells of slow "
-    "time; columns slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with "
-    "_sd where known; all others are what it may follow.",
+    help="Instead of a model and records: history in a twin's database, .csv or .npz; columns "
+    "slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with _sd if known; "
+    "other columns are covariates.",
 )
-@click.option("--twin", metavar="SITE.ASSET", help="Which twin of the database.")
+@click.option("--twin", metavar="SITE.ASSET", help="Twin of the database.")
 @click.option(
     "--holdout",
     multiple=True,
     type=RECORD,
     metavar="RECORD",
-    help="Judge by this record, and learn nothing from it; may be repeated.  "
+    help="Held-out record, for validation only; may be repeated.  "
     "[default: the last third of the others]",
 )
 @click.option(
@@ -75,7 +75,7 @@ Examples:
     show_default=True,
     help="Folder for report.html, report.json and augmented.yaml.",
 )
-@click.option("--quick", is_flag=True, help="Look for one effect, among fewer rivals.")
+@click.option("--quick", is_flag=True, help="Search for one effect, among fewer rivals.")
 @click.option(
     "--effects",
     multiple=True,
@@ -89,7 +89,7 @@ Examples:
     "channels",
     multiple=True,
     metavar="NAME=WHAT",
-    help="What the records call a channel of the model, or how to make it of their columns and "
+    help="Name in the records of a channel of the model, or its formula of their columns and "
     "single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
 @click.option(
@@ -98,11 +98,11 @@ Examples:
 @click.option(
     "--skip-lines",
     type=click.IntRange(min=0),
-    help="Lines of text before header or data.  [default: found out]",
+    help="Lines of text before header or data.  [default: detected]",
 )
 @click.option(
     "--time-column",
-    help="Column of time, by name or number; none if there is none.  [default: found out]",
+    help="Column of time, by name or number; none if there is none.  [default: detected]",
 )
 @clock_flags
 @unit_flags
@@ -118,7 +118,7 @@ Examples:
 @click.option(
     "--unchecked",
     is_flag=True,
-    help="Take records as they are, even where sizes point to a wrong unit or wire.",
+    help="Accept records even if their sizes suggest a wrong unit or exchanged channels.",
 )
 def diagnose(
     model: Path | None,
@@ -126,16 +126,16 @@ def diagnose(
     history: str | None,
     **_given: object,
 ) -> None:
-    """Find what a model lacks, where and how much, from its records.
+    """Find effects that a model lacks, with their place and size.
 
-    The model's constants are refitted first, so that plain retuning is never called a
-    discovery. Records carry the channels of the model by name, in one clock; each may be
-    MCAP, text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of
-    one, in seconds from its beginning.
+    The model's constants are refitted first, so that constants that are off are not reported
+    as effects. Records have the channels of the model by name, on one clock; each may be MCAP,
+    text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of one, in
+    seconds from its beginning.
 
-    With --history, find what the slow changes of a twin follow: temperature, load, time, a
-    step. What is found is adopted through the twin's page or its REST interface (`clock:
-    slow`), by which the same diagnosis may be ordered.
+    With --history, find what drives the slow changes of a twin: temperature, load, time, a
+    step. To adopt the result, order the same diagnosis on the twin's page or by REST (`clock:
+    slow`).
     """
     if history is not None and (model is not None or records):
         raise click.UsageError("--history takes no MODEL and no RECORD. Leave them out.")

@@ -69,7 +69,7 @@ your own.
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def reliability(problem: Path, limit_state: Path | None, **_given: object) -> None:
-    """Tell how probable failure is, by several methods.
+    """Compute a probability of failure by several methods.
 
     Each method gives probability, 95 % interval, reliability index, coefficient of variation
     and calls of the limit state; approximations (mean-value, form, sorm, system) give no

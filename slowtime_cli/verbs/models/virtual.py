@@ -51,7 +51,7 @@ MODEL: tuple[Callable[[F], F], ...] = (
         help="Lower edge of the band: accelerations do not show slower motion.  [default: a "
         "quarter of the model's lowest frequency]",
     ),
-    click.option("--moving-base", is_flag=True, help="The base moves, and nobody measures it."),
+    click.option("--moving-base", is_flag=True, help="The base has an unmeasured motion."),
 )
 
 
@@ -85,7 +85,7 @@ not show motion slower than the band, such as the mean drift under steady wind.
     "--out", type=OutFile(), help="CSV of time, value and standard deviation; - for the pipe."
 )
 def virtual(**given: object) -> None:
-    """Estimate drift, force or stress, which nobody measures.
+    """Estimate unmeasured drift, force or stress.
 
     A Kalman filter runs on the accelerations of RECORD with the modes of MODEL; forces are
     unknown, and how large they are is estimated from the spectra. Models within the tolerance

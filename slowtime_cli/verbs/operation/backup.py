@@ -27,8 +27,8 @@ Examples:
 def backup(**_given: object) -> None:
     """Copy a twin's database while the server writes it.
 
-    The copy is of one moment: everything acknowledged by then is in it. It is looked through
-    before it gets its name, so that a file of that name is whole and sound.
+    The copy is of one instant and holds everything acknowledged by then. It is checked before
+    it gets its name, so a file of that name is complete and undamaged.
     """
 
 
@@ -46,12 +46,12 @@ Examples:
     "--database",
     required=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Where the twin server shall find it.",
+    help="Path of the twin server's database.",
 )
 def restore(**_given: object) -> None:
-    """Put a backup in the place of a twin's database.
+    """Replace a twin's database by a backup.
 
-    End the server first. What was there is kept aside. Features that came after the backup are
-    asked from the edges again when the server starts; those that an edge no longer holds are
-    reported as lost, with their range.
+    Stop the server first. The present database is renamed and kept. When the server starts, it
+    requests features after the backup from the edges again; those that an edge no longer
+    holds are reported as lost, with their range.
     """

@@ -18,22 +18,19 @@ Examples:
 """,
 )
 @click.argument("database", type=EXISTING)
-@click.option(
-    "--ledger", is_flag=True, help="Compare each row with what was signed when it was accepted."
-)
+@click.option("--ledger", is_flag=True, help="Compare each row with the signed ledger.")
 @key_option
 @click.option(
     "--head",
     type=EXISTING,
-    help="A head that was kept elsewhere (`slowtime ledger head`): shows a cut end.",
+    help="A head kept elsewhere (`slowtime ledger head`), to detect a truncated history.",
 )
 def check(**_given: object) -> None:
-    """Look through a twin's database for damage.
+    """Check a twin's database for damage.
 
-    Every page, every row and the number of rows is compared with what was written. A server
-    may go on writing meanwhile. Leaves with 0 where all is sound, with 2 and a sentence where
-    anything is not.
+    Checksums of every page and row and the number of rows are verified. A server may go on
+    writing meanwhile. The exit status is 0 if all is sound, and 2, with a sentence, if not.
 
-    That finds decay. With --ledger it finds forgery, too: rows that somebody changed, put in,
-    took out or moved, checksums and all.
+    This detects decay. With --ledger it also detects forgery: rows that were changed,
+    inserted, deleted or moved together with their checksums.
     """

@@ -40,7 +40,7 @@ Examples:
     "--record",
     "recording",
     type=OutFile(".mcap"),
-    help="Also record what travels, raw blocks too, into this MCAP file.",
+    help="Also record all messages, raw blocks included, into this MCAP file.",
 )
 @click.option(
     "--rate",
@@ -54,14 +54,13 @@ Examples:
     "--frame",
     "with_frame",
     is_flag=True,
-    help="Also a frame of three storeys, all of whose modes are followed; it keeps one core "
-    "busy.",
+    help="Also a frame of three storeys, with all its modes; it uses one processor core fully.",
 )
 @click.option(
     "--bridge",
     "with_bridge",
     is_flag=True,
-    help="Also a bridge whose frequency swings with the temperature.",
+    help="Also a bridge whose frequency varies with the temperature.",
 )
 @click.option(
     "--data",
@@ -72,6 +71,7 @@ Examples:
 def demo(**_given: object) -> None:
     """Run router, edge agents, twin server and page on this machine.
 
-    Simulated structures change in accelerated slow time; the twins follow them from
-    vibration alone. Ends with how often their 95 % intervals held the truth.
+    Simulated structures change in accelerated slow time; the twins track them from
+    vibration alone. At the end it prints how often the 95 %
+    intervals held the true values.
     """

@@ -39,7 +39,7 @@ underscores); flags overrule the environment, which overrules the file.
 """,
 )
 @click.option("--config", type=SettingsFile(), help="TOML or JSON file of settings.")
-@click.option("--site", type=Name(), help="Where the asset stands.  [default: demo]")
+@click.option("--site", type=Name(), help="Site of the asset.  [default: demo]")
 @click.option(
     "--asset",
     type=Name(),
@@ -48,16 +48,14 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--simulate",
     type=click.Choice(sorted(STRUCTURES)),
-    help="Listen to a simulated structure instead of a sensor.",
+    help="Read a simulated structure instead of a sensor.",
 )
-@click.option("--file", "file", type=EXISTING, help="Listen to a text, NumPy or MATLAB record.")
-@click.option(
-    "--recording", type=EXISTING, help="Listen to the raw blocks of an MCAP recording."
-)
+@click.option("--file", "file", type=EXISTING, help="Read a text, NumPy or MATLAB record.")
+@click.option("--recording", type=EXISTING, help="Read the raw blocks of an MCAP recording.")
 @click.option(
     "--source",
     metavar="URL",
-    help="Listen to a live sensor: where it is and, behind `?`, what its messages hold.",
+    help="Read a live sensor: its address and, behind `?`, the layout of its messages.",
 )
 @click.option(
     "--password-file",
@@ -95,12 +93,10 @@ underscores); flags overrule the environment, which overrules the file.
     nargs=2,
     type=Number(min=0),
     metavar="LO HI",
-    help="Where to look for modes.",
+    help="Frequency band of the modes.",
 )
 @click.option("--window-s", type=POSITIVE, help="Window of a continuous stream.  [default: 60]")
-@click.option(
-    "--hop-s", type=POSITIVE, help="From one window to the next.  [default: the window]"
-)
+@click.option("--hop-s", type=POSITIVE, help="Distance between windows.  [default: the window]")
 @click.option("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording.")
 @click.option(
     "--spool",

@@ -15,7 +15,7 @@ out_option = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("keys"),
     show_default=True,
-    help="Folder of the authority and of all it makes.",
+    help="Folder of the authority and its certificates.",
 )
 days_option = click.option(
     "--days",
@@ -45,7 +45,7 @@ def keys() -> None:
 
 @keys.command(cls=Deferred, work="operation.keys:make", extra="twin")
 @click.argument("site", type=Name())
-@click.option("--asset", "assets", multiple=True, type=Name(), help="An edge agent to be.")
+@click.option("--asset", "assets", multiple=True, type=Name(), help="Asset of an edge agent.")
 @click.option(
     "--host",
     "hosts",
@@ -56,7 +56,7 @@ def keys() -> None:
 @days_option
 @out_option
 def make(**_given: object) -> None:
-    """Make what is missing: authority, router, server, observer, player, and each edge."""
+    """Make missing credentials: authority, router, server, observer, player, and each edge."""
 
 
 @keys.command(cls=Deferred, work="operation.keys:renew", extra="twin")
@@ -65,24 +65,24 @@ def make(**_given: object) -> None:
     type=click.IntRange(0, 3650),
     default=30,
     show_default=True,
-    help="Renew what expires within so many days.",
+    help="Renew certificates that expire within so many days.",
 )
 @days_option
 @out_option
 def renew(**_given: object) -> None:
-    """Issue anew what is about to expire; the old one is good until it does."""
+    """Issue expiring certificates again; the old ones are valid until they expire."""
 
 
 @keys.command(cls=Deferred, work="operation.keys:withdraw", extra="twin")
-@click.option("--asset", type=Name(), help="The edge agent of this asset.")
+@click.option("--asset", type=Name(), help="Certificates of this asset's edge agent.")
 @click.option(
     "--role",
     type=click.Choice(WITHDRAWN),
-    help="Whoever has this role.",
+    help="All certificates of this role.",
 )
 @out_option
 def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
-    """Refuse, from the router's next start, all that was issued to an edge or a role."""
+    """Withdraw all certificates of an edge or a role, from the router's next start."""
     together([("--asset", asset), ("--role", role)])
     if asset is None and role is None:
         raise click.UsageError("Whose? Give --asset or --role.")
@@ -91,4 +91,4 @@ def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
 @keys.command(cls=Deferred, work="operation.keys:list_", extra="twin", name="list")
 @out_option
 def list_(**_given: object) -> None:
-    """Show what was issued, and until when it is valid."""
+    """Show the certificates issued, with their dates of expiry."""

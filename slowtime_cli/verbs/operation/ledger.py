@@ -23,7 +23,7 @@ the database has to forge those, too.
 """
 )
 def ledger() -> None:
-    """Show that nobody has rewritten a history."""
+    """Verify that a history was not rewritten."""
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:key", extra="twin")
@@ -31,8 +31,8 @@ def ledger() -> None:
 def key(**_given: object) -> None:
     """Make a key to sign with: the private one in OUT, the public one in OUT.pub.
 
-    Give OUT to the twin server (`slowtime twin --ledger-key OUT`), and let nobody else read
-    it; OUT.pub is for whoever verifies.
+    Give OUT to the twin server (`slowtime twin --ledger-key OUT`) and keep it secret; give
+    OUT.pub to those who verify.
     """
 
 
@@ -52,7 +52,7 @@ def head(**_given: object) -> None:
 @click.argument("recording", type=EXISTING)
 @key_option
 def verify(**_given: object) -> None:
-    """Hold the features of a recording against what the server signed.
+    """Compare the features of a recording with the signed ledger.
 
-    Leaves with 0 where nothing has been changed, with 2 and a sentence where anything has.
+    The exit status is 0 if nothing was changed, and 2, with a sentence, otherwise.
     """

@@ -26,7 +26,7 @@ A part is an entry point of an installed distribution, in the group slowtime.sou
     help="How long the import of each may take.",
 )
 def plugins(**_given: object) -> None:
-    """List parts of your own that are installed.
+    """List installed plug-ins.
 
-    Leaves with 1 where a part cannot be loaded.
+    The exit status is 1 if a plug-in cannot be loaded.
     """

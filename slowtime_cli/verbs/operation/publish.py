@@ -16,7 +16,7 @@ Examples:
   slowtime publish --to - --seconds 60 | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
 """,
 )
-@click.option("--to", "url", required=True, metavar="URL", help="Where to send; `-` to print.")
+@click.option("--to", "url", required=True, metavar="URL", help="Destination; `-` to print.")
 @click.option(
     "--rate-hz", type=POSITIVE, default=125.0, show_default=True, help="Samples per second."
 )
@@ -25,7 +25,7 @@ Examples:
     type=POSITIVE,
     default=3.2,
     show_default=True,
-    help="Natural frequency of the structure that it stands on.",
+    help="Natural frequency of the simulated structure.",
 )
 @click.option(
     "--samples",
@@ -39,20 +39,22 @@ Examples:
     type=Number(min=-0.05, max=0.05),
     default=0.0,
     show_default=True,
-    help="By how much its clock is fast, relative.",
+    help="Relative error of its clock; positive if fast.",
 )
 @click.option(
     "--loss",
     type=Number(min=0, max=1),
     default=0.0,
     show_default=True,
-    help="Share of messages that it loses.",
+    help="Share of messages lost.",
 )
-@click.option("--seconds", type=POSITIVE, help="How long.  [default: until Ctrl-C]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Decides what is random.")
+@click.option("--seconds", type=POSITIVE, help="Seconds to run.  [default: until Ctrl-C]")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the random numbers."
+)
 @click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
 def publish(**_given: object) -> None:
-    """Play an acceleration board on a structure in software.
+    """Simulate an acceleration board on a simulated structure.
 
     It sends counts of an ADXL355 at +-2 g, 3.824e-5 m/s^2 each, of three axes, with a counter.
     """

@@ -56,8 +56,8 @@ Examples:
     "--keep",
     "keep_bytes",
     type=Size(),
-    help="Most that the files of OUT, numbered ones of before among them, take on the disk, "
-    "such as 4GB; at an eighth of it another file begins.  [default: no bound]",
+    help="Bound on the files of OUT on disk, earlier numbered ones included, such as 4GB; "
+    "a new file begins at an eighth of it.  [default: no bound]",
 )
 @click.option(
     "--when-full",
@@ -67,10 +67,10 @@ Examples:
     help="With --keep: delete the oldest of these files, or end the recording with status 1.",
 )
 def record(out: Path, number: bool, **_given: object) -> None:
-    """Record what travels on the bus into an MCAP file.
+    """Record the messages of the bus into an MCAP file.
 
-    What has arrived is on the disk within a second; a file left by a killed recorder is made
-    sound again by `slowtime recover`. Foxglove and Lichtblick open the result.
+    Messages are on disk within a second of their arrival. `slowtime recover` repairs the file
+    of a killed recorder. Foxglove and Lichtblick open the result.
     """
     if out.exists() and not number:
         raise click.UsageError(

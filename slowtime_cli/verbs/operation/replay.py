@@ -35,7 +35,7 @@ Examples:
     default=1.0,
     show_default=True,
     type=POSITIVE,
-    help="Pace; 1 as it was.",
+    help="Pace; 1 as recorded.",
 )
 @click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
 @click.option(
@@ -48,7 +48,7 @@ Examples:
     "--into",
     "database",
     type=OutFile(),
-    help="New SQLite file: run through a twin here, without any bus.",
+    help="New SQLite file: replay into a twin in this process, without a bus.",
 )
 @click.option(
     "--edge",
@@ -56,7 +56,7 @@ Examples:
     help="Run raw blocks through the edge agent and compare its features to those recorded.",
 )
 def replay(edge: bool, database: Path | None, server: str | None, **_given: object) -> None:
-    """Play a recording again and print the hash of its history.
+    """Replay a recording and print the hash of its history.
 
     The same recording gives the same history, bit for bit, at any speed.
     """

@@ -36,13 +36,13 @@ Examples:
 @click.option(
     "--insecure",
     is_flag=True,
-    help="Let anybody who reaches the endpoint read and write everything.",
+    help="Accept all connections without certificates; all may read and write.",
 )
 def router(**_given: object) -> None:
-    """Run a Zenoh router: what edges, twin and recorder connect to.
+    """Run a Zenoh router that edges, twin and recorder connect to.
 
-    With credentials it lets in who holds a certificate of its site, and lets each do what its
-    certificate is for. Without, it listens to this machine only.
+    With credentials it accepts holders of a certificate of its site, each with the rights of
+    its role. Without credentials it accepts local connections only.
     """
 
 
@@ -57,7 +57,7 @@ Examples:
 )
 @connect_option
 @credentials_option
-@click.option("--asset", type=Name(parts=2), help="SITE.ASSET that must be alive.")
+@click.option("--asset", type=Name(parts=2), help="SITE.ASSET that must be online.")
 @click.option(
     "--timeout-s",
     default=4.0,
@@ -66,7 +66,7 @@ Examples:
     help="How long to wait.",
 )
 def status(**_given: object) -> None:
-    """Tell whether the router answers and which edge agents live.
+    """Show whether the router answers, and which edges are online.
 
-    Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
+    The exit status is 0 if all are online, else 1; for health checks.
     """

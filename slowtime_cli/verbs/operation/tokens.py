@@ -19,7 +19,7 @@ def _file(kind: click.Path) -> Callable[[F], F]:
         type=kind,
         default=Path("tokens.json"),
         show_default=True,
-        help="File of tokens; its key lies beside it.",
+        help="File of tokens; its key is beside it.",
     )
 
 
@@ -45,7 +45,7 @@ def tokens() -> None:
     "--scope",
     type=click.Choice(SCOPES),
     required=True,
-    help="viewer sees; operator registers and diagnoses too; admin deletes too.",
+    help="viewer reads; operator also registers and diagnoses; admin also deletes.",
 )
 @click.option(
     "--site",
@@ -53,28 +53,28 @@ def tokens() -> None:
     multiple=True,
     required=True,
     type=Name(any_=True),
-    help="Site it reaches; may be given several times; * for all.",
+    help="Site that it gives access to; may be given several times; * for all.",
 )
 @click.option(
     "--days",
     type=click.FloatRange(0, 3650, min_open=True),
     default=365,
     show_default=True,
-    help="How long it is good.",
+    help="How long it is valid.",
 )
 @_file(click.Path(dir_okay=False, path_type=Path))
 def add(**_given: object) -> None:
-    """Make a token for NAME and print it, this once."""
+    """Make a token for NAME and print it; it cannot be shown again."""
 
 
 @tokens.command(cls=Deferred, work="operation.tokens:list_", extra="twin", name="list")
 @_file(EXISTING)
 def list_(**_given: object) -> None:
-    """Show whose tokens there are, and which are good."""
+    """Show all tokens, and which are valid."""
 
 
 @tokens.command(cls=Deferred, work="operation.tokens:revoke", extra="twin")
 @click.argument("number")
 @_file(EXISTING)
 def revoke(**_given: object) -> None:
-    """Take back the token of that NUMBER, now."""
+    """Revoke the token of that NUMBER at once."""

@@ -38,7 +38,7 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--recordings",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of recordings (MCAP) that the page takes, gives and plays.",
+    help="Folder of recordings (MCAP) for upload, download and replay by the page.",
 )
 @click.option(
     "--register",
@@ -49,33 +49,33 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--tokens",
     type=EXISTING,
-    help="File made by `slowtime tokens`: who may ask REST and page.",
+    help="File made by `slowtime tokens`: access to REST and page.",
 )
 @click.option(
     "--ledger-key",
     type=EXISTING,
-    help="Key of `slowtime ledger key`: what is accepted is signed with it.",
+    help="Key of `slowtime ledger key`, which signs accepted rows.",
 )
 @click.option("--tls-certificate", type=EXISTING, help="Certificate of REST and page (PEM).")
 @click.option("--tls-key", type=EXISTING, help="Its private key (PEM).")
 @click.option(
     "--behind-proxy",
     is_flag=True,
-    help="A proxy before this server does the encryption.",
+    help="A proxy in front of this server encrypts.",
 )
 @click.option(
     "--published-on-loopback",
     is_flag=True,
-    help="Who reaches the port is on this machine, as where a container's port is published "
-    "on 127.0.0.1 alone.",
+    help="Only this machine reaches the port, for instance a container's port published "
+    "on 127.0.0.1 only.",
 )
 @connect_option
 @credentials_option
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:
-    """Run the twin server: features in; knowledge, REST and page out.
+    """Run the twin server: features in; estimates, REST and page out.
 
-    Knowledge is the history of stiffness and mass, its forecast, and alarms. Beyond 127.0.0.1
-    it listens only with encryption, or a proxy that does it, and with tokens.
+    It keeps the history of stiffness and mass, forecasts it, and raises alarms. Beyond
+    127.0.0.1 it listens only with tokens, and with encryption or a proxy that encrypts.
     """
     if (tls_certificate is None) != (tls_key is None):
         raise click.UsageError("--tls-certificate and --tls-key go together. Give both.")

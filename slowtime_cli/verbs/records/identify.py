@@ -38,7 +38,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     nargs=2,
     type=Number(),
     metavar="LO HI",
-    help="Where to look for modes.  [default: from a few cycles to 0.45 of the rate]",
+    help="Frequency band of the modes.  [default: from a few cycles to 0.45 of the rate]",
 )
 @click.option(
     "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
@@ -54,8 +54,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     default="auto",
     show_default=True,
     type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
-    help="How to fit; auto finds out what the record is. modes: every mode of all channels "
-    "together, with shapes; lines of machines are told apart. bayes: these modes by the "
+    help="Method; auto chooses by the kind of record. modes: every mode of all channels "
+    "together, with shapes; lines of machines are marked. bayes: these modes by the "
     "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
 )
 @click.option(
@@ -124,8 +124,8 @@ def identify(
     """Find natural frequencies and damping in a record, with errors.
 
     RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
-    frequencies; errors are standard deviations. Where nothing stands out of the noise, nothing
-    is claimed.
+    frequencies; errors are standard deviations. If no mode exceeds the noise, none is
+    reported.
     """
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")

@@ -21,10 +21,10 @@ Examples:
     "--out",
     required=True,
     type=OutFile(".mcap"),
-    help="Sound file to write; it must not exist yet.",
+    help="File to write; it must not exist yet.",
 )
 def recover(**_given: object) -> None:
-    """Make a recording sound again that was cut short or damaged.
+    """Repair a truncated or damaged recording.
 
-    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
+    All readable messages are kept and indexed; any MCAP reader can open the result.
     """

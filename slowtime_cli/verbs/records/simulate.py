@@ -27,7 +27,7 @@ Examples:
     "--structure",
     "name",
     type=click.Choice(sorted(STRUCTURES)),
-    help="Which of the structures that are known by name.",
+    help="Name of a built-in structure.",
 )
 @click.option("--model", type=EXISTING, help="Model file (YAML) to run instead.")
 @click.option(
@@ -42,9 +42,9 @@ Examples:
     default=100,
     show_default=True,
     type=click.IntRange(min=1),
-    help="How many records.",
+    help="Number of records.",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Decides every random number.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers.")
 @click.option(
     "--rate-hz",
     type=POSITIVE,
@@ -68,8 +68,8 @@ Examples:
     default="first",
     show_default=True,
     type=click.Choice(["first", "zero", "band_limited"]),
-    help="What inputs do between samples: go straight to the next, stay, or be the signal "
-    "without anything above half the sampling rate.",
+    help="Interpolation of inputs between samples: linear (first), held (zero), or limited to "
+    "half the sampling rate (band_limited).",
 )
 @click.option(
     "--effects",
@@ -89,12 +89,12 @@ Examples:
 def simulate(name: str | None, model: Path | None, **_given: object) -> None:
     """Write the vibration of an ageing structure or of a model file.
 
-    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
-    them; .npz the samples (epoch, time), their slow times and the truth.
+    With --structure, epoch by epoch: MCAP holds raw blocks and the true values; .npz holds the
+    samples (epoch, time), their slow times and the true values.
 
     With --model, its effects included: from rest under the inputs found in RECORD, or
-    stationary under ambient forces where the model lists none. OUT (.npz) holds t [s] and one
-    array a sensor.
+    stationary under ambient forces if the model lists no inputs. OUT (.npz) holds t [s] and one
+    array for each sensor.
     """
     together((("--structure", name), ("--model", model)))
     if name is None and model is None:

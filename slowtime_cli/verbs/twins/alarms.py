@@ -13,7 +13,7 @@ def _server(function: F) -> F:
         metavar="URL",
         default="http://127.0.0.1:8000",
         show_default=True,
-        help="Of the twin server; with the token in SLOWTIME_TOKEN, where it wants one.",
+        help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
     )(function)
 
 
@@ -29,7 +29,7 @@ twin: docs/alarms_out.md.
 """
 )
 def alarms() -> None:
-    """Try whether alarms of a twin reach people and other programs."""
+    """Test the alarms of a twin, and show their deliveries."""
 
 
 @alarms.command(cls=Deferred, work="twins.alarms:send_test", extra="analysis", name="test")
@@ -40,13 +40,13 @@ def alarms() -> None:
     type=POSITIVE,
     default=30.0,
     show_default=True,
-    help="How long to wait until it has been delivered.",
+    help="How long to wait for the delivery.",
 )
 @_server
 def send_test(**_given: object) -> None:
-    """Send a test alarm of TWIN (SITE.ASSET), and say whom it has reached.
+    """Send a test alarm of TWIN (SITE.ASSET), and print which receivers it reached.
 
-    The exit status is 1 where a receiver has not accepted it in time.
+    The exit status is 1 if a receiver has not accepted it in time.
     """
 
 
@@ -54,4 +54,4 @@ def send_test(**_given: object) -> None:
 @click.argument("twin", type=Name(parts=2))
 @_server
 def deliveries(**_given: object) -> None:
-    """Show how the routes of TWIN (SITE.ASSET) fare, and what keeps alarms from them."""
+    """Show deliveries of TWIN (SITE.ASSET) by route, and the reasons of failures."""

@@ -13,7 +13,7 @@ _SERVER = click.option(
     default="http://127.0.0.1:8000",
     show_default=True,
     metavar="URL",
-    help="Of the twin server, with the token in SLOWTIME_TOKEN, where it wants one.",
+    help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
 )
 
 
@@ -31,7 +31,7 @@ parallel and k-out-of-n gates how their failure makes it fail (docs/composites.m
 """
 )
 def composite() -> None:
-    """Join twins to sites, lines and structures of parts."""
+    """Combine twins into sites, lines and structures of parts."""
 
 
 @composite.command(cls=Deferred, work="twins.composite:add", extra="analysis")
@@ -39,7 +39,7 @@ def composite() -> None:
 @click.option("--id", "composite_id", required=True, type=Name(parts=2), help="SITE.NAME.")
 @_SERVER
 def add(**_given: object) -> None:
-    """Register a composite as FILE says, or register it anew.
+    """Register the composite in FILE; an existing one is replaced.
 
     FILE is YAML or JSON with `members`, and if wanted `tree`, `dependence`, `failing`,
     `horizon`, `alike`, `kind` and `name`.
@@ -54,11 +54,11 @@ def list_(**_given: object) -> None:
 
 @composite.command(cls=Deferred, work="twins.composite:show", extra="analysis")
 @click.argument("composite_id", type=Name(parts=2))
-@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
 @click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
 @_SERVER
 def show(**_given: object) -> None:
-    """Tell the health, failure probability, importance and pooled rates of a composite."""
+    """Show health, failure probability, importance and pooled rates of a composite."""
 
 
 @composite.command("import", cls=Deferred, work="twins.composite:import_", extra="twin")
@@ -69,9 +69,9 @@ def show(**_given: object) -> None:
     "relationships",
     multiple=True,
     metavar="NAME",
-    help="From a whole to its parts, beside has_member, contains, hasPart and their like.",
+    help="Relationship from a whole to its parts, besides has_member, contains and hasPart.",
 )
-@click.option("--dry-run", is_flag=True, help="Tell what would be registered, and end.")
+@click.option("--dry-run", is_flag=True, help="Print what would be registered, and end.")
 @_SERVER
 def import_(**_given: object) -> None:
     """Register the composites that a graph of digital twins describes.

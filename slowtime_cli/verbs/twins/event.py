@@ -18,12 +18,12 @@ def _server(function: F) -> F:
         metavar="URL",
         default="http://127.0.0.1:8000",
         show_default=True,
-        help="Of the twin server; with the token in SLOWTIME_TOKEN, where it wants one.",
+        help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
     )(function)
 
 
 def _said(function: F) -> F:
-    """Add the options that say who tells of it, and under which id."""
+    """Add the options that state who reports an event, and its id."""
     for decorate in reversed(
         [
             click.option(
@@ -33,9 +33,16 @@ def _said(function: F) -> F:
                 "content where a time is given, and by chance otherwise.",
             ),
             click.option(
-                "--person", type=PlainText(), help="Who says so; by default the token's name."
+                "--person",
+                type=PlainText(),
+                help="Who reports it; by default the token's name.",
             ),
-            click.option("--text", type=PlainText(), default="", help="What was done or seen."),
+            click.option(
+                "--text",
+                type=PlainText(),
+                default="",
+                help="Description of the work or observation.",
+            ),
         ]
     ):
         function = decorate(function)
@@ -62,7 +69,7 @@ def event() -> None:
 
 @event.command(cls=Deferred, work="twins.event:add", extra="analysis")
 @click.argument("twin", type=Name(parts=2))
-@click.option("--kind", type=click.Choice(KINDS), help="What has happened.")
+@click.option("--kind", type=click.Choice(KINDS), help="Kind of event.")
 @click.option("--quantity", help="stiffness_change, mass_change or an element; else all.")
 @click.option(
     "--at", help="When: RFC 3339, by the sensor's clock; else after the latest reading."
@@ -99,7 +106,7 @@ def add(kind: str | None, file: object, **given: Any) -> None:
 @click.argument("twin", type=Name(parts=2))
 @_server
 def list_events(**_given: object) -> None:
-    """List the events of TWIN (SITE.ASSET), and questions that nobody has answered."""
+    """List the events of TWIN (SITE.ASSET), and unanswered questions."""
 
 
 @event.command(cls=Deferred, work="twins.event:undo", extra="analysis")
@@ -108,7 +115,7 @@ def list_events(**_given: object) -> None:
 @_said
 @_server
 def undo(**_given: object) -> None:
-    """Take EVENT of TWIN (SITE.ASSET) back: the forecast is as if nobody had told of it.
+    """Withdraw EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
 
-    The event stays in the list, with the note that took it back.
+    The event stays in the list, with the note that withdrew it.
     """

@@ -32,10 +32,10 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
     help="JSON file to write, {points: [state, ...]}; - for stdout, and no table.",
 )
 def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: object) -> None:
-    """Tell how stiffness and mass have changed, from frequencies.
+    """Estimate changes of stiffness and mass from frequencies.
 
-    SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
-    text file. Each epoch is judged by its own standard deviation; windows that overlap, as
-    `--hop-s` below `--window-s` makes them, count for what their shared samples are worth.
+    SOURCE is the output of `slowtime identify --window-s`, an MCAP recording of features, or a
+    text file. Each epoch is weighted by its standard deviation; the weight of overlapping
+    windows (`--hop-s` below `--window-s`) allows for their shared samples.
     """
     refuse_damping_alone(nominal_hz, nominal_damping)

@@ -32,7 +32,7 @@ with models in DTDL, which twin platforms load, and .jsonld the same graph as JS
 @click.option(
     "--server",
     metavar="URL",
-    help="Ask a running server instead, with the token in SLOWTIME_TOKEN, where it wants one.",
+    help="Read a running server instead; its token, if it needs one, in SLOWTIME_TOKEN.",
 )
 @click.option("--asset", type=Name(parts=2), help="SITE.ASSET; needed where there are several.")
 @click.option("--site", type=Name(), help="Of .json: this site alone.  [default: all]")
@@ -60,7 +60,7 @@ def export(
     out: Path,
     **_given: object,
 ) -> None:
-    """Write what a twin knows, or the samples of a record.
+    """Export the history of a twin, or the samples of a record.
 
     SOURCE is a twin's database, which a server may go on writing meanwhile, or a record or
     recording as `identify` reads it; the flags from --rate-hz on go with a record.

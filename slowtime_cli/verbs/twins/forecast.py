@@ -25,24 +25,24 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 """,
 )
 @twin_flags
-@click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
+@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
 @click.option(
     "--points",
     type=click.IntRange(1, 200),
     default=20,
     show_default=True,
-    help="At how many future times.",
+    help="Number of future times.",
 )
 @click.option(
     "--threshold",
     type=Number(min=-1),
-    help="When is this change reached? Beside those of the registration.",
+    help="Threshold of a change, besides those of the registration.",
 )
-@click.option("--quantity", help="Of which quantity, where several are estimated.")
+@click.option("--quantity", help="Quantity of the threshold, if several are estimated.")
 @click.option(
     "--toward",
     type=click.Choice(["below", "above"]),
-    help="By default the side where it is not now.",
+    help="Direction of crossing; by default from the present side.",
 )
 @click.option(
     "--out",
@@ -50,7 +50,7 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def forecast(**given: Any) -> None:
-    """Tell where a twin is heading, and when a threshold is reached.
+    """Forecast a twin, and when thresholds are reached.
 
     Mean and 95 % interval of each change at future slow times; of a threshold the times by
     which it is reached with 10, 50 and 90 %, or that they are not within the horizon.

@@ -53,7 +53,7 @@ docs/maintenance_plan.md.
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def plan(fleet: bool, server: str | None, source: object, **given: Any) -> None:
-    """Tell what to do with a twin: repair, inspect, wait or close.
+    """Recommend an action for a twin: repair, inspect, wait or close.
 
     Options side by side with their expected costs, what an inspection or more readings are
     worth, and at which costs the plan would be another.

@@ -27,10 +27,10 @@ A text file has the columns slow_time, value and sd, or those that `slowtime evo
 @click.option("--out", type=OutFile(), help="CSV file: both scales with sd at each reading.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def separate(**_given: object) -> None:
-    """Take a history apart into what drifts and what comes and goes.
+    """Separate a history into a drift and a recurring part.
 
     Two slow time scales in one series (Chapter 8 of the book): a trend with a smooth process,
-    and a wave, teeth or an irregular fluctuation, whichever the readings support, each with
-    its standard deviation. A mixture of Gaussian-process experts is compared with it by what
-    each foretells of readings left out.
+    and a wave, a sawtooth or an irregular fluctuation, as the readings support, each with its
+    standard deviation. A mixture of Gaussian-process experts is compared with it by its
+    predictions of readings that were left out.
     """

@@ -9,15 +9,15 @@ from slowtime_cli.shared.options import Name
 
 
 def twin_flags(function: F) -> F:
-    """Add the options that say which twin is asked."""
+    """Add the options that select the twin."""
     for decorate in reversed(
         [
             click.argument("source", required=False, type=EXISTING),
             click.option(
                 "--server",
                 metavar="URL",
-                help="Ask the twin of a running server instead, with the token in "
-                "SLOWTIME_TOKEN, where it wants one.",
+                help="Use the twin of a running server; its token, if it needs one, in "
+                "SLOWTIME_TOKEN.",
             ),
             click.option(
                 "--asset",

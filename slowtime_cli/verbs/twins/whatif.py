@@ -31,7 +31,7 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     "kind",
     required=True,
     type=click.Choice(["harmonic", "step", "white", "recorded"]),
-    help="What acts.",
+    help="Kind of load.",
 )
 @click.option("--amplitude", type=Number(), help="Of a harmonic or a step.")
 @click.option("--frequency-hz", type=POSITIVE, help="Of a harmonic.")
@@ -41,13 +41,15 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 @click.option("--record", type=EXISTING, help="Of a recorded load: the file that holds it.")
 @click.option("--channel", help="Of that file; by default its only one.")
 @click.option("--on", default="base", show_default=True, help="The base, or a node.")
-@click.option("--output", "outputs", multiple=True, help="Node to tell of; all by default.")
+@click.option(
+    "--output", "outputs", multiple=True, help="Node of the response; all by default."
+)
 @click.option(
     "--quantity",
     type=click.Choice(["displacement", "velocity", "acceleration"]),
     default="acceleration",
     show_default=True,
-    help="The first two against the base, acceleration in space.",
+    help="Displacement and velocity relative to the base, acceleration absolute.",
 )
 @click.option("--duration", "duration_s", type=POSITIVE, help="Seconds.")
 @click.option("--rate-hz", type=POSITIVE, help="Samples per second.")
@@ -58,13 +60,13 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     show_default=True,
     help="Probability of the bands.",
 )
-@click.option("--draws", type=click.IntRange(20, 2000), help="Structures that are drawn.")
+@click.option("--draws", type=click.IntRange(20, 2000), help="Number of structures drawn.")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Decides every random number.",
+    help="Seed of the random numbers.",
 )
 @click.option(
     "--out",
@@ -72,10 +74,10 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) -> None:
-    """Run today's twin under a load, with bands.
+    """Simulate a twin's current structure under a load, with bands.
 
-    Stiffness, mass and damping are drawn from what is believed of them now; the bands are of
-    what is not known of the structure. The same seed gives the same answer.
+    Stiffness, mass and damping are drawn from their present estimates; the bands follow from
+    the uncertainty of these. The same seed gives the same answer.
     """
     refuse_incomplete_query(**given)
     if kind == "recorded" and record is None:

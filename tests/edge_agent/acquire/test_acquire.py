@@ -147,7 +147,7 @@ def test_a_file_without_a_time_begins_where_a_twin_takes_it_and_says_so(tmp_path
     source = open_source(FileInput(path=tmp_path / "a.npz"), HandClock(), threading.Event())
     first = next(block for block in source if block is not None)
     assert first.start_ns >= TwinAdmission().not_before_ns
-    assert "does not say when it began" in caplog.text
+    assert "does not state its start" in caplog.text
 
 
 def test_a_file_is_paced_by_the_clock_where_asked(tmp_path):

@@ -128,12 +128,14 @@ def test_an_ambient_model_hears_one_set_of_forces_in_every_way():
 def test_what_cannot_be_run_is_refused():
     with pytest.raises(ValueError, match=r"no channel called ab; it has u\. Name"):
         run_model(SHAKEN, {"u": PUSH}, RATE)
-    with pytest.raises(ValueError, match="under ambient forces"):
+    with pytest.raises(ValueError, match="under unmeasured ambient forces"):
         run_model(dataclasses.replace(SHAKEN, inputs=()), {"ab": PUSH}, RATE)
     shaking = dataclasses.replace(
         SHAKEN, effects=({"effect": "base_motion", "rms_m_per_s2": 0.1},)
     )
-    with pytest.raises(ValueError, match=r"nobody measured, which is random\. Give a seed"):
+    with pytest.raises(
+        ValueError, match=r"unmeasured motion of the base, which is random\. Give a seed"
+    ):
         run_model(shaking, {"ab": PUSH}, RATE)
     singing = {"effect": "viscous_damping", "element": "k1", "dc_n_s_per_m": -900.0}
     with pytest.raises(ValueError, match=r"grows beyond bounds after .* s: the model is"):

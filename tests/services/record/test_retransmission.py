@@ -102,7 +102,7 @@ def test_what_nobody_holds_any_more_is_counted_and_said(tmp_path, features_of, c
         edge.publish(0, 6)
     assert recorded(tmp_path / "a.mcap") == [0, 6, 4]
     assert recorder.recording.missing == 4
-    assert "4 features that never came" in caplog.text
+    assert "4 features that never arrived" in caplog.text
 
 
 def test_a_gap_is_asked_for_ever_more_rarely_and_then_given_up(features_of):

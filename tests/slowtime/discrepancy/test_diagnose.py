@@ -9,10 +9,12 @@ import pytest
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.progress import Cancelled
 from slowtime.discrepancy.records import Campaign
+from slowtime.discrepancy.search import SearchOptions
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.signals.interpolation import at_instants
 from tests.slowtime.discrepancy.protocol import StubProposer, candidate
 
+QUICK = SearchOptions(quick=True)
 LOSS = 400.0
 
 
@@ -37,7 +39,7 @@ def hardened(campaign, wrong):
     )
     stages = []
     found = answered(
-        rig, trials, quick=True, progress=lambda stage, share: stages.append((stage, share))
+        rig, trials, options=QUICK, progress=lambda stage, share: stages.append((stage, share))
     )
     return found, stages
 
@@ -71,7 +73,7 @@ def test_progress_only_grows_and_is_in_words(hardened):
 
 def test_where_nothing_is_missing_nothing_is_named(campaign):
     rig, trials = campaign(12, masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0)
-    found = answered(rig, trials, quick=True)
+    found = answered(rig, trials, options=QUICK)
     assert found.verdict == "nothing_missing"
     assert not found.effects
     assert found.gap.augmented <= 1.02 * found.gap.nominal
@@ -83,7 +85,7 @@ def test_a_sensor_that_fell_silent_is_named(campaign):
     outputs = trials[0].outputs.copy()
     outputs[300:420, 1] = 0.0
     silent = dataclasses.replace(trials[0], outputs=outputs, use=None)
-    found = answered(rig, (silent, *trials[1:]), quick=True)
+    found = answered(rig, (silent, *trials[1:]), options=QUICK)
     assert found.verdict == "sensor_fault"
     assert found.effects[0].effect.kind == "sensor_dropout"
     assert found.effects[0].effect.place == Place("sensor", rig.description.sensors[1].channel)
@@ -96,7 +98,7 @@ def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(campaign, 
     law = Effect("cubic_hardening", Place("element", "j0"), {"k3_n_per_m3": 2e6})
     own = StubProposer("own", candidates=(candidate(law, cost_without=1e6),))
     few = {name: catalogue()[name] for name in ("cubic_hardening", "viscous_damping")}
-    found = answered(rig, trials, kinds=few, proposers=(own,))
+    found = answered(rig, trials, kinds=few, options=SearchOptions(proposers=(own,)))
     assert [named.effect.kind for named in found.effects] == ["cubic_hardening"]
     number = found.effects[0].numbers["k3_n_per_m3"]
     assert abs(number.value - 4e6) < max(4 * number.sd, 0.03 * 4e6)
@@ -114,7 +116,7 @@ def test_a_diagnosis_stops_when_it_is_told_to(campaign):
 def test_a_diagnosis_does_not_change_the_records(campaign):
     rig, trials = campaign(14, masses=1, levels=(1.0, 1.5), seconds=6.0)
     before = [trial.outputs.copy() for trial in trials]
-    answered(rig, trials, quick=True)
+    answered(rig, trials, options=QUICK)
     for trial, outputs in zip(trials, before, strict=True):
         np.testing.assert_array_equal(trial.outputs, outputs)
 
@@ -129,7 +131,7 @@ def test_a_clock_that_turns_the_phase_many_times_is_found(campaign, wrong):
     rig, trials = campaign(
         15, wrong(sensor=0, fault=fast), masses=1, levels=(1.0, 2.0, 1.5), seconds=16.0
     )
-    found = answered(rig, trials, quick=True)
+    found = answered(rig, trials, options=QUICK)
     assert found.verdict == "sensor_fault"
     assert [named.effect.kind for named in found.effects] == ["sensor_clock"]
     number = found.effects[0].numbers["skew"]
@@ -141,7 +143,7 @@ def test_a_constant_that_moved_alone_is_named_where_it_is(campaign, wrong):
     rig, trials = campaign(
         16, wrong(element=1, force=softer), masses=2, levels=(1.0, 2.0, 1.5), seconds=8.0
     )
-    found = answered(rig, trials, quick=True)
+    found = answered(rig, trials, options=QUICK)
     assert found.verdict == "missing_effect"
     assert [named.effect.kind for named in found.effects] == ["stiffness_loss"]
     assert found.effects[0].effect.place == Place("element", "j1")
@@ -171,7 +173,7 @@ def test_a_shaken_mass_cannot_tell_a_softer_spring_from_a_heavier_mass(campaign,
         levels=(1.0, 2.0, 1.5),
         seconds=12.0,
     )
-    found = answered(rig, trials, quick=True)
+    found = answered(rig, trials, options=QUICK)
     assert found.verdict == "undecided"
     assert {rival.effect for rival in found.undecided} == {"stiffness_loss", "added_mass"}
     assert found.experiment is not None

@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-LATER = 0.25
+LATER_SHARE = 0.25
 KINDS = (
     "temperature_linear",
     "temperature_bilinear",
@@ -52,7 +52,7 @@ def hidden(truth: tuple[str, ...], rng: np.random.Generator, epochs: int | None 
     for _ in range(rng.integers(0, 3)):
         first = rng.integers(10, count - 10)
         time[first:] += rng.uniform(0.02, 0.10) * (time[-1] - time[0])
-    split = int(count * (1.0 - LATER))
+    split = int(count * (1.0 - LATER_SHARE))
     past = time <= time[split - 1]
     covariates = _covariates(truth, time, past, rng)
     base = 10.0 ** rng.uniform(-4.0, -2.0)

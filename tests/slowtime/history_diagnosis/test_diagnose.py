@@ -7,8 +7,8 @@ from slowtime import history_diagnosis as slow
 from tests.slowtime.history_diagnosis import battery
 from tests.slowtime.history_diagnosis.histories import hidden
 
-SAMPLE = 4711  # not used in development
-FULL = 90210
+SAMPLE_SEED = 4711  # not used in development
+FULL_SEED = 90210
 
 DAY = np.arange(160.0)
 
@@ -34,7 +34,7 @@ def parameter(report, name, place=0):
     "truth", ["temperature_bilinear", pytest.param("sawtooth", marks=pytest.mark.slow)]
 )
 def test_a_hidden_effect_is_named_and_its_band_is_narrower_and_holds(truth):
-    case = hidden((truth,), np.random.default_rng([SAMPLE, 0]), epochs=160)
+    case = hidden((truth,), np.random.default_rng([SAMPLE_SEED, 0]), epochs=160)
     score = battery.judge(case)
     assert score.right
     assert score.width[1] < score.width[0]
@@ -43,7 +43,7 @@ def test_a_hidden_effect_is_named_and_its_band_is_narrower_and_holds(truth):
 
 @pytest.mark.long
 def test_plain_wandering_is_not_called_a_discovery():
-    report = slow.diagnose_history(*_past(hidden((), np.random.default_rng(SAMPLE), 160)))
+    report = slow.diagnose_history(*_past(hidden((), np.random.default_rng(SAMPLE_SEED), 160)))
     assert report.verdict == "nothing_missing"
     assert report.effects == ()
     assert slow.adopt(report) is report.nominal
@@ -249,7 +249,7 @@ def test_progress_is_told_and_ends():
 
 @pytest.mark.slow
 def test_of_a_hundred_hidden_effects_nine_in_ten_are_named_and_their_bands_hold():
-    scores = [battery.judge(case) for case in battery.cases("single", 100, FULL)]
+    scores = [battery.judge(case) for case in battery.cases("single", 100, FULL_SEED)]
     assert sum(s.right for s in scores) >= 90, battery.table("single", scores)
     adopted = [s for s in scores if s.named]
     later = sum(s.later for s in adopted)
@@ -260,5 +260,5 @@ def test_of_a_hundred_hidden_effects_nine_in_ten_are_named_and_their_bands_hold(
 
 @pytest.mark.slow
 def test_of_150_histories_without_any_at_most_3_in_100_are_given_one():
-    scores = [battery.judge(case) for case in battery.cases("none", 150, FULL)]
+    scores = [battery.judge(case) for case in battery.cases("none", 150, FULL_SEED)]
     assert sum(bool(s.named) for s in scores) <= 4, battery.table("none", scores)

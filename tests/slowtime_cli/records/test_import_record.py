@@ -64,7 +64,7 @@ def test_a_recording_says_when_it_began_and_whose_it_is(run, record):
     assert block.start_ns == 1_658_271_300_000_000_000
     assert [len(block.samples) for _, block in blocks] == [50] * 120
     undated = run("import", record, "--out", "b.mcap")
-    assert "does not say when it began; 2000-01-01 is put there. Give --start." in undated.err
+    assert "does not state its start; 2000-01-01 is assumed. Give --start." in undated.err
 
 
 def test_a_gap_stays_a_gap(run, text, lines):

@@ -109,7 +109,7 @@ def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
     ("script", "settings", "says"),
     [
         (REFUSES, {}, "There is no channel u."),
-        (DIES, {}, "ended with status -6, without a word.*max_memory_bytes"),
+        (DIES, {}, "ended with status -6, without a message.*max_memory_bytes"),
         (SLEEPS, {"max_s": 0.3}, "took longer than 0.3 s.*diagnose.max_s"),
         ("pass\n", {}, "without a report"),
     ],

@@ -179,7 +179,7 @@ def test_a_client_that_reads_too_slowly_is_cut_off(caplog):
         return [client.ended for client in clients], hub.dropped
 
     assert asyncio.run(play()) == ([True, False], 1)
-    assert "too slow and is cut off" in caplog.text
+    assert "too slow and is disconnected" in caplog.text
 
 
 def test_the_server_ends_though_clients_watch(serving, ageing, eventually):

@@ -9,7 +9,16 @@ _FLOAT = np.dtype("<f8")
 
 
 def pack(numbers: Float[np.ndarray, "..."]) -> str:
-    """Write an array of floats; its shape is for the reader to know.
+    """Encode an array of floats as text, without its shape.
+
+    Parameters
+    ----------
+    numbers
+        Array of any shape.
+
+    Returns
+    -------
+    Base64 of its values in C order.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-r"""One frequency under its covariates: what they explain is removed, what is left is watched.
+r"""Removes the effect of covariates from one frequency, and tests the residual for changes.
 
 With the law :math:`\ln f = \bar y + \phi(c)^T \beta + a + \varepsilon` that training has left,
 a frequency as it would have been at the reference is
@@ -36,7 +36,7 @@ _LEAST_SD = 1e-9
 
 
 class NotLearntError(ValueError):
-    """No law could be learnt from what was gathered."""
+    """No law could be learnt from the training readings."""
 
 
 class Removed(NamedTuple):
@@ -116,7 +116,17 @@ class Condition:
         return table[:, 1:5]
 
     def remove(self, covariates: Float[np.ndarray, " covariate"]) -> Removed:
-        """Return the effect of covariates on a frequency."""
+        """Return the effect of covariates on a frequency.
+
+        Parameters
+        ----------
+        covariates
+            Value of each covariate, in its own unit; NaN where missing.
+
+        Returns
+        -------
+        Factor on the frequency and relative standard deviations.
+        """
         if not np.isfinite(covariates).all():
             return Removed(math.nan, math.nan, math.nan, math.nan, st.NO_COVARIATE)
         normal = self.normal.read()
@@ -140,7 +150,25 @@ class Condition:
         covariates: Float[np.ndarray, " covariate"],
         wanted: Covariates,
     ) -> tuple["Condition", Verdict | None]:
-        """Watch one more reading; readings from before the last one are not judged."""
+        """Watch one more reading; readings from before the last one are not judged.
+
+        Parameters
+        ----------
+        slow_time
+            Slow time of the reading.
+        frequency
+            Natural frequency [Hz].
+        sd
+            Its standard deviation [Hz].
+        covariates
+            Value of each covariate, in its own unit.
+        wanted
+            Settings of the alarm.
+
+        Returns
+        -------
+        The condition after the reading, and the verdict if the alarm was raised or cleared.
+        """
         state = self.watch.read()
         if not slow_time >= state.belief.time:
             return self, None
@@ -155,7 +183,7 @@ class Condition:
         return condition, Verdict(raised, watch.entry(after), judgement.evidence, self.limit)
 
     def entered(self, wanted: Covariates) -> ChangeEstimate | None:
-        """Size and onset of what has entered, by all readings up to now."""
+        """Size and onset of a detected change, from all readings so far."""
         return self._watcher(wanted).entry(self.watch.read()) if self.raised else None
 
     def _watcher(self, wanted: Covariates) -> Watch:
@@ -168,7 +196,7 @@ class Condition:
 
 
 def condition_of(content: dict[str, Any] | None) -> Condition | None:
-    """Read what `dataclasses.asdict` and JSON have made of one."""
+    """Read a condition from the JSON of `dataclasses.asdict`."""
     if content is None:
         return None
     watch = content["watch"]
@@ -187,7 +215,7 @@ def covariates_of(message: Features, wanted: Covariates) -> Float[np.ndarray, " 
 
 
 def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Condition:
-    """Learn what is normal from a span of training.
+    """Learn the normal behaviour from a span of training.
 
     Parameters
     ----------

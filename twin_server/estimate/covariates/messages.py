@@ -32,12 +32,12 @@ def learnt(row: int, condition: Condition, wanted: Covariates, mode: int | None)
 
 
 def not_learnt(row: int, mode: int | None, why: str) -> Notice:
-    """Make the notice that training failed, and begins anew."""
+    """Make the notice that training failed and starts again."""
     return Notice(
         row,
         "normal_not_learnt",
         "warning",
-        f"What is normal could not be learnt{_of(mode)}; training begins anew. {why}",
+        f"Normal behaviour could not be learnt{_of(mode)}; training starts again. {why}",
         {},
     )
 

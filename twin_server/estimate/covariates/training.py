@@ -37,7 +37,17 @@ class Training:
     last: float = -np.inf
 
     def added(self, row: Float[np.ndarray, " number"]) -> "Training":
-        """Offer a reading, all of whose covariates are known."""
+        """Add a reading with all covariates known.
+
+        Parameters
+        ----------
+        row
+            Slow time, then the other numbers of the reading.
+
+        Returns
+        -------
+        The training with it; beyond `MOST` rows every other one is dropped.
+        """
         time = float(row[0])
         first, last = min(self.first, time), max(self.last, time)
         rows, every = self.rows, self.every
@@ -58,5 +68,5 @@ class Training:
 
 
 def training_of(content: dict[str, Any] | None) -> Training | None:
-    """Read what `dataclasses.asdict` and JSON have made of one."""
+    """Read a training from the JSON of `dataclasses.asdict`."""
     return None if content is None else Training(**{**content, "rows": tuple(content["rows"])})

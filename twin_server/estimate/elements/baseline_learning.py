@@ -120,7 +120,7 @@ def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> b
 
 
 def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> Memory:
-    """Make baselines of the gathered modes; without any, learning begins anew.
+    """Make baselines of the gathered modes; if there are none, restart learning.
 
     Modes are left out where fewer than half of the epochs have shown them, where they match no
     mode of the model, or where no law of covariates can be learnt of them.
@@ -248,7 +248,7 @@ def _jump(
 
 
 def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
-    """Average what one mode has taught; its number in the model is not known yet."""
+    """Average the gathered readings of one mode; its number in the model is not known yet."""
     condition, epochs = None, np.array(lesson.epochs)
     if wanted is not None and lesson.training is not None:
         condition = conclude_training(lesson.training, wanted)

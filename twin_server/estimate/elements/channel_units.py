@@ -1,4 +1,4 @@
-r"""Units of a message's channels in; what makes one shape of displacements of them out.
+r"""Units of the channels of a message in; factors that make displacements of them out.
 
 A mode that rings at :math:`\omega` moves a place by x, at a velocity of
 :math:`i \omega x` and an acceleration of :math:`(i \omega)^2 x`, so that components of
@@ -51,7 +51,7 @@ class ChannelUnits:
 def channel_units(
     model: Model, channels: tuple[str, ...], units: tuple[str, ...]
 ) -> ChannelUnits:
-    """Take the units that the edge tells; the model's where it tells none.
+    """Return the units that the edge states; those of the model if it states none.
 
     What stands in one unit for all channels, even an unknown one, is taken for what the model
     says, since components then compare. Among known units an unstated one is taken from the
@@ -84,14 +84,28 @@ def units_of(features: Features, model: Model) -> ChannelUnits:
 def as_displacement(
     shape: Complex[np.ndarray, " channel"], worth: Sequence[Worth], frequency_hz: float
 ) -> Complex[np.ndarray, " channel"]:
-    """Shape in metres out of one in the units and quantities of its channels."""
+    """Shape in metres out of one in the units and quantities of its channels.
+
+    Parameters
+    ----------
+    shape
+        Mode shape in the units of its channels.
+    worth
+        Factor to SI and number of time derivatives of each channel.
+    frequency_hz
+        Natural frequency [Hz].
+
+    Returns
+    -------
+    Mode shape in displacements [m].
+    """
     omega = 2.0 * np.pi * frequency_hz
     factors = [factor / (1j * omega) ** power for factor, power in worth]
     return np.asarray(shape * np.array(factors))
 
 
 def told_shape(mode: Mode, features: Features, model: Model) -> dict[str, Any] | None:
-    """Shape of a mode as the twin tells it: as it came, or of displacements.
+    """Return the mode shape that the twin reports: as received, or in displacements.
 
     None where its components stand in several units and one of them is unknown.
     """

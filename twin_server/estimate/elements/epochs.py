@@ -159,7 +159,7 @@ def track_epochs(
 def posterior_of(
     memory: Memory, model: Model, message: Features, wanted: Covariates | None = None
 ) -> Float[np.ndarray, "parameter parameter"] | None:
-    """Covariance of the logarithms of the free factors, as one epoch tells them.
+    """Covariance of the logarithms of the free factors, from one epoch.
 
     None where it tells nothing.
     """
@@ -191,7 +191,7 @@ def _taught(
 def _removed(
     message: Features, nominal: "_Nominal", wanted: Covariates | None
 ) -> tuple[Removed, ...]:
-    """For each baseline, what covariates do to its frequency; nothing without any."""
+    """For each baseline, the effect of covariates on its frequency; none without covariates."""
     if wanted is None:
         return ()
     covariates = covariates_of(message, wanted)
@@ -227,7 +227,7 @@ def _watched(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Nominal:
-    """The structure as it was to begin with, and what the model makes of it."""
+    """The structure at learning, and the modes that the model gives it."""
 
     model: Model
     structure: ParametricStructure
@@ -280,7 +280,7 @@ def _read(
 
 
 def _freed(mode: ObservedMode, i: int, removed: Sequence[Removed]) -> tuple[float, float]:
-    """Frequency at the reference of the covariates, and what that adds to its relative sd."""
+    """Frequency at the reference of the covariates, and the relative sd that this adds."""
     if not removed:
         return mode.frequency_hz, 0.0
     one = removed[i]
@@ -314,7 +314,7 @@ def _measured(
 def _shape(
     baseline: Baseline, mode: ObservedMode, model: Float[np.ndarray, " channel"]
 ) -> tuple[Float[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
-    """Shape of the model plus what has changed since learning; NaN where not known."""
+    """Shape of the model plus its change since learning; NaN where not measured."""
     nothing = np.full(len(model), np.nan)
     if mode.shape is None or mode.shape_sd is None or baseline.shape is None:
         return nothing, nothing
@@ -346,7 +346,7 @@ def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] 
 
 
 def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[Suspect, ...]:
-    """Name what has changed, where "nothing" does not explain the modes."""
+    """Name the elements that have changed, if "no change" does not explain the modes."""
     structure, prior = nominal.structure, nominal.model.prior_sd
     still = mode_misfit(structure, measured, np.zeros(len(prior)), prior)
     shapes = 0 if measured.shapes is None else int(np.isfinite(measured.shapes).any(1).sum())

@@ -99,7 +99,7 @@ class Baseline:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Whether something is believed to have changed, and readings in a row that deny it."""
+    """Whether a change is suspected, and the number of consecutive readings against it."""
 
     word: str
     holds: bool = False
@@ -146,7 +146,7 @@ class Memory:
 
     @property
     def common_share(self) -> float:
-        """Share of the variance of an epoch's changes that comes from what was learnt.
+        """Share of the variance of an epoch's changes that is due to the baseline.
 
         That is the same in all epochs. Learning from n epochs leaves the n-th part of the
         variance of one; a law of covariates leaves at most this of what it does not explain.
@@ -156,7 +156,7 @@ class Memory:
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> "Memory":
-        """Read what `dataclasses.asdict` and JSON have made of one."""
+        """Read a memory from the JSON of `dataclasses.asdict`."""
         return cls(
             references=tuple(
                 Reference(**{**r, "shape": _floats(r["shape"])}) for r in content["references"]

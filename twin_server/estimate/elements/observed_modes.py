@@ -51,7 +51,7 @@ class ObservedMode:
 
 
 def observed_modes(features: Features, model: Model) -> list[ObservedMode]:
-    """Take the modes of a message that are the structure's and well enough known."""
+    """Return the modes of a message that belong to the structure and are precise enough."""
     found, units = [], units_of(features, model)
     for place, mode in enumerate(features.modes):
         frequency, sd = mode.frequency_hz.value, mode.frequency_hz.sd

@@ -54,7 +54,7 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
         Suspect(name, (_size(rivals[0], name),))
         for name in sorted(shared, key=place.__getitem__)
     ]
-    # In one order whichever is the likelier today, so that a word lasts from epoch to epoch.
+    # In a fixed order, so that the text does not change while the probabilities vary.
     rivals.sort(key=lambda one: [place[name] for name in one.names])
     rest = [[name for name in one.names if name not in shared] for one in rivals]
     if len(rivals) > 1 and all(rest):
@@ -69,6 +69,19 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
 
 def size(name: str, change: float, sd: float) -> str:
     """Describe the size of a change.
+
+    Parameters
+    ----------
+    name
+        Name of an element, or of a mass with the suffix ``.mass``.
+    change
+        Relative change of its stiffness or mass [1].
+    sd
+        Standard deviation of the change [1].
+
+    Returns
+    -------
+    A clause without full stop.
 
     Examples
     --------

@@ -131,7 +131,7 @@ class Past(NamedTuple):
 
     @property
     def own_sd(self) -> Float[np.ndarray, " time"]:
-        """Part of the standard deviation that each reading has by itself."""
+        """Standard deviation that is independent from reading to reading."""
         shared = self.common * np.abs(1.0 + self.value)
         return np.sqrt(np.maximum(self.sd**2 - shared**2, (0.1 * self.sd) ** 2))
 
@@ -172,7 +172,7 @@ def learn(
     suspected: Mapping[str, Sequence[float]] | None = None,
     known: KnownEvents | None = None,
 ) -> LearntLaws:
-    """Learn from the past of each quantity what it may do; empty where that is too little.
+    """Learn processes from the past of each quantity; empty if there are too few readings.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def forecast_state_of(
 def _followed(
     laws: Mixture, past: Past, begun: Continuation, events: Sequence[KnownEvent]
 ) -> Mixture:
-    """Take in what of a past is behind the readings from which laws were learnt.
+    """Continue the filter over the readings after those that were learnt from.
 
     After a repair that the laws have not learnt, the processes go on alone.
     """

@@ -1,4 +1,4 @@
-"""Places events that people told in a history, by the quantity that they change."""
+"""Places reported events in a history, by the quantity that they change."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
@@ -65,7 +65,21 @@ def place(
     t_ns: Int[np.ndarray, " time"],
     slow_time: Float[np.ndarray, " time"],
 ) -> float | None:
-    """Slow time of the last reading at or before an event; None where there is none."""
+    """Slow time of the last reading at or before an event; None where there is none.
+
+    Parameters
+    ----------
+    event
+        Event with a slow time or a time [ns since 1970].
+    t_ns
+        Times of the readings [ns since 1970].
+    slow_time
+        Slow times of the readings.
+
+    Returns
+    -------
+    The slow time, or None.
+    """
     if event.slow_time is not None:
         before = slow_time <= event.slow_time
     else:
@@ -74,7 +88,7 @@ def place(
 
 
 def come_after(states: States, events: Iterable[AssetEvent]) -> bool:
-    """Whether readings come after all events, so that none of these is placed anew."""
+    """Whether readings come after all events, so that no event has to be placed again."""
     if not len(states):
         return True
     first_ns, first = int(states["t_ns"].min()), float(states["slow_time"].min())
@@ -87,7 +101,7 @@ def come_after(states: States, events: Iterable[AssetEvent]) -> bool:
 
 
 def jump_times(known: KnownEvents) -> dict[str, list[float]]:
-    """Slow times after which a quantity was told to have gone elsewhere."""
+    """Slow times after which a quantity was reported to have jumped."""
     return {
         name: [event.time for event in each if is_jump(event)] for name, each in known.items()
     }

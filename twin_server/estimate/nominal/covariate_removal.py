@@ -28,7 +28,7 @@ from .learning import is_sane
 
 
 class CorrectedReadings(NamedTuple):
-    """Readings at the reference of the covariates, and what each is compared with.
+    """Readings at the reference of the covariates, and the nominal values to compare them with.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _train(
     row: int,
     notices: list[Notice],
 ) -> Checkpoint:
-    """Learn from a reading; with the last of the training, know what is normal."""
+    """Add a reading to the training; the last one ends it."""
     wanted = registration.covariates
     assert wanted is not None
     sane = is_sane(reading.damping, reading.damping_sd)
@@ -145,7 +145,7 @@ def _corrected(
     row: int,
     into: CorrectedReadings,
 ) -> Checkpoint:
-    """Free a reading of its covariates, and watch what is left."""
+    """Remove the effect of covariates from a reading, and test the residual for changes."""
     condition, known, wanted = checkpoint.condition, checkpoint.known, registration.covariates
     assert condition is not None
     assert known is not None
@@ -170,7 +170,7 @@ def _corrected(
 
 
 def _nominal_sd(registration: Registration, law_sd: float, difference_sd: float) -> float:
-    """Error of what a reading is compared with: of the law there, or of the way to it."""
+    """Return the standard deviation of the nominal value that a reading is compared with."""
     nominal = registration.nominal
     if nominal is None:
         return law_sd

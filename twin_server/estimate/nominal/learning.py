@@ -58,7 +58,15 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Learn
 
 
 def is_sane(value: float, sd: float) -> bool:
-    """Whether squares and weights of these stay within the range of floats."""
+    """Whether squares and weights of these stay within the range of floats.
+
+    Parameters
+    ----------
+    value
+        A frequency [Hz] or a damping ratio [1].
+    sd
+        Its standard deviation, in the same unit.
+    """
     return 1e-9 < value < 1e9 and 0.0 <= sd < 1e3 * value
 
 

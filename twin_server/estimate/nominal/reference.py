@@ -42,13 +42,21 @@ class Nominals:
 
     @classmethod
     def none(cls, count: int) -> "Nominals":
-        """Nothing is known yet."""
+        """No nominal values known yet."""
         f, f_sd, z, z_sd, freed, freed_sd = np.full((6, count), np.nan)
         never, nothing = np.zeros(count, dtype=bool), np.zeros(count, dtype=np.uint32)
         return cls(f, f_sd, z, z_sd, never, freed, freed_sd, nothing)
 
     def put(self, rows: Int[np.ndarray, " some"], numbers: Float[np.ndarray, "some 4"]) -> None:
-        """Fill in the nominal model of some readings."""
+        """Fill in the nominal model of some readings.
+
+        Parameters
+        ----------
+        rows
+            Indices of the readings.
+        numbers
+            Frequency [Hz], its relative sd [1], damping ratio [1] and its relative sd [1].
+        """
         self.frequency[rows], self.relative_sd[rows] = numbers[:, 0], numbers[:, 1]
         self.damping[rows], self.damping_relative_sd[rows] = numbers[:, 2], numbers[:, 3]
 
@@ -60,7 +68,25 @@ def nominals_of(
     owner: Int[np.ndarray, " time"],
     rows_of: Sequence[Int[np.ndarray, " _"]],
 ) -> tuple[Nominals, list[Checkpoint], list[list[Notice]]]:
-    """Find what each reading is compared with; twins without a nominal model learn it here."""
+    """Return the nominal values for each reading; without any, the twin learns them here.
+
+    Parameters
+    ----------
+    twins
+        Registrations and checkpoints.
+    features
+        Features messages of all readings.
+    given
+        The same as columns.
+    owner
+        Index into `twins` of each reading.
+    rows_of
+        Indices of the readings of each twin.
+
+    Returns
+    -------
+    Nominal values of each reading; new checkpoint and notices of each twin.
+    """
     nominals = Nominals.none(len(given))
     checkpoints: list[Checkpoint] = []
     notices: list[list[Notice]] = []
@@ -80,7 +106,7 @@ def _plain(
     rows: Int[np.ndarray, " some"],
     nominals: Nominals,
 ) -> tuple[Checkpoint, list[Notice]]:
-    """Fill in what a twin is given or has learnt, from the reading after which it is known."""
+    """Fill in the given or learnt nominal values, from the reading that ends learning."""
     checkpoint, begins, notices = twin.checkpoint, 0, []
     if checkpoint.known is None:
         epochs = np.column_stack(
@@ -111,7 +137,7 @@ def _under_covariates(
     rows: Int[np.ndarray, " some"],
     nominals: Nominals,
 ) -> tuple[Checkpoint, list[Notice]]:
-    """Fill in what the readings of a twin would have been at the reference."""
+    """Fill in the readings as they would have been at the reference of the covariates."""
     freed = remove_covariates(
         twin.registration, twin.checkpoint, [features[row] for row in rows], given.of(rows)
     )

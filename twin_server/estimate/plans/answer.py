@@ -154,7 +154,7 @@ def _option(
 def _times(
     option: Option, weights: Float[np.ndarray, " path"], clock: _Clock
 ) -> list[dict[str, Any] | None] | None:
-    """Give times by which 5, 50 and 95 % of the futures are repaired; None if unknown."""
+    """Return times by which 5, 50 and 95 % of the futures are repaired; None if unknown."""
     if option.repair_time is None:
         return None
     order = np.argsort(option.repair_time)

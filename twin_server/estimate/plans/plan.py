@@ -33,7 +33,7 @@ MORE = (1, 3, 10, 30)
 
 
 class NotPlannableError(ValueError):
-    """A plan that cannot be made; the text says why and what to do."""
+    """A plan that cannot be made; the text gives the reason and says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -77,6 +77,17 @@ class Planned:
 def slow_per_unit(costs: CostTable, pace: float | None) -> float:
     """Slow times in one unit of the owner's times.
 
+    Parameters
+    ----------
+    costs
+        Costs, with the unit of the owner's times.
+    pace
+        Seconds in one slow time; None if unknown.
+
+    Returns
+    -------
+    Slow times in one of the owner's units.
+
     Raises
     ------
     NotPlannableError
@@ -110,7 +121,19 @@ def plan_of(order: PlanOrder) -> Planned:
 
 
 def futures_of(order: PlanOrder, unit: float) -> Ensemble:
-    """Draw futures of the damage: the change over its value at failure."""
+    """Draw futures of the damage: the change over its value at failure.
+
+    Parameters
+    ----------
+    order
+        Input of the plan.
+    unit
+        Slow times in one unit of the owner's times.
+
+    Returns
+    -------
+    Paths of the damage [1] over times in the owner's unit.
+    """
     at, laws = order.decision.failure.at, order.laws
     horizon = laws.now + order.decision.horizon * unit
     drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
@@ -129,7 +152,7 @@ def _renewed(
     age: float,
     start: float,
 ) -> Ensemble:
-    """Give futures of an asset that ages as this one has: its past, then its futures.
+    """Return futures of an asset that ages as this one has: its past, then its futures.
 
     Damage that grows faster with age begins slowly again after a repair. The past is a
     straight line from no damage to today's.

@@ -1,4 +1,4 @@
-"""Writes a plan in words: what to do, by when and why, and what would change it."""
+"""Writes a plan in words: action, date, reasons, and what would change it."""
 
 import dataclasses
 import datetime
@@ -29,6 +29,17 @@ FAR = 20.0
 def money(amount: float, currency: str) -> str:
     """Write an amount with three digits.
 
+    Parameters
+    ----------
+    amount
+        Amount in `currency`.
+    currency
+        Code of the currency.
+
+    Returns
+    -------
+    The amount rounded to three digits, with the currency.
+
     Examples
     --------
     >>> money(1234567.0, "EUR"), money(-0.01234, "EUR")
@@ -41,7 +52,7 @@ def money(amount: float, currency: str) -> str:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class When:
-    """Says spans and moments for a person, with dates where the calendar is known.
+    """Writes spans and instants for people, with dates if the calendar is known.
 
     Parameters
     ----------
@@ -58,12 +69,32 @@ class When:
     seconds: float | None
 
     def span(self, time: float) -> str:
-        """Describe a span of time."""
+        """Describe a span of time.
+
+        Parameters
+        ----------
+        time
+            Span, in the owner's unit.
+
+        Returns
+        -------
+        The span with its unit.
+        """
         word = UNITS[self.unit]
         return f"{time:.3g} {word}" if word else f"{time:.4g} of slow time"
 
     def moment(self, time: float) -> str:
-        """Describe an instant, relative to now."""
+        """Describe an instant, relative to now.
+
+        Parameters
+        ----------
+        time
+            Time from now, in the owner's unit.
+
+        Returns
+        -------
+        The span, with the date if the calendar is known and a day or more is left.
+        """
         said = self.span(time)
         if self.since_ns is None or self.seconds is None or self.seconds * time < 86400.0:
             return said
@@ -75,6 +106,15 @@ class When:
 
 def percent(probability: float) -> str:
     """Write a probability.
+
+    Parameters
+    ----------
+    probability
+        From 0 to 1.
+
+    Returns
+    -------
+    The probability in percent.
 
     Examples
     --------
@@ -167,7 +207,7 @@ def _undecided(plan: Plan, currency: str, when: When) -> str:
 
 
 def worth_words(worth: Worth, currency: str, when: When) -> str:
-    """Name an observation, when it is made, and what it is worth beyond its cost."""
+    """Name an observation, its time, and its value beyond its cost."""
     place = "now" if worth.at == 0.0 else f"within {when.moment(worth.at)}"
     if worth.net > 0:
         return f"{worth.observation.name} {place}, worth {money(worth.net, currency)} net"

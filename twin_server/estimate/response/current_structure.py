@@ -38,12 +38,12 @@ _RIGID = 1e-10
 
 
 class UnknownStructureError(ValueError):
-    """A twin of which not enough is known to run it; the text says what to do."""
+    """Too little is known of a twin to simulate it; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CurrentStructure:
-    """A twin as it is believed to be now.
+    """Current structure of a twin, with its uncertainty.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def _latest(estimates: Float[np.ndarray, "time 4"]) -> tuple[float, float]:
 def _settled(
     now: tuple[float, float] | None, latest: tuple[float, float] | None, name: str
 ) -> tuple[tuple[float, float], list[str]]:
-    """All readings together, unless the last one is far from what those before it say."""
+    """Average all readings; return the last one if it differs strongly from those before."""
     if latest is None:
         if now is None:
             raise UnknownStructureError(

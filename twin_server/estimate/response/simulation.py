@@ -51,7 +51,7 @@ FINE = 20
 
 
 class OrderError(ValueError):
-    """A simulation that cannot be run of this twin; the text says what to do."""
+    """A simulation that this twin cannot run; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,7 @@ def simulate(today: CurrentStructure, order: SimulationOrder) -> Simulated:
 
 
 def check(registration: Registration, checkpoint: Checkpoint, order: SimulationOrder) -> None:
-    """Refuse what no twin so registered can be run under, before anything is computed.
+    """Refuse a simulation that no twin with this registration can run, before computing.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def check(registration: Registration, checkpoint: Checkpoint, order: SimulationO
 
 
 def _outputs(nodes: Sequence[str], order: SimulationOrder) -> tuple[str, ...]:
-    """Nodes whose motion is asked for."""
+    """Return the nodes whose motion was requested."""
     outputs = order.outputs or tuple(nodes)
     strange = [name for name in outputs if name not in nodes]
     if strange:
@@ -235,7 +235,7 @@ def _draws(today: CurrentStructure, order: SimulationOrder, samples: int, output
 def _check_amount(
     order: SimulationOrder, samples: int, outputs: int, size: int, *, effects: bool
 ) -> int:
-    """Give the number of draws, or refuse what would be too much of them."""
+    """Return the number of draws; refuse more than the limit."""
     most = [
         (MOST_KEPT // (samples * outputs), "outputs"),
         (MOST_MOVED // (samples * size), "degrees of freedom"),

@@ -9,7 +9,7 @@ from .checksums import ASSET_EVENTS, opened
 
 
 def insert(writer: Any, rows: Iterable[AssetEventRow]) -> None:
-    """Keep what was told; one id of a twin is one event, and the first stays."""
+    """Store reported events; of several with the same id of a twin the first is kept."""
     sealed = [ASSET_EVENTS.sealed(row) for row in rows]
     if sealed:
         names = ASSET_EVENTS.all_columns
@@ -21,7 +21,7 @@ def insert(writer: Any, rows: Iterable[AssetEventRow]) -> None:
 
 
 def read(reader: Any, twin_id: str) -> list[AssetEventRow]:
-    """Read what was told of a twin, in the order in which it was accepted."""
+    """Read the reported events of a twin, in the order of acceptance."""
     rows = reader.execute(
         f"select {', '.join(ASSET_EVENTS.all_columns)} from asset_events "
         "where twin = ? order by number, event",

@@ -112,7 +112,7 @@ def seal(*values: object) -> int:
 
 
 def damaged(what: str) -> DamagedStoreError:
-    """Make the error for damaged data, with what to do."""
+    """Make the error for damaged data, with advice."""
     return DamagedStoreError(
         f"{what} is damaged: its checksum does not hold. Nothing is answered from it. End the "
         "server and give the last backup to `slowtime restore`; edges send again what they "
@@ -121,7 +121,7 @@ def damaged(what: str) -> DamagedStoreError:
 
 
 def opened(table: Table, rows: Iterable[Sequence[Any]]) -> list[tuple[Any, ...]]:
-    """Give the columns of rows of all columns, each of whose checksums holds."""
+    """Return the columns of all rows; the checksum of each row is verified."""
     count, found = len(table.columns), []
     for row in rows:
         if not table.is_sound(row):

@@ -9,12 +9,12 @@ from .checksums import ACKNOWLEDGEMENTS, DELIVERIES, Table, opened
 
 
 def insert(writer: Any, rows: Iterable[Delivery]) -> None:
-    """Begin deliveries; one that has begun already goes on as it was."""
+    """Insert deliveries; one that exists already is left unchanged."""
     _put(writer, DELIVERIES, rows, "do nothing")
 
 
 def settle(writer: Any, rows: Iterable[Delivery]) -> None:
-    """Keep what has become of deliveries that are still open, none of a twin that has gone."""
+    """Store outcomes of deliveries that are open, except of deleted twins."""
     sealed = [DELIVERIES.sealed(row) for row in rows]
     if not sealed:
         return
@@ -27,7 +27,7 @@ def settle(writer: Any, rows: Iterable[Delivery]) -> None:
 
 
 def acknowledge(writer: Any, rows: Iterable[Acknowledgement]) -> None:
-    """Keep that alarms were taken note of; the first who did so stays."""
+    """Store acknowledgements of alarms; the first of each is kept."""
     _put(writer, ACKNOWLEDGEMENTS, rows, "do nothing")
 
 
@@ -75,7 +75,7 @@ def forget(writer: Any, before_ns: int) -> None:
 
 
 def acknowledged(reader: Any, twin_id: str) -> dict[str, Acknowledgement]:
-    """Read who has taken note of which alarms of a twin, by the identity of the event."""
+    """Read the acknowledgements of alarms of a twin, by the identity of the event."""
     rows = reader.execute(
         f"select {', '.join(ACKNOWLEDGEMENTS.all_columns)} from acknowledgements "
         "where twin = ? order by t_ns, event",

@@ -38,7 +38,7 @@ def insert(writer: Any, row: DiagnosisRow) -> None:
 
 
 def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> None:
-    """Keep what has become of one; page and model only where they are not empty."""
+    """Store the outcome of a diagnosis; page and model only if not empty."""
     kept = DIAGNOSES.sealed((*row, zlib.compress(page) if page else None, model or None))
     assigned = ", ".join(f"{name} = ?" for name in DIAGNOSES.all_columns)
     writer.execute(f"update diagnoses set {assigned} where number = ?", (*kept, row.number))

@@ -35,7 +35,7 @@ class RollingHash:
         self.count, self.last = 0, -1
 
     def copy(self) -> "RollingHash":
-        """Give one that goes on by itself."""
+        """Return an independent copy."""
         other = RollingHash()
         other._hash, other.count, other.last = self._hash.copy(), self.count, self.last
         return other

@@ -37,7 +37,7 @@ _NOTHING = hashlib.sha256().digest()
 
 
 class HeadRow(NamedTuple):
-    """A signed head as it is kept: JSON of itself and of the leaves that had changed."""
+    """A stored signed head: its JSON, and that of the leaves that had changed."""
 
     number: int
     t_ns: int
@@ -52,7 +52,7 @@ class ChainEnds:
         self._whole = False
 
     def forget(self) -> None:
-        """Know nothing: what was written last may not have become durable."""
+        """Drop all ends: the last write may not have become durable."""
         self._known.clear()
         self._whole = False
 
@@ -65,7 +65,7 @@ class ChainEnds:
         insert_blocks(writer, [(twin_id, end.length, packed(entries), end.digest)])
 
     def all(self, reader: Any) -> dict[str, Link]:
-        """Give the ends of all chains, those of deleted twins among them."""
+        """Return the ends of all chains, those of deleted twins among them."""
         if not self._whole:
             self._known = {twin_id: _end(reader, twin_id) for twin_id in _chained(reader)}
             self._whole = True
@@ -73,38 +73,38 @@ class ChainEnds:
 
 
 def of_features(rows: Iterable[tuple[int, int, float, bytes]], boot: str) -> Iterator[Entry]:
-    """Give the entries of features of a boot: of ids, sensor times, slow times, messages."""
+    """Return the entries of features of a boot: of ids, sensor times, slow times, messages."""
     for key, t_ns, slow_time, message in rows:
         digest = features_digest(boot, key & _LOW, t_ns, float(slow_time), message)
         yield Entry(kinds.FEATURES, key, digest)
 
 
 def of_registration(registration: str) -> Entry:
-    """Give the entry of a registration as it is kept."""
+    """Return the entry of a registration as it is kept."""
     return Entry(kinds.REGISTRATION, 0, words_digest("r", registration))
 
 
 def of_acknowledgement(row: Sequence[object]) -> Entry:
-    """Give the entry of an acknowledgement as it is kept."""
+    """Return the entry of an acknowledgement as it is kept."""
     event = hashlib.sha256(str(row[0]).encode()).digest()
     digest = words_digest("a", *map(str, row))
     return Entry(kinds.ACKNOWLEDGEMENT, int.from_bytes(event[:7], "big"), digest)
 
 
 def of_asset_event(row: AssetEventRow) -> Entry:
-    """Give the entry of an event of an asset as it is kept."""
+    """Return the entry of an event of an asset as it is kept."""
     event = hashlib.sha256(row.event.encode()).digest()
     digest = words_digest("v", *map(str, row))
     return Entry(kinds.ASSET_EVENT, int.from_bytes(event[:7], "big"), digest)
 
 
 def of_act(kind: str) -> Entry:
-    """Give the entry of what is done to all of a twin."""
+    """Return the entry of an operation on all of a twin."""
     return Entry(kind, 0, _NOTHING)
 
 
 def of_acknowledgements(rows: Iterable[Acknowledgement]) -> Iterator[tuple[str, list[Entry]]]:
-    """Give the entries of acknowledgements, by twin."""
+    """Return the entries of acknowledgements, by twin."""
     for row in rows:
         yield row.twin, [of_acknowledgement(row)]
 
@@ -149,7 +149,7 @@ def heads(reader: Any, after: int, limit: int, newest: bool) -> list[HeadRow]:
 
 
 def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None:
-    """Chain what a database of an older version has, as it stands."""
+    """Chain the rows of a database of an older version."""
     twins = opened(TWINS, writer.execute(f"select {', '.join(TWINS.all_columns)} from twins"))
     if twins:
         tell(f"The histories of {len(twins)} twins are chained into a ledger, once.")
@@ -187,7 +187,7 @@ def _end(reader: Any, twin_id: str) -> Link:
 
 
 def _chained(reader: Any) -> Iterator[str]:
-    """All twins that have a chain, one look into the index for each."""
+    """Return all twins with a chain, by one index look-up each."""
     last = ""
     while row := reader.execute(
         "select twin from ledger where twin > ? order by twin, count limit 1", (last,)

@@ -30,7 +30,7 @@ _LOW = (1 << SHIFT) - 1
 
 
 class GrownBoot(NamedTuple):
-    """A boot that has got longer: its number, and its last sequence before and now."""
+    """A boot that has grown: its number, and its last sequence before and now."""
 
     number: int
     before: int

@@ -70,7 +70,7 @@ class EventRow(NamedTuple):
 
 
 class StateRow(NamedTuple):
-    """State of some features, made anew."""
+    """State of a feature, estimated again."""
 
     number: int
     sequence: int

@@ -90,7 +90,7 @@ def _narrowed(
 
 
 def _where(connection: Any, span: Span, column: str, value: float, *, inclusive: bool) -> int:
-    """Least id in `span` whose `column` is at least `value`, or above it; else one past all."""
+    """Least id in `span` with `column` from `value` on, or above it; one past if none."""
     low, high = span.first, span.last + 1
     question = f"select id, {column} from features where id >= ? and id < ? order by id limit 1"
     while low < high:

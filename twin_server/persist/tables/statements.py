@@ -32,7 +32,7 @@ def select(
     limit: int = ALL_ROWS,
     newest: bool = False,
 ) -> list[Any]:
-    """Rows in the order of their key, each of which is sound."""
+    """Return rows in the order of their key; the checksum of each is verified."""
     rows = reader.execute(
         f"select {', '.join(table.all_columns)} from {table.name} {where} "
         f"order by {table.key} {'desc' if newest else ''} limit ?",

@@ -36,7 +36,7 @@ def states_of_spans(
     limit: int | None,
     newest: bool,
 ) -> list[tuple[int, bytes]]:
-    """Ids and states of `spans` in order, of those whose slow time does not rise filtered."""
+    """Return ids and states of `spans` in order; unordered spans are filtered by slow time."""
     low, high = slow_time
     between = (-1e308 if low is None else low, 1e308 if high is None else high)
     rows: list[tuple[int, bytes]] = []

@@ -19,7 +19,7 @@ class WrittenBoot(NamedTuple):
 
 
 def write_twins(writer: Connection, twins: Sequence[TwinRow]) -> dict[str, str]:
-    """Keep twins; give the registrations that are not what they were, by twin."""
+    """Store twins; return the registrations that have changed, by twin."""
     if not twins:
         return {}
     newest = {twin.id: twin for twin in twins}

@@ -86,7 +86,7 @@ def _point(name: str, messages: Sequence[Fatigue]) -> dict[str, Any]:
 
 
 def _sum(points: Sequence[FatiguePoint]) -> MinerSum:
-    """Add sums whose scatter is the same specimen's: it is common to all of them."""
+    """Add sums whose scatter is fully correlated, as it comes from the same specimens."""
     damage = sum(point.damage for point in points)
     weights = [point.damage / damage if damage else 1 / len(points) for point in points]
     return MinerSum(

@@ -100,7 +100,7 @@ class _Kept:
 
 
 class _ToldEvents(NamedTuple):
-    """Events that people have told of a twin, and what they do to each of its quantities."""
+    """Reported events of a twin, and their effect on each of its quantities."""
 
     events: Sequence[AssetEvent]
     known: KnownEvents
@@ -143,7 +143,7 @@ class ForecastCache:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to learn anew behind the work."""
+        """Start learning in the background."""
         self._thread = threading.Thread(target=self._work, name="forecasts", daemon=True)
         self._thread.start()
 
@@ -158,7 +158,7 @@ class ForecastCache:
 
     @property
     def due(self) -> int:
-        """Number of twins that wait to be learnt anew, that under way included."""
+        """Number of twins that wait to be learnt, including those in progress."""
         return len(self._due)
 
     def tell(self, news: TwinUpdate) -> None:
@@ -182,9 +182,24 @@ class ForecastCache:
     def foresee(
         self, twin_id: str, horizon: float | None, count: int, thresholds: tuple[Limit, ...]
     ) -> CachedForecast | None:
-        """Forecast a twin from what is kept of it; None where too little is known.
+        """Forecast a twin from its cached state; None if there are too few readings.
 
         The first who asks for a twin waits until it is learnt.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        horizon
+            Slow time ahead; the default of the registration if None.
+        count
+            Number of future slow times.
+        thresholds
+            Limits whose crossing times are wanted.
+
+        Returns
+        -------
+        The forecast, or None.
         """
         kept = self._up_to_date(twin_id)
         if kept is None:
@@ -203,16 +218,25 @@ class ForecastCache:
         return CachedForecast(known, unit)
 
     def prospect(self, twin_id: str) -> ForecastState | None:
-        """Give what is kept of a twin as of its last reading; None of too little."""
+        """Return the cached state of a twin at its last reading; None if readings are few."""
         kept = self._up_to_date(twin_id)
         return None if kept is None else kept.prospect
 
     def at(
         self, twin_id: str, t_ns: int | None, slow_time: float | None
     ) -> tuple[ForecastState, str] | None:
-        """Make the prospect of a twin as it was at a moment, from what came until then.
+        """Compute the forecast state of a twin at an instant, from what had arrived by then.
 
         It is learnt from as many readings before the moment as today's before now.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        t_ns
+            The instant by sensor time [ns since 1970]; None if given by slow time.
+        slow_time
+            The instant by slow time; None if given by sensor time.
         """
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(
@@ -268,7 +292,7 @@ class ForecastCache:
             self._changed.notify_all()
 
     def _absorb(self, kept: _Kept, twin: Twin) -> None:
-        """Take in what waits, one step for each reading; unsound where the order is broken."""
+        """Step through waiting readings; mark the state invalid if their order is broken."""
         waiting, kept.waiting, kept.count = kept.waiting, [], 0
         for news in waiting:
             for name, since in changes_in(body for _, body in news.events):
@@ -363,7 +387,7 @@ class ForecastCache:
         found: History,
         until: tuple[int | None, float | None] = (None, None),
     ) -> _ToldEvents:
-        """Place the events that were told, those up to a moment, in a history."""
+        """Place the reported events up to an instant in a history."""
         states = found.states
         rows = self._store.asset_events(twin_id)
         events = effective(row.message for row in rows)
@@ -382,7 +406,7 @@ class ForecastCache:
     def _since_renewal(
         self, twin_id: str, found: History
     ) -> tuple[History, dict[str, list[float]]]:
-        """Keep what came since the structure was last renewed, and its sudden changes.
+        """Return readings and sudden changes since the last renewal of the structure.
 
         These are slow times after which each quantity was told to have gone elsewhere.
         """
@@ -394,7 +418,7 @@ class ForecastCache:
         return found, changes
 
     def _warm(self) -> None:
-        """Forecast something once: what is compiled for it is there for the first who asks."""
+        """Forecast once, so that compiled code is ready for the first request."""
         time_, noise = np.arange(20.0), 1e-3 * np.random.default_rng(0).standard_normal(20)
         past = {"": Past(time_, noise, np.full(20, 1e-3), 0.0)}
         prospect = forecast_state_of(past, learn(past, "smooth"))
@@ -408,7 +432,7 @@ class ForecastCache:
         with kept.lock:
             self._absorb(kept, twin)
             asked = kept.asked
-        # Of a twin that nobody has asked for since it was learnt, nothing is learnt anew.
+        # A twin without requests since it was learnt is not learnt again.
         if asked:
             self._renew(twin_id, kept)
 
@@ -426,7 +450,7 @@ class ForecastCache:
                 self._catch_up(twin_id)
             except Exception:
                 if not self._stop.is_set():
-                    logger.exception("%s could not be learnt anew; going on.", twin_id)
+                    logger.exception("Learning the forecast of %s failed; continuing.", twin_id)
             with self._changed:
                 self._due.pop(twin_id, None)
             self._stop.wait(time.thread_time() - began_s)
@@ -451,7 +475,7 @@ def _forecast_state(
 
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:
-    """Past of a twin as its first `count` states of `found` tell it."""
+    """Return the past of a twin from its first `count` states of `found`."""
     return _past(twin, found.states[:count], found.bodies[:count])
 
 

@@ -201,7 +201,19 @@ def renewals_in(bodies: Iterable[str]) -> list[float]:
 
 
 def since_last_renewal(found: History, renewals: list[float]) -> History:
-    """Keep a history from the last reading that is the first of a renewed structure."""
+    """Keep a history from the last reading that is the first of a renewed structure.
+
+    Parameters
+    ----------
+    found
+        History of a twin.
+    renewals
+        Slow times of the first readings after renewals.
+
+    Returns
+    -------
+    The history from the last of these on.
+    """
     firsts = np.flatnonzero(np.isin(found.states["slow_time"], renewals))
     if not firsts.size:
         return found

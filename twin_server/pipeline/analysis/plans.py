@@ -73,7 +73,7 @@ class PlanCache:
         self._lock = threading.Lock()
 
     def plan(self, twin_id: str, *, stale: int = 0) -> dict[str, Any]:
-        """Give the plan of a twin as REST does; it is kept until the next reading.
+        """Return the plan of a twin as REST does; it is kept until the next reading.
 
         Parameters
         ----------

@@ -56,7 +56,7 @@ class RiskCache:
         self._lock = threading.Lock()
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Give the risk of a twin as REST does.
+        """Return the risk of a twin as REST does.
 
         Parameters
         ----------

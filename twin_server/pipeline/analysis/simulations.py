@@ -44,7 +44,7 @@ class Simulations:
         self._store, self._workers, self._effects = store, workers, effects
 
     def check(self, twin: Twin, order: SimulationOrder) -> None:
-        """Refuse what cannot be run anyway, at no cost.
+        """Refuse an invalid simulation, at no cost.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class Simulations:
         now: Mapping[str, tuple[float, float]],
         order: SimulationOrder,
     ) -> bytes:
-        """Give the answer as JSON.
+        """Return the answer as JSON.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ def answered(
     order: SimulationOrder,
     effects: tuple[str, ...] = (),
 ) -> bytes:
-    """Run today's twin, and write what it does as REST gives it.
+    """Simulate the current structure of a twin, and render the result for REST.
 
     Raises
     ------

@@ -26,7 +26,7 @@ _UNJUDGED = st.NO_MODE
 def history_of(
     store: Store, twin_id: str, registration: Registration, folder: Path, most: int
 ) -> dict[str, Any]:
-    """Write the history file of a diagnosis; what its task says of it."""
+    """Write the history file of a diagnosis; return its description for the task."""
     found = store.history(twin_id, limit=most, newest=True)
     states = found.states
     if registration.changes == "stiffness" and registration.covariates is None:
@@ -102,7 +102,7 @@ def reference_of(
 def _covariates(
     store: Store, twin_id: str, numbers: Sequence[int], sequences: Sequence[int]
 ) -> dict[str, np.ndarray]:
-    """Read what was told beside each of some states; NaN where it was not."""
+    """Read the covariates of states; NaN where missing."""
     rows = {key: row for row, key in enumerate(zip(numbers, sequences, strict=True))}
     columns: dict[str, np.ndarray] = {}
     if not rows:

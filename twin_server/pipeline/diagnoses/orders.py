@@ -79,7 +79,7 @@ class Diagnoses:
         self._minder.start()
 
     def stop(self) -> None:
-        """End what is under way."""
+        """End diagnoses in progress."""
         self._minder.stop()
         self._jobs.stop()
 
@@ -109,7 +109,7 @@ class Diagnoses:
         return number
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
-        """All diagnoses of a twin, the newest first, with what they found in brief."""
+        """Return all diagnoses of a twin, the newest first, with a summary of each result."""
         return [self._told(row) for row in reversed(self._store.diagnoses(twin_id))]
 
     def one(self, twin_id: str, number: int) -> dict[str, Any] | None:
@@ -118,7 +118,7 @@ class Diagnoses:
         return self._told(rows[0]) if rows else None
 
     def file(self, number: int, name: str) -> bytes | None:
-        """Give a file that it has left; None where there is none."""
+        """Return a result file; None if it does not exist."""
         if name in ("report.html", "charts.json"):
             page = self._store.diagnosis_page(number)
             return page if name == "report.html" or page is None else _charts(page)
@@ -170,7 +170,7 @@ class Diagnoses:
         self._register(twin_id, given, "adopted", message, {"diagnosis": number})
 
     def undo(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Take out again what was adopted last."""
+        """Undo the latest adoption."""
         last = registration.adopted[-1] if registration.adopted else None
         if last is None or last.diagnosis != number:
             said = f"diagnosis {last.diagnosis}" if last else "none"
@@ -319,7 +319,7 @@ class Diagnoses:
         return row.number in [one.diagnosis for one in taken]
 
     def _end(self, number: int, ended: Ended) -> None:
-        """Keep what has become of one; in the thread of the jobs."""
+        """Store the outcome of a diagnosis; called in the thread of the jobs."""
         rows = self._store.diagnoses(number=number)
         if not rows:
             return  # its twin was deleted meanwhile
@@ -421,6 +421,17 @@ class Diagnoses:
     def raw_samples(self, twin_id: str, seconds: float) -> list[Sample]:
         """Ask the edge for raw blocks now.
 
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        seconds
+            Duration of the samples, up to now [s].
+
+        Returns
+        -------
+        Raw blocks of the edge.
+
         Raises
         ------
         ProblemError
@@ -450,7 +461,7 @@ class Diagnoses:
 
 
 def _charts(page: bytes) -> bytes:
-    """Give the charts of a report by themselves: without the library that draws them there."""
+    """Return the charts of a report, without the library that draws them."""
     charts = [
         {"heading": heading, **dataclasses.asdict(chart)}
         for heading, chart in charts_in(page.decode())

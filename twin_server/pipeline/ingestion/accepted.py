@@ -11,7 +11,7 @@ MOST_INCLUDED = 10_000
 
 
 def acknowledged_range(store: Store, run: Run) -> AcknowledgedRange:
-    """Give what to acknowledge of a run, with the digest of what its agent still holds.
+    """Return the range to acknowledge of a run, with the digest of what its agent still holds.
 
     After a start the digest of a run begins where its history ends, and says nothing of
     what the agent is about to delete; and what an agent holds of an earlier boot may end

@@ -49,7 +49,7 @@ class LeaderElection:
         self._handles = [self._bus.watch(server_key("*"), self._see)]
 
     def step(self) -> None:
-        """Announce this server once those that were there are known."""
+        """Announce this server after the present ones are known."""
         if self._bus is None or self._name or not self._has_looked(self._bus):
             return
         with self._lock:
@@ -76,7 +76,7 @@ class LeaderElection:
 
     @property
     def acknowledges(self) -> bool:
-        """Whether this server is known to be the first."""
+        """Whether this server is the first."""
         return self._bus is None or (bool(self._name) and self.first is None)
 
     @property
@@ -118,12 +118,12 @@ class LeaderElection:
                 )
 
     def _tell(self) -> None:
-        """Log what has changed."""
+        """Log changes."""
         before, self._told = self._told, self.first
         if self._told is not None and self._told != before:
             logger.error("%s", self.trouble)
         elif self._told is None and before is not None:
-            logger.warning("The other twin server has gone; this one speaks from now on.")
+            logger.warning("The other twin server has stopped; this one publishes from now on.")
 
 
 def _began(name: str) -> int:

@@ -1,4 +1,4 @@
-"""Bus → collect → estimate → persist → acknowledge → tell: the only file that knows the order.
+"""Runs collect, estimate, persist, acknowledge and publish, in this order.
 
 One thread works. Callbacks of the bus leave samples in its inbox; whoever else wants something
 changed leaves it a call. What a batch leads to becomes durable in one transaction, and only
@@ -90,7 +90,7 @@ Answered = tuple[EdgeQuery, Sequence[Holding] | None, bool]
 
 
 class Pipeline:
-    """The twin server without its door: everything but HTTP.
+    """The twin server without HTTP.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Pipeline:
             functools.partial(acknowledged_range, store),
         )
         self.failing: str = ""
-        # A pipeline without a bus is fed from recordings, of which nobody is told.
+        # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
         self._stale = True
@@ -170,7 +170,7 @@ class Pipeline:
         self._backfill.start()
 
     def stop(self) -> None:
-        """Listen no more, finish what has arrived, and end."""
+        """Stop listening, finish the messages that have arrived, and end."""
         for handle in self._handles:
             handle.close()
         self._handles.clear()
@@ -213,7 +213,7 @@ class Pipeline:
         message: str = "",
         details: Mapping[str, Any] | None = None,
     ) -> bool:
-        """Register a twin, new or anew; True where it is new.
+        """Register a twin for the first time or again; return True if it is new.
 
         One that has a history is estimated anew from its features, from the first on.
 
@@ -233,7 +233,7 @@ class Pipeline:
         message: str,
         details: Mapping[str, Any],
     ) -> None:
-        """Keep and tell an event that does not follow from features."""
+        """Store and publish an event that does not follow from features."""
         self.call(lambda: self._note(twin_id, kind, severity, message, details))
 
     def keep(
@@ -244,7 +244,7 @@ class Pipeline:
         acknowledgements: Sequence[Acknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
-        """Make an event durable with what belongs to it, and tell it."""
+        """Store an event with its dependent rows, and publish it."""
         self.call(
             lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
         )
@@ -290,7 +290,7 @@ class Pipeline:
         return self._heard.get(address(twin_id))
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
-        """Counters of the live sensor of a twin, as its edge told last; None without one."""
+        """Return the latest counters of the live sensor of a twin; None without one."""
         return self._sensors.of(*address(twin_id))
 
     @property
@@ -315,7 +315,7 @@ class Pipeline:
         }
 
     def tallies(self) -> dict[str, int]:
-        """Give what others have counted for the pipeline."""
+        """Return counts of other parts of the pipeline."""
         return {
             "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
@@ -336,7 +336,7 @@ class Pipeline:
             )
 
     def _see(self, key: str, alive: bool) -> None:
-        """Note that an edge appears or goes."""
+        """Note that an edge appears or disappears."""
         site, asset = key.split("/")[-3:-1]
         if alive_key(site, asset) == key:
             self._later(lambda: self._account.watch(site, asset, alive=alive))
@@ -374,7 +374,7 @@ class Pipeline:
         try:
             function()
         except Exception:
-            logger.exception("Something failed; going on from what is durable.")
+            logger.exception("Processing a batch failed; continuing from the durable state.")
 
     def _durably(self, function: Callable[[Change], None]) -> None:
         """Do something to the account, and conclude; where that fails, it never happened."""
@@ -395,7 +395,7 @@ class Pipeline:
             raise
 
     def _load(self) -> None:
-        """Go on from what is durable."""
+        """Restore the durable state."""
         alive = self._account.alive
         account = self._new_account()
         twins = {
@@ -424,7 +424,7 @@ class Pipeline:
         )
 
     def _take(self, samples: Sequence[Sample]) -> int:
-        """One batch, from bytes to history; say how many were of senders whose clock is off."""
+        """Process one batch; return the number of messages from senders with wrong clocks."""
         now_ns = self._clock.now_ns()
         received = self._reception.read(samples, now_ns)
         arrivals, healths = received.arrivals, received.healths
@@ -450,7 +450,7 @@ class Pipeline:
         return self._assessed.virtual(address(twin_id))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
-        """Make events of what live sensors do; of twins only, since events are theirs."""
+        """Make events of live sensors; for registered twins only."""
         healths = [health for health in healths if (health.site, health.asset) in self._twins]
         for notice in self._sensors.hear(healths, time.monotonic()):
             site, asset, kind, severity, message, details = notice
@@ -461,7 +461,7 @@ class Pipeline:
                 raise
 
     def _told_of_sensor(self, site: str, asset: str) -> Iterator[dict[str, Any]]:
-        """Events of a twin as they were told, the newest first."""
+        """Return stored sensor events of a twin, the newest first."""
         rows = self.store.events(f"{site}.{asset}", limit=MOST_RECALLED, newest=True)
         return (json.loads(row.body) for row in reversed(rows))
 
@@ -477,7 +477,7 @@ class Pipeline:
                 self._take_arrivals(arrivals[:middle])
                 self._take_arrivals(arrivals[middle:])
                 return
-            logger.exception("Features could not be worked.")
+            logger.exception("Features could not be processed.")
             features = arrivals[0].features
             self.refusals.refuse(
                 "failed",
@@ -496,7 +496,7 @@ class Pipeline:
         return registered
 
     def _conclude(self, change: Change) -> None:
-        """Estimate, make durable, and only then tell anybody."""
+        """Estimate, store, and only then publish."""
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
@@ -550,7 +550,7 @@ class Pipeline:
         return self.call(take)
 
     def _settle(self, want: EdgeQuery, listing: Sequence[Holding] | None, sound: bool) -> None:
-        """Conclude together what ten thousand edges answer at once: each waits for the disk."""
+        """Store the answers of many edges together, because each commit waits for the disk."""
         self._answered.append((want, listing, sound))
         self._later(self._settle_all)
 
@@ -564,7 +564,7 @@ class Pipeline:
                     self._backfill.wake()
 
     def _conclude_answers(self, answered: Sequence[Answered]) -> None:
-        """Settle at once, or by halves: what cannot be worked does not stop the others."""
+        """Store all at once, or by halves: an answer that fails does not stop the others."""
 
         def settle(change: Change) -> None:
             now_s = time.monotonic()
@@ -605,7 +605,7 @@ class Pipeline:
         acknowledgements: Sequence[Acknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
-        """Make an event durable with what belongs to it, and tell it."""
+        """Store an event with its dependent rows, and publish it."""
         cut = WriteBatch(
             events=[event],
             deliveries=list(deliveries),
@@ -627,7 +627,7 @@ class Pipeline:
         return row
 
     def _take_told(self, told: AssetEvent) -> None:
-        """Keep an event of a recording that is played; one that is known is passed over."""
+        """Store an event of a replayed recording; one that is known is skipped."""
         if address(told.twin_id) not in self._twins:
             self.refusals.refuse(
                 "not_registered",

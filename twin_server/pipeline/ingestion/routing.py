@@ -35,7 +35,7 @@ class UnknownReceiverError(WrongRegistrationsError):
 
 
 class Routing:
-    """Knows of each twin whether its readings are live.
+    """Stores for each twin whether its readings are live.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Routing:
         self._newest_ns: dict[tuple[str, str], int | None] = {}
 
     def hear(self, ordered: Iterable[Ordered]) -> None:
-        """Note of whom readings have come, whether they are live and of when they are."""
+        """Note which twins sent readings, whether these are live, and their times."""
         for one in ordered:
             key = one.features.site, one.features.asset
             base = one.features.time_base
@@ -66,7 +66,7 @@ class Routing:
     def deliveries(
         self, events: Sequence[EventRow], twins: Mapping[tuple[str, str], Twin], now_ns: int
     ) -> list[Delivery]:
-        """Begin what follows from events that are about to be kept."""
+        """Make the deliveries of events that are about to be stored."""
         if not self.settings.receivers or not self._listening:
             return []
         found: list[Delivery] = []
@@ -93,7 +93,7 @@ class Routing:
         return found
 
     def routes(self, site: str, registration: Registration) -> list[AlarmRoute]:
-        """Routes of a registration whose receivers there are."""
+        """Routes of a registration whose receivers exist."""
         allowed = self.settings.of_site(site)
         return [route for route in registration.alarm_routes if route.receiver in allowed]
 
@@ -116,7 +116,7 @@ class Routing:
                 )
 
     def _age_of(self, key: tuple[str, str], event: EventRow) -> int | None:
-        """Sensor time that an event is judged by; a simulation's says nothing."""
+        """Sensor time by which the age of an event is judged; none for a simulation."""
         return None if self._newest_ns.get(key) is None else event.t_ns
 
     def _is_old(self, t_ns: int | None, now_ns: int) -> bool:
@@ -149,5 +149,5 @@ def new_delivery(
 
 
 def _is_about(body: Mapping[str, Any], receiver: str) -> bool:
-    """Whether an event says that this receiver could not be told."""
+    """Whether an event reports that this receiver could not be reached."""
     return bool(body["kind"] == GIVEN_UP and body["details"].get("receiver") == receiver)

@@ -31,18 +31,18 @@ def decoded(payload: bytes) -> Features:
 
 
 def cut_up(states: States) -> list[bytes]:
-    """Give each state the bytes it is kept as."""
+    """Encode each state as it is stored."""
     raw, size = states.tobytes(), STATE.itemsize
     return [raw[i : i + size] for i in range(0, len(raw), size)]
 
 
 def body_of(detail: Detail | None) -> bytes | None:
-    """Give what others are told of a detail."""
+    """Return the part of a detail that is published."""
     return None if detail is None else detail.body
 
 
 def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
-    """Make rows of what is held, and was not released again by the same change."""
+    """Make rows of held features that the same change does not release."""
     released = set(rows_of_released(change))
     return [
         (run.number, sequence, payload)
@@ -52,7 +52,7 @@ def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
 
 
 def rows_of_released(change: Change) -> list[tuple[int, int]]:
-    """Name the rows of what is held no longer."""
+    """Name the rows of features that are no longer held."""
     return [(run.number, sequence) for run, sequence in change.released]
 
 
@@ -158,7 +158,7 @@ def old_event(aged: OldReading) -> EventRow:
 
 
 def rivals_event(rivals: RivalAgents) -> EventRow:
-    """Make an event of two agents that send as one asset."""
+    """Make an event of two agents that send as the same asset."""
     run, same = rivals.run, rivals.other == rivals.run.boot
     twin_id = f"{run.site}.{run.asset}"
     message = (
@@ -191,7 +191,7 @@ def rivals_event(rivals: RivalAgents) -> EventRow:
 
 
 def asset_event_row(event: AssetEvent) -> AssetEventRow:
-    """Make the row of what somebody has told of an asset."""
+    """Make the row of a reported event of an asset."""
     return AssetEventRow(
         event.twin_id, event.event, event.sequence, event.t_ns, event.principal,
         encode(event).decode(),
@@ -199,7 +199,7 @@ def asset_event_row(event: AssetEvent) -> AssetEventRow:
 
 
 def told_event(told: AssetEvent) -> EventRow:
-    """Make the event that says what somebody has told of an asset."""
+    """Make the event that announces a reported event of an asset."""
     content = told.model_dump(mode="json", exclude_defaults=True)
     header = ("version", "site", "asset", "boot", "sequence", "t_ns")
     details = {name: value for name, value in content.items() if name not in header}

@@ -88,7 +88,7 @@ class StatePublisher:
         happened: Sequence[EventRow],
         numbers: Sequence[int],
     ) -> None:
-        """Publish and show what has just become durable."""
+        """Publish what has just become durable."""
         found = fresh.found
         events: dict[tuple[str, str], list[tuple[int, str]]] = {}
         for number, event in zip(numbers, happened, strict=True):
@@ -132,11 +132,11 @@ class StatePublisher:
         return bool(self._owed)
 
     def owe(self, runs: Iterable[Run]) -> None:
-        """Note whose features have become durable."""
+        """Note runs whose features have become durable."""
         self._owed.update(dict.fromkeys(runs))
 
     def forget_owed(self) -> None:
-        """Acknowledge nothing of what was not durable after all."""
+        """Acknowledge nothing of a cut that failed."""
         self._owed.clear()
 
     def acknowledge(self) -> None:
@@ -169,7 +169,7 @@ class StatePublisher:
         )
 
     def registration(self, key: tuple[str, str], twin: Twin) -> bytes:
-        """Write the message that says how a twin is registered."""
+        """Write the message of a twin's registration."""
         site, asset = key
         self._announcements += 1
         message = Registered(
@@ -184,7 +184,7 @@ class StatePublisher:
         return encode(message)
 
     def say(self, key: str, payload: bytes, encoding: str) -> None:
-        """Publish what somebody else of the server has to say."""
+        """Publish a message of another part of the server."""
         self._publish(key, payload, encoding)
 
     def _publish(self, key: str, payload: bytes, encoding: str) -> None:

@@ -1,4 +1,4 @@
-"""The update of one twin after a batch, and the protocol of those who listen to updates."""
+"""The update of one twin after a batch, and the protocol of listeners to updates."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol

@@ -151,7 +151,7 @@ class GapMonitor:
                 except (concurrent.futures.BrokenExecutor, TimeoutError):
                     if self._stop.is_set():
                         return
-                    logger.exception("A comparison of %s was given up.", row.id)
+                    logger.exception("A comparison of %s was abandoned.", row.id)
                     self._drop_workers()
                 except ProblemError as error:
                     logger.debug("%s", error)
@@ -159,7 +159,7 @@ class GapMonitor:
                     logger.warning("%s cannot be compared: %s", row.id, error)
                 except Exception:
                     if not self._stop.is_set():
-                        logger.exception("A comparison of %s failed; going on.", row.id)
+                        logger.exception("A comparison of %s failed; continuing.", row.id)
 
     def _mind(self, twin_id: str) -> None:
         """Compare one twin once, where there is something new."""
@@ -235,7 +235,7 @@ class GapMonitor:
         return mind
 
     def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:
-        """Ask for what has come since, and choose the last record that is long enough."""
+        """Request newer samples, and return the last record that is long enough."""
         seconds = self._settings.seconds
         samples = self._raw_samples(twin_id, seconds)
         pieces = pieces_of(block_of(sample.payload)[1] for sample in samples)
@@ -355,7 +355,7 @@ def _one_process() -> concurrent.futures.Executor:
 
 
 def _in_the_background() -> None:
-    """Leave signals to the server, and the processor to whoever needs it."""
+    """Ignore signals, and run at a low priority."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(10)
 

@@ -41,10 +41,21 @@ _PAUSE_S = 0.5
 def was_told(
     told: Iterable[tuple[str, float]], quantity: str, found: DetectedChange, at: float
 ) -> bool:
-    """Whether one of the changes told is this one, noticed at a slow time.
+    """Whether a reported change is the one noticed at a slow time.
 
     Read again with another past, the same change may begin some readings sooner or later; none
     begins anew before the last was noticed.
+
+    Parameters
+    ----------
+    told
+        Quantity and slow time of each reported change.
+    quantity
+        Quantity of the change found.
+    found
+        The change found.
+    at
+        Slow time at which it was found.
     """
     apart = at - found.since
     return any(name == quantity and abs(since - found.since) < apart for name, since in told)
@@ -57,7 +68,7 @@ def _renewals(bodies: Iterable[str]) -> list[float]:
 
 
 class ModelChangeMonitor:
-    """Thread that looks for sudden changes in the updates of each twin.
+    """Thread that detects sudden changes in the updates of each twin.
 
     Parameters
     ----------
@@ -142,7 +153,7 @@ class ModelChangeMonitor:
             except Exception:
                 if not self._stop.is_set():
                     self._detectors.pop(turn[0], None)
-                    logger.exception("%s could not be watched; going on.", turn[0])
+                    logger.exception("Change detection of %s failed; continuing.", turn[0])
             self._stop.wait(time.thread_time() - began_s)
             while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
                 pass
@@ -181,7 +192,7 @@ class ModelChangeMonitor:
                 self._say(twin_id, name, found, at)
 
     def _look_back(self, twin_id: str, odds: float) -> None:
-        """Read the newest part of the history; tell what nobody was told yet.
+        """Read the newest part of the history; report changes that were not reported yet.
 
         Of what was looked at before, or by a server before this one, only the newest.
         """
@@ -217,7 +228,7 @@ class ModelChangeMonitor:
         odds: float,
         renewed: Sequence[float] = (),
     ) -> list[tuple[str, DetectedChange, float, int]]:
-        """Take in readings; what was noticed, when, and how many readings follow.
+        """Take in readings; return detected changes, their time, and the readings after each.
 
         A series begins anew at each of the slow times `renewed`: that jump was announced.
         """
@@ -267,7 +278,7 @@ class ModelChangeMonitor:
             self._ask(twin_id, name, found, at)
 
     def _ask(self, twin_id: str, name: str, found: DetectedChange, at: float) -> None:
-        """Ask whether a change toward the nominal model was a repair that nobody has told."""
+        """Ask whether a change toward the nominal model was an unreported repair."""
         self._pipeline.note(
             twin_id,
             QUESTION,

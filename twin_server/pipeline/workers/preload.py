@@ -16,7 +16,7 @@ _COUNT = 40
 
 
 def warm() -> None:
-    """Forecast something once, so that what it takes is loaded and compiled."""
+    """Forecast once, so that all code is loaded and compiled."""
     time = np.arange(float(_COUNT))
     value = 1e-3 * np.random.default_rng(0).standard_normal(_COUNT)
     past = {"stiffness_change": Past(time, value, np.full(_COUNT, 1e-3), 0.0)}

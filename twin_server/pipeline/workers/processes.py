@@ -41,14 +41,14 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class AbandonedError(Exception):
-    """Nobody waits any more for what was being computed."""
+    """The caller no longer waits for the result."""
 
 
 class Workers(Protocol):
     """Runs functions, here or in other processes."""
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:
-        """Give what a function gives, or raise what it raises."""
+        """Return the result of a function, or raise its exception."""
         ...
 
     def close(self) -> None:
@@ -60,7 +60,7 @@ class CallerThread:
     """The thread that asks."""
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:
-        """Give what a function gives."""
+        """Return the result of a function."""
         return function(*arguments)
 
     def close(self) -> None:
@@ -89,11 +89,11 @@ class WorkerProcesses:
             self._free.put(None)
 
     def warm(self) -> None:
-        """Load what is needed, in the background: the first request need not wait for it."""
+        """Load required code in the background, so the first request does not wait for it."""
         threading.Thread(target=self._warm, name="warm", daemon=True).start()
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:
-        """Give what a function gives; function and arguments are pickled.
+        """Return the result of a function; function and arguments are pickled.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class WorkerProcesses:
         return worker
 
     def _kept(self, worker: "_Worker") -> bool:
-        """Take a process among ours, unless all have been ended meanwhile."""
+        """Register a process, unless all have been ended meanwhile."""
         with self._lock:
             if not self._closed:
                 self._all.add(worker)
@@ -202,7 +202,7 @@ class _Worker:
 
 
 def _work(pipe: Connection) -> None:
-    """Compute what comes, until the server is gone."""
+    """Run functions that arrive, until the server ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
@@ -226,7 +226,7 @@ def _work(pipe: Connection) -> None:
 
 
 def _context() -> Any:
-    """Fork from a process that has loaded what is needed, where there is fork."""
+    """Return a context that forks from a process with all code loaded, if fork is available."""
     if sys.platform == "win32":  # pragma: no cover
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -236,7 +236,7 @@ def _context() -> Any:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let a process that begins here use one thread for its algebra: processors are few."""
+    """Limit linear algebra of new processes to one thread, as processors are few."""
     lacking = [name for name in (*_ONE_THREAD, WARMED) if name not in os.environ]
     os.environ.update(dict.fromkeys(lacking, "1"))
     try:

@@ -43,7 +43,7 @@ class _Refused(Exception):
 
 
 def check_secured(settings: TwinSettings) -> None:
-    """Refuse to listen beyond this machine without encryption and without knowing who asks.
+    """Refuse to listen beyond this machine without encryption and authentication.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def is_loopback(host: str) -> bool:
 
 
 def guarded(settings: TwinSettings) -> "Guard":
-    """Make the door that the settings ask for.
+    """Wrap the application in the access control that the settings demand.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def guarded(settings: TwinSettings) -> "Guard":
         tokens.check()
     if settings.access.published_on_loopback and not is_loopback(settings.host):
         logger.warning(
-            "Listening at %s without asking who it is: this is safe only where the port is "
+            "Listening at %s without authentication: this is safe only if the port is "
             "published on loopback alone, as in docker-compose.yml.",
             settings.host,
         )
@@ -187,12 +187,12 @@ class Guard:
             assert self._openid is not None
             return await asyncio.to_thread(self._openid.verify, text)
         except RefusedTokenError as error:
-            # Counted after the look, so that nobody shuts out others of the same address.
+            # Counted after the check, so that one caller cannot block others of its address.
             self._count(self._failures, address)
             raise _Refused(
                 401,
                 "token-refused",
-                f"The token lets nobody in. {error} Ask an admin for a new one: `slowtime "
+                f"The token is refused. {error} Ask an admin for a new one: `slowtime "
                 "tokens add`.",
                 **{"WWW-Authenticate": 'Bearer realm="slowtime", error="invalid_token"'},
             ) from None
@@ -249,7 +249,7 @@ def _check_may(principal: Principal, rule: Rule, twin_id: str | None) -> None:
 
 
 def _check_same_site(headers: dict[str, str]) -> None:
-    """Refuse what another page made a browser send: a cookie comes along with that too."""
+    """Refuse requests with a cookie that another site's page made a browser send."""
     site, origin = headers.get("sec-fetch-site"), headers.get("origin")
     same = origin is not None and origin.partition("://")[2] == headers.get("host")
     if site not in ("same-origin", "none") and not (site is None and same):
@@ -262,7 +262,7 @@ def _check_same_site(headers: dict[str, str]) -> None:
 
 
 def _check_from_here(headers: dict[str, str]) -> None:
-    """Refuse what a page of another site made a browser send, with a token or without.
+    """Refuse requests that another site's page made a browser send, with a token or without.
 
     A browser says from where a request comes (``Sec-Fetch-Site``, ``Origin``), and no page can
     keep it from that; programs say neither.
@@ -288,7 +288,7 @@ def _check_from_here(headers: dict[str, str]) -> None:
 
 
 def _host(authority: str) -> str:
-    """Give the host of an authority, without its port.
+    """Return the host of an authority, without its port.
 
     Examples
     --------

@@ -64,7 +64,7 @@ class OpenId:
             self._ask()
 
     def verify(self, text: str) -> Principal:
-        """Whom a JWT stands for; may wait for the provider, so not for the event loop.
+        """Return the principal of a JWT; may wait for the provider, so not for the event loop.
 
         Raises
         ------

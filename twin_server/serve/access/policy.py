@@ -34,7 +34,7 @@ class Rule:
 
     @property
     def pattern(self) -> re.Pattern[str]:
-        """The expression by which Starlette itself recognises the path."""
+        """The expression by which Starlette matches the path."""
         return compile_path(self.path)[0]
 
 

@@ -1,4 +1,4 @@
-"""Composites at the door: twins made of twins, with health, failure probability and rates."""
+"""Composites in REST: health, failure probability and pooled rates."""
 
 from .assessment import assess
 from .failure import Failure, failure_probability

@@ -1,4 +1,4 @@
-"""Health and failure probability of a composite, from what is known of its members."""
+"""Health and failure probability of a composite, from those of its members."""
 
 import hashlib
 import math

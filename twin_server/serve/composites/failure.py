@@ -1,4 +1,4 @@
-"""Failure probability of a twin within a horizon: what a composite asks of each member.
+"""Failure probability of a twin within a horizon, as a composite needs it of each member.
 
 It is one function, so that another source, such as limit states with a remaining life, can
 take its place.
@@ -49,7 +49,7 @@ class Failure(NamedTuple):
 
 
 def unknown(*reasons: str, unit: str | None = None) -> Failure:
-    """Give what is known where nothing is: anything from 0 to 1."""
+    """Return the result if nothing is known: any probability from 0 to 1."""
     return Failure(math.nan, 0.0, 1.0, reasons, None, unit)
 
 
@@ -102,7 +102,7 @@ def failure_probability(
 
 
 def _of_limit_states(risk: Mapping[str, Any], twin_id: str) -> Failure:
-    """Probability of failure by any limit state up to the horizon, as a risk tells it."""
+    """Probability of failure by any limit state up to the horizon, from the risk."""
     told = [
         *risk["reasons"],
         *(text for one in risk["limit_states"] for text in one["reasons"]),
@@ -132,6 +132,17 @@ def _any_of(parts: Sequence[tuple[float, float, float]]) -> tuple[float, float, 
 
 def interval(share: float, count: int = PATHS) -> tuple[float, float]:
     """Jeffreys' 95 % interval of a probability of which `share` of `count` draws were seen.
+
+    Parameters
+    ----------
+    share
+        Share of draws that failed [1].
+    count
+        Number of draws.
+
+    Returns
+    -------
+    Lower and upper end [1].
 
     Examples
     --------

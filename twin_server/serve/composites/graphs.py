@@ -28,7 +28,7 @@ _NAME = re.compile(r"[^a-z0-9_-]+")
 
 
 class WrongGraphError(ValueError):
-    """A file that is no graph of twins; the text says what was found."""
+    """A file that is no graph of twins; the text says what it contains."""
 
 
 class Found(NamedTuple):
@@ -173,7 +173,7 @@ def _of_json_ld(nodes: Sequence[Mapping[str, Any]]) -> dict[str, _Instance]:
 
 
 def _local(iri: str) -> str:
-    """Give the last part of an IRI.
+    """Return the last part of an IRI.
 
     Examples
     --------
@@ -208,7 +208,7 @@ def _own_id(name: str, site: str | None, inside: Sequence[str]) -> str:
 def _parts_first(
     parts: Mapping[str, Sequence[str]], ids: Mapping[str, str | None]
 ) -> list[str]:
-    """Sort wholes so that each comes behind the wholes that are parts of it."""
+    """Sort composites so that each comes after those that are its members."""
     done: dict[str, None] = {}
     under_way: dict[str, None] = {}
     for start in parts:

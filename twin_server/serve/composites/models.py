@@ -25,7 +25,7 @@ class HealthOfComposite(HealthOfTwins):
 
 
 class Chance(BaseModel):
-    """A failure probability with its 95 % band; null where nothing is known."""
+    """A failure probability with its 95 % band; null if unknown."""
 
     value: float | None
     lo: float
@@ -56,7 +56,7 @@ class FailureOfComposite(ChanceWithReasons):
 
 
 class ImportanceOfTwin(BaseModel):
-    """How much a twin matters; see `docs/composites.md`."""
+    """Importance of a twin; see `docs/composites.md`."""
 
     birnbaum: float
     criticality: float
@@ -95,7 +95,7 @@ class RateModel(BaseModel):
 
 
 class OwnRate(BaseModel):
-    """What a twin's own readings say."""
+    """The drift rate from a twin's own readings."""
 
     value: float
     sd: float
@@ -161,7 +161,7 @@ _EXAMPLE: dict[str, Any] = {
 
 
 class CompositeModel(BaseModel):
-    """A composite, and all that is known of it."""
+    """A composite with its health, failure probability, importance and rates."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
 
@@ -178,7 +178,7 @@ class CompositeModel(BaseModel):
 
 
 class CompositeBrief(BaseModel):
-    """A composite in a list: without what takes forecasts."""
+    """A composite in a list, without results that need forecasts."""
 
     id: str
     name: str
@@ -188,7 +188,7 @@ class CompositeBrief(BaseModel):
 
 
 class CompositeList(BaseModel):
-    """All composites whose twins the caller sees."""
+    """All composites whose twins the caller may see."""
 
     composites: list[CompositeBrief]
 

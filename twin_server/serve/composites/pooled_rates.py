@@ -79,6 +79,6 @@ def _of_one(
 
 
 def _rate(rate: Rate) -> dict[str, float | None]:
-    """As JSON, which knows no infinity."""
+    """Convert to JSON, which has no infinity."""
     values = {"value": rate.value, "sd": rate.sd, "lo": rate.lo, "hi": rate.hi}
     return {name: one if math.isfinite(one) else None for name, one in values.items()}

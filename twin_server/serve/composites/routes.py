@@ -1,4 +1,4 @@
-"""Routes of composites: registered, listed, assessed, and asked what they are made of."""
+"""Routes of composites: register, list, assess, and list their members."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
@@ -215,7 +215,7 @@ def _sees(request: Request, composite_id: str, composites: Mapping[str, Composit
 
 
 def _reach(request: Request, composite_id: str, composites: Mapping[str, Composite]) -> None:
-    """Refuse who may not see every twin within a composite."""
+    """Refuse callers who may not see every twin within a composite."""
     principal = principal_of(request.scope)
     hidden = [name for name in twins_of(composite_id, composites) if not principal.sees(name)]
     if hidden:

@@ -1,4 +1,4 @@
-"""A site as a graph that twin platforms load: interfaces in DTDL v3, and what is one of them.
+"""A site as a graph for twin platforms: interfaces in DTDL v3, and their instances.
 
 The graph has the form that Azure Digital Twins Explorer imports: models, twins, relationships.
 A site hosts twins; a composite has twins and other composites as members; a twin with a model
@@ -39,7 +39,7 @@ _OF = {
 
 
 class Asset(NamedTuple):
-    """A twin as it is told of: its registration, and its latest state as REST gives it."""
+    """A twin in the graph: its registration, and its latest state as in REST."""
 
     id: str
     registration: Registration
@@ -156,7 +156,7 @@ def _common() -> list[Node]:
             twin, "Twin", "An asset that vibrates, as it was after its last epoch.",
             _property("name", "string", "For people."),
             _property("changes", "string", "What may change: stiffness, mass, both, elements."),
-            _property("alive", "boolean", "Whether the edge agent is there."),
+            _property("alive", "boolean", "Whether the edge agent is online."),
             _property("valid", "boolean", "Whether the estimates mean anything."),
             _property("reasons", texts, "Why not, in sentences."),
             _property("t_ns", "long", "Sensor time [ns since 1970-01-01 UTC]."),

@@ -27,7 +27,7 @@ class Files:
         self._makers: anyio.CapacityLimiter | None = None
 
     def given(self, pieces: Iterator[bytes], kind: str, headers: Mapping[str, str]) -> Response:
-        """Give a file.
+        """Return a response that streams a file.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Routes that give what a twin knows to other tools, as files."""
+"""Routes that export histories and graphs as files."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
@@ -46,7 +46,7 @@ def written_as(whole: dict[str, Any], form: Form) -> dict[str, Any]:
 
 
 def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
-    """Twins as the graph tells of them."""
+    """Return the twins of the graph."""
     for twin_id in twin_ids:
         registration = knowledge.registration(twin_id)
         if registration is not None:
@@ -111,7 +111,7 @@ def routes(
         start: MomentText = None,
         end: MomentText = None,
     ) -> Response:
-        """Give all states from `start` to `end` as a table: none is left out."""
+        """Return all states from `start` to `end` as a table: none is left out."""
         pages = pages_of(knowledge, twin_id, moment_of("start", start), moment_of("end", end))
         try:
             table = written(pages, columns_of(registration), form, twin_id)
@@ -121,7 +121,7 @@ def routes(
 
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
     def one(twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3") -> Response:
-        """Give a twin, the parts of its model and their relations, with DTDL models."""
+        """Return a twin, the parts of its model and their relations, with DTDL models."""
         return given([twin_id], twin_id, form)
 
     @api.get(
@@ -134,7 +134,7 @@ def routes(
         site: Annotated[Name | None, Query(description="Of this site alone.")] = None,
         form: AsForm = "dtdl-3",
     ) -> Response:
-        """Give sites, twins, composites and all relations as one graph, with DTDL models."""
+        """Return sites, twins, composites and all relations as one graph, with DTDL models."""
 
         def told() -> Response:
             seen = filter(principal_of(request.scope).sees, knowledge.ids())

@@ -228,7 +228,7 @@ class _Sink(io.RawIOBase):
         return len(piece)
 
     def taken(self) -> bytes:
-        """Give what was written since the last time."""
+        """Return the bytes written since the last call."""
         piece = bytes(self._waiting)
         self._waiting.clear()
         return piece

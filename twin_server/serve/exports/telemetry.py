@@ -13,7 +13,7 @@ and damping ratios have no semantic type in DTDL; their unit is 1."""
 
 
 def telemetry_of(quantity: str, says: str) -> tuple[Node, Node]:
-    """Give the telemetry of an estimate and that of its standard deviation.
+    """Return the telemetry of an estimate and that of its standard deviation.
 
     Examples
     --------

@@ -13,7 +13,7 @@ class _TooLarge(Exception):
 
 
 class BodyLimit:
-    """ASGI middleware: no body is longer than `max_bytes`, whatever its header says.
+    """ASGI middleware that limits bodies to `max_bytes`, whatever their header states.
 
     Parameters
     ----------

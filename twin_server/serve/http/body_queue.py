@@ -81,7 +81,7 @@ class BodyQueue:
 
 
 def release_body_slot(scope: Scope) -> None:
-    """Let the next one in: this request is valid, and goes on to wait for something else."""
+    """Release the validation slot: this request is valid and goes on."""
     leave = scope.get(KEY)
     if leave is not None:
         leave()

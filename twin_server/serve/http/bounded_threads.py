@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class BoundedThreads:
-    """Threads of one purpose; who asks beyond them waits.
+    """A bounded pool of threads for one purpose; further calls wait.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class BoundedThreads:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def run(self, function: Callable[[], T]) -> T:
-        """Give what a function gives, in a thread."""
+        """Return the result of a function, run in a thread."""
         loop = asyncio.get_running_loop()
         if self._limiter is None or self._loop is not loop:
             self._limiter, self._loop = anyio.CapacityLimiter(self._count), loop

@@ -1,4 +1,4 @@
-"""Computes one answer for all who ask the same question at the same time."""
+"""Computes one answer for all simultaneous equal requests."""
 
 import asyncio
 import concurrent.futures
@@ -25,7 +25,7 @@ class CoalescedCall(Generic[T]):
         self._asked: concurrent.futures.Future[T] | None = None
 
     async def ask(self) -> T:
-        """Give the answer that is being found, or find one."""
+        """Return the answer being computed, or compute one."""
         if self._asked is None or self._asked.done():
             self._asked = self._thread.submit(self._find)
         return await asyncio.shield(asyncio.wrap_future(self._asked))

@@ -33,7 +33,7 @@ _abandoned: contextvars.ContextVar[threading.Event | None] = contextvars.Context
 
 
 def abandoned() -> bool:
-    """Whether nobody waits any more for what this thread computes."""
+    """Whether no caller waits for the computation of this thread."""
     event = _abandoned.get()
     return event is not None and event.is_set()
 
@@ -72,7 +72,7 @@ class _Job:
 
 
 class ComputeQueue:
-    """Some threads, and who waits for them; lives in the event loop.
+    """Some threads, and the requests that wait for them; used in the event loop.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class ComputeQueue:
         ProblemError
             503 where too many wait already.
         ClientDisconnect
-            Where the client left.
+            Where the client disconnected.
         """
         job = self._joined(work, group, share, light)
         job.waiting += 1
@@ -180,7 +180,7 @@ class ComputeQueue:
             begun.add_done_callback(lambda begun, job=job: self._tell(job, begun))  # type: ignore[misc]
 
     def _tell(self, job: _Job, begun: concurrent.futures.Future[Any]) -> None:
-        """Hand over what a thread has computed."""
+        """Pass on the result of a thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended
             job.loop.call_soon_threadsafe(self._end, job, begun)
 
@@ -198,7 +198,7 @@ class ComputeQueue:
         self._begin_next()
 
     def _leave(self, job: _Job) -> None:
-        """Forget what nobody waits for."""
+        """Drop computations without a waiting caller."""
         job.ended.set()
         if not job.running and job in self._jobs:
             self._jobs.remove(job)

@@ -63,7 +63,7 @@ class Connections:
         return type("Limited", (Connection,), {"connections_of": self})
 
     def add(self, one: "Connection", address: str) -> bool:
-        """Let one in, if need be in the place of one that waits; False where none does."""
+        """Admit a connection, if need be in place of an idle one; False if none is idle."""
         theirs = self._of.setdefault(address, {})
         limit = self.limits.most_of_one
         if limit is not None and len(theirs) >= limit and not self._cut_off_oldest(theirs):
@@ -121,7 +121,7 @@ class Connection(HttpToolsProtocol):
         self.transport.close()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Let it in, if there is room for it."""
+        """Admit the connection, if the limits allow."""
         super().connection_made(transport)
         self._address = str((self.client or ("",))[0])
         if not self.connections_of.add(self, self._address):
@@ -159,14 +159,14 @@ class Connection(HttpToolsProtocol):
         super().data_received(data)
 
     def on_headers_complete(self) -> None:
-        """Count no further: what follows is a body, which has limits of its own."""
+        """Stop counting: a body follows, which has limits of its own."""
         self._in_head, self._head, self._received, self._late_s = False, 0, 0, 0.0
         self._begun_s = self.loop.time()
         self._again(self._look_at_body)
         super().on_headers_complete()
 
     def on_message_complete(self) -> None:
-        """Count again: what follows is the next request."""
+        """Count again: the next request follows."""
         self._in_head, self._head = True, 0
         if self._timer is not None:
             self._timer.cancel()
@@ -174,7 +174,7 @@ class Connection(HttpToolsProtocol):
         super().on_message_complete()
 
     def pause_writing(self) -> None:
-        """Begin to watch whether the client reads what is written."""
+        """Begin to measure whether the client reads the answer."""
         super().pause_writing()
         self._late_s = 0.0
         if self._taking is None:
@@ -213,7 +213,7 @@ class Connection(HttpToolsProtocol):
         self.transport.close()
 
     def _look_at_body(self) -> None:
-        """End a body that trickles; what the server itself does not take is not counted."""
+        """End a body that arrives too slowly; pauses of the server are not counted."""
         self._timer = None
         if self._in_head or self.transport.is_closing():
             return
@@ -241,7 +241,7 @@ class Connection(HttpToolsProtocol):
         )
 
     def _look_at_answer(self, before: int, *, first: bool = False) -> None:
-        """End a connection whose client takes too little of the answer."""
+        """End a connection whose client reads the answer too slowly."""
         self._taking = None
         if self.transport.is_closing():
             return

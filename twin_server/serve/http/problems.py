@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457): what was given, what is allowed, what to do."""
+"""Errors as problem documents (RFC 9457): the value given, the values allowed, advice."""
 
 import logging
 from collections.abc import Mapping
@@ -82,7 +82,7 @@ def respond(request: Request, status: int, slug: str, detail: str, **more: Any) 
 
 
 def install(app: FastAPI) -> None:
-    """Let every error of `app` be a problem document."""
+    """Convert every error of `app` to a problem document."""
     app.add_exception_handler(ProblemError, _ours)
     app.add_exception_handler(RequestValidationError, _not_valid)
     app.add_exception_handler(HTTPException, _http)
@@ -146,8 +146,8 @@ async def _http(request: Request, error: Exception) -> Response:
 
 
 async def _left(request: Request, error: Exception) -> Response:
-    """Answer nobody: the client has left, which is no fault of anybody."""
-    logger.debug("%s %s: the client left.", request.method, request.url.path)
+    """Answer nothing: the client has disconnected."""
+    logger.debug("%s %s: the client disconnected.", request.method, request.url.path)
     return Response(status_code=CLIENT_LEFT)
 
 

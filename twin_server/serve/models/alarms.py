@@ -19,7 +19,7 @@ ACKNOWLEDGED_EXAMPLE: dict[str, Any] = {
 
 
 class AcknowledgementOrder(Frozen):
-    """Who has taken note of an alarm, and what they say of it."""
+    """Who acknowledges an alarm, with a comment."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -35,7 +35,7 @@ class AcknowledgementOrder(Frozen):
 
 
 class TrialOrder(Frozen):
-    """Which receiver a test alarm goes to."""
+    """The receiver of a test alarm."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -49,7 +49,7 @@ class TrialOrder(Frozen):
 
 
 class AcknowledgementModel(BaseModel):
-    """Who has taken note of an alarm, and when."""
+    """Who acknowledged an alarm, and when."""
 
     model_config = {"json_schema_extra": {"examples": [ACKNOWLEDGED_EXAMPLE]}}
 
@@ -69,7 +69,7 @@ class AlarmModel(BaseModel):
     """An event of severity `alarm`."""
 
     event_id: str = Field(
-        description="The same after the history was estimated anew.", examples=[EVENT_ID]
+        description="The same after the history was estimated again.", examples=[EVENT_ID]
     )
     number: int
     kind: str = Field(examples=["alarm"])
@@ -89,7 +89,7 @@ class AlarmList(BaseModel):
 
 
 class RouteModel(BaseModel):
-    """How a route of a twin fares."""
+    """State of a route of a twin."""
 
     receiver: str
     kind: Literal["webhook", "email", "mqtt", "own"] | None = Field(
@@ -123,7 +123,7 @@ class DeliveryModel(BaseModel):
 
 
 class DeliveryList(BaseModel):
-    """How the routes of a twin fare, and its newest deliveries, the newest first."""
+    """State of the routes of a twin, and its deliveries, the newest first."""
 
     id: str
     routes: list[RouteModel]

@@ -36,7 +36,7 @@ GAP_EXAMPLE: dict[str, Any] = {
 
 
 class DiagnosisModel(BaseModel):
-    """A diagnosis: how far it has come, or what it has found."""
+    """A diagnosis: its progress, or its result."""
 
     model_config = {"json_schema_extra": {"examples": [DIAGNOSIS_EXAMPLE]}}
 
@@ -72,7 +72,7 @@ class GapReading(BaseModel):
 
 
 class GapModel(BaseModel):
-    """How far the twin's model is from what arrives, and how far it always was."""
+    """Error of the model's free run on current samples, and its usual size."""
 
     model_config = {"json_schema_extra": {"examples": [GAP_EXAMPLE]}}
 

@@ -105,7 +105,7 @@ class FatigueModel(BaseModel):
 
 
 class VirtualQuantityModel(BaseModel):
-    """A quantity that nobody measures."""
+    """An unmeasured quantity, estimated from a model."""
 
     name: str
     unit: str

@@ -56,7 +56,7 @@ FORECAST_EXAMPLE: dict[str, Any] = {
 
 
 class ForecastPoint(BaseModel):
-    """What is expected at one slow time; null for what is not estimated."""
+    """Forecast at one slow time; null for quantities that are not estimated."""
 
     slow_time: float
     stiffness_change: Estimate | None
@@ -134,7 +134,7 @@ class ForecastModel(BaseModel):
         description="After how long each quantity repeats itself; null where it does not."
     )
     jumps: dict[str, list[float]] = Field(
-        description="Slow times after which the past of a quantity went elsewhere."
+        description="Slow times after which a quantity jumped."
     )
     valid: bool
     reasons: list[str]

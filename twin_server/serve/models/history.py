@@ -50,7 +50,7 @@ class BandModel(RangeModel):
 
 
 class BandsModel(BaseModel):
-    """What all readings show, in buckets of consecutive ones; columns, one number a bucket."""
+    """Statistics of all readings in buckets of consecutive ones; one column each."""
 
     model_config = {"json_schema_extra": {"examples": [BANDS_EXAMPLE]}}
 
@@ -75,11 +75,11 @@ class HistoryModel(BaseModel):
 
 
 class EventModel(BaseModel):
-    """Something a person may want to know of, once."""
+    """An event for people."""
 
     number: int
     event_id: str = Field(
-        description="The same after the history was estimated anew; `number` is not.",
+        description="The same after the history was estimated again; `number` is not.",
         examples=["5f0c2a4e9b7d41c6a3e8f1d2b4c6978a"],
     )
     id: str
@@ -108,7 +108,7 @@ class HashModel(BaseModel):
 
 
 class HeadModel(BaseModel):
-    """A signed hash over what the server had accepted of all its twins."""
+    """A signed hash over everything that the server had accepted of all its twins."""
 
     number: int
     t_ns: int

@@ -84,7 +84,7 @@ class PlanTime(BaseModel):
 
 
 class PlanFailure(BaseModel):
-    """What counts as a failure, and how probable it is without a repair."""
+    """The definition of failure, and its probability without a repair."""
 
     quantity: str
     threshold: float
@@ -141,7 +141,7 @@ class PlanBreakEven(BaseModel):
 
 
 class PlanInformation(BaseModel):
-    """What an observation is worth before it is made."""
+    """The value of an observation before it is made."""
 
     name: str
     kind: Literal["inspection", "detection", "readings"]
@@ -160,7 +160,7 @@ class PlanInformation(BaseModel):
 
 
 class PlanModel(BaseModel):
-    """What to do with a twin's structure, by when, why, and what would change it."""
+    """Recommended action for a twin's structure: date, reasons, and what would change it."""
 
     model_config = {"json_schema_extra": {"examples": [PLAN_EXAMPLE]}}
 

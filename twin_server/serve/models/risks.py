@@ -36,7 +36,7 @@ RISK_EXAMPLE: dict[str, Any] = {
 
 
 class ProbabilityModel(BaseModel):
-    """A probability, and the 5 to 95 % band of what more readings could make of it."""
+    """A probability, and the 5 to 95 % band that more readings could move it within."""
 
     model_config = {"json_schema_extra": {"examples": [PROBABILITY_EXAMPLE]}}
 

@@ -78,7 +78,7 @@ class SeenModeModel(BaseModel):
 
 
 class OfElements(BaseModel):
-    """What only a twin of many elements has."""
+    """Fields that only twins of many elements have."""
 
     elements: dict[str, Estimate] = Field(
         default={}, description="Relative change of each free stiffness and mass, by name."
@@ -87,14 +87,14 @@ class OfElements(BaseModel):
         default={}, description="Of each: 1 where the readings said nothing, 0 if sure."
     )
     suspects: list[str] = Field(
-        default=[], description="What has changed: 'j2'; 'j1 or j4' where nobody can tell."
+        default=[], description="Changed elements: 'j2'; 'j1 or j4' if the data cannot decide."
     )
     channels: list[str] = Field(default=[], description="Of the shapes' components, in order.")
     modes: list[SeenModeModel] = []
 
 
 class State(OfElements):
-    """What a twin knew after one features message."""
+    """The state of a twin after one features message."""
 
     model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]}}
 
@@ -149,7 +149,7 @@ class Entered(BaseModel):
 
 
 class NormalModel(BaseModel):
-    """What is normal for one frequency under temperature and load, as learnt in training."""
+    """Normal behaviour of one frequency under temperature and load, as learnt in training."""
 
     model_config = {"json_schema_extra": {"examples": [NORMAL_EXAMPLE]}}
 
@@ -173,7 +173,7 @@ class RaisedModel(BaseModel):
 
 
 class TwinModel(OfElements):
-    """A twin: its latest state, or that at a moment, and what it is."""
+    """A twin: its registration, and its latest state or that at an instant."""
 
     model_config = {
         "json_schema_extra": {
@@ -203,7 +203,7 @@ class TwinModel(OfElements):
     mass_change: Estimate | None
     valid: bool
     reasons: list[str]
-    alive: bool = Field(description="Whether the edge agent is there.")
+    alive: bool = Field(description="Whether the edge agent is online.")
     heard_ns: int | None = Field(
         None,
         description="When features last came, by this server's clock [ns since 1970-01-01 "

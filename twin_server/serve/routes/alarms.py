@@ -31,21 +31,21 @@ class AlarmService(Protocol):
     """Service of alarms; refusals are raised as `ProblemError`."""
 
     def alarms(self, twin_id: str, limit: int) -> list[dict[str, Any]]:
-        """Give the newest alarms of a twin: whether each still holds, and who has seen it."""
+        """Return the newest alarms of a twin: whether raised, and acknowledgements."""
         ...
 
     def acknowledge(
         self, twin_id: str, event_id: str, by: str, principal: str, note: str
     ) -> dict[str, Any]:
-        """Keep that somebody has taken note of an alarm."""
+        """Store an acknowledgement of an alarm."""
         ...
 
     def test(self, twin_id: str, receiver: str | None, by: str) -> dict[str, Any]:
-        """Send an event that says it is a test."""
+        """Send a test event."""
         ...
 
     def deliveries(self, twin_id: str, limit: int) -> dict[str, Any]:
-        """Give how the routes of a twin fare, and its newest deliveries."""
+        """Return the state of a twin's routes, and its newest deliveries."""
         ...
 
     def tallies(self) -> Sequence[Tally]:

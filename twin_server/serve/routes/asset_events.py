@@ -33,7 +33,7 @@ _EVENT_ID = "59f1856b17386c5b4de99fa65efe7580"
 
 
 class AssetEventModel(BaseModel):
-    """An event of an asset as it was told, and whether it holds."""
+    """A reported event of an asset, and whether it holds."""
 
     event: str = Field(description="Id that was given.", examples=["work-order-118"])
     number: int = Field(description="Counts the events of a twin.")
@@ -61,7 +61,7 @@ class AssetEventModel(BaseModel):
 
 
 class QuestionModel(BaseModel):
-    """A change that looks like a repair of which nobody has told."""
+    """A change that looks like an unreported repair."""
 
     event_id: str = Field(examples=[_EVENT_ID])
     number: int
@@ -88,11 +88,11 @@ class AssetEventService(Protocol):
     def record(
         self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str
     ) -> tuple[dict[str, Any], bool]:
-        """Record an event; what is kept of it, and whether that is new."""
+        """Record an event; return the stored event, and whether it is new."""
         ...
 
     def listed(self, twin_id: str) -> dict[str, Any]:
-        """Give all events of an asset, the newest first, and the questions about it."""
+        """Return all events of an asset, the newest first, and the questions about it."""
         ...
 
 

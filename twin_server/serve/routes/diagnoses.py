@@ -55,7 +55,7 @@ class DiagnosisService(Protocol):
         ...
 
     def file(self, number: int, name: str) -> bytes | None:
-        """Give a file that it has left; None where there is none."""
+        """Return a result file; None if it does not exist."""
         ...
 
     def cancel(self, number: int) -> bool:
@@ -63,15 +63,15 @@ class DiagnosisService(Protocol):
         ...
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Put what a diagnosis has found into the twin."""
+        """Adopt the result of a diagnosis into the twin."""
         ...
 
     def undo(self, twin_id: str, registration: Registration, number: int) -> None:
-        """Take out again what was adopted last."""
+        """Undo the latest adoption."""
         ...
 
     def gap(self, twin_id: str) -> Mapping[str, Any]:
-        """How far the twin's models are from what arrives."""
+        """Return the free-run errors of the twin's models on current samples."""
         ...
 
 
@@ -164,7 +164,7 @@ def routes(
         responses=_PROBLEMS,
     )
     def file(twin_id: TwinId, number: Number, name: str, registration: Known) -> Response:
-        """Give a file of one that is done.
+        """Return a file of one that is done.
 
         `report.html`, `report.json`, `augmented.yaml`, or `charts.json`: the charts of the
         report, each with its heading and what it shows in words, as Plotly takes them.

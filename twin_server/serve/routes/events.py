@@ -28,7 +28,7 @@ _PROBLEMS = problems.answers(
 def routes(
     knowledge: Knowledge, hub: Hub, known: Callable[[str], Awaitable[Registration]]
 ) -> APIRouter:
-    """Make the routes; `known` gives the registration of the twin in the path."""
+    """Make the routes; `known` returns the registration of the twin in the path."""
     api = APIRouter(tags=["twins"])
     Known = Annotated[Registration, Depends(known)]
 
@@ -37,7 +37,7 @@ def routes(
         after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
         limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
     ) -> Response:
-        """Give the newest signed head of the ledger; with `after`, those that follow."""
+        """Return the newest signed head of the ledger; with `after`, those that follow."""
         return json_response({"heads": knowledge.heads(after, limit)})
 
     @api.get("/twins/{twin_id}/events", response_model=EventList, responses=_PROBLEMS)

@@ -139,7 +139,7 @@ def foretell(
     toward: Side | None = None,
     at: Moment | None = None,
 ) -> dict[str, Any]:
-    """Give the forecast as REST does.
+    """Return the forecast as REST does.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _asked(
     quantity: str | None,
     toward: Side | None,
 ) -> list[tuple[str, Limit]]:
-    """All thresholds whose time is told, and who asks for each."""
+    """All thresholds with a crossing time, and where each comes from."""
     asked: list[tuple[str, Limit]] = []
     if threshold is not None:
         name = _quantity(registration, quantity)
@@ -174,7 +174,7 @@ def _asked(
 
 
 def _quantity(registration: Registration, given: str | None) -> str:
-    """Name what a threshold is of."""
+    """Return the quantity of a threshold."""
     if registration.changes == "elements":
         allowed: Sequence[str] = registration.structure().free
     else:

@@ -39,7 +39,7 @@ def routes(
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
 ) -> APIRouter:
-    """Make the routes; `known` gives the registration of the twin in the path."""
+    """Make the routes; `known` returns the registration of the twin in the path."""
     api = APIRouter(tags=["twins"])
     reading = BoundedThreads(2)
     Known = Annotated[Registration, Depends(known)]

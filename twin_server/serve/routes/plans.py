@@ -158,7 +158,7 @@ def _asset(plan: dict[str, Any], window_d: float) -> dict[str, Any]:
 
 
 def _days(plan: dict[str, Any], one: dict[str, Any]) -> float:
-    """Days until an inspection; where the calendar is not known, only one now is near."""
+    """Days until an inspection; without a calendar only an immediate one is near."""
     ahead = float(one["at"]["ahead"])
     if ahead == 0.0:
         return 0.0

@@ -55,7 +55,7 @@ RECORDING_EXAMPLE: dict[str, Any] = {
 
 
 class ReplayModel(BaseModel):
-    """How far a recording has been played, or how that ended."""
+    """Progress or outcome of a replay."""
 
     state: Literal["playing", "done", "stopped", "failed"]
     done: int = Field(description="Messages.")
@@ -80,7 +80,7 @@ class RecordingModel(BaseModel):
 
 
 class RecordingList(BaseModel):
-    """All recordings that who asks may see, the newest first."""
+    """All recordings that the caller may see, the newest first."""
 
     kept: bool = Field(description="Whether the server keeps recordings at all.")
     max_bytes: int = Field(description="Of one that is given.")
@@ -88,7 +88,7 @@ class RecordingList(BaseModel):
 
 
 class ReplayOrder(BaseModel):
-    """How fast."""
+    """Speed of a replay."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -107,7 +107,7 @@ class RecordingService(Protocol):
     """Service of recordings; refusals are raised as `ProblemError`."""
 
     def listed(self, reaches: Reaches) -> Mapping[str, Any]:
-        """Give all that may be seen."""
+        """Return all recordings that the caller may see."""
         ...
 
     def path(self, name: str, reaches: Reaches) -> FilePath:
@@ -115,7 +115,7 @@ class RecordingService(Protocol):
         ...
 
     async def take(self, name: str, chunks: AsyncIterator[bytes], reaches: Reaches) -> None:
-        """Take one in, once it was found sound."""
+        """Accept a recording after it was found valid."""
         ...
 
     def delete(self, name: str, reaches: Reaches) -> None:
@@ -174,7 +174,7 @@ def routes(recording_service: RecordingService) -> APIRouter:
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
     async def give(name: Name, request: Request) -> FileResponse:
-        """Give a recording as it is."""
+        """Return a recording as it is."""
         path = await threads.run(lambda: recording_service.path(name, reaches(request)))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 

@@ -1,4 +1,4 @@
-"""Routes of the page's session, whose token the browser keeps in an HTTP-only cookie."""
+"""Routes of the page's session; the browser keeps the token in an HTTP-only cookie."""
 
 import time
 
@@ -14,7 +14,7 @@ LONGEST_S = 30 * 86_400
 
 
 class SessionModel(BaseModel):
-    """Who asks."""
+    """The principal of the session."""
 
     name: str = Field(examples=["ann (1a2b3c4d)"])
     scope: str = Field(examples=["operator"])

@@ -68,7 +68,7 @@ EXAMPLE: dict[str, Any] = {
 
 
 class ResponseModel(BaseModel):
-    """Motion of one node at the instants `t_s`, and what there is of it in all."""
+    """Motion of one node at the instants `t_s`, with a summary."""
 
     value: list[float] = Field(description="Mean over the draws.")
     sd: list[float]
@@ -86,7 +86,7 @@ class BelievedModel(BaseModel):
 
 
 class TodayModel(BaseModel):
-    """What the bands come from: the structure as it is believed to be now."""
+    """The estimated current structure, from which the bands follow."""
 
     changes: dict[str, BelievedModel]
     frequencies_hz: list[Estimate]
@@ -94,7 +94,7 @@ class TodayModel(BaseModel):
 
 
 class SimulationModel(BaseModel):
-    """What a twin would do, from rest, under a load; the bands are of what is not known."""
+    """Response of a twin, from rest, under a load, with bands from the uncertain structure."""
 
     model_config = {"json_schema_extra": {"examples": [EXAMPLE]}}
 

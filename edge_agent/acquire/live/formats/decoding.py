@@ -19,7 +19,7 @@ AnyLayout = JsonLayout | CsvLayout | PackedLayout
 
 
 def decoder_of(layout: AnyLayout, lane: int = 0, columns: Sequence[int] = ()) -> Decoder:
-    """Give what turns a payload and its time of arrival into batches.
+    """Return the function that decodes a payload and its arrival time to batches.
 
     Parameters
     ----------

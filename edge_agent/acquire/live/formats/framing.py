@@ -25,12 +25,12 @@ class Framer(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forget what was begun: the connection is another."""
+        """Discard the incomplete message, because the connection has changed."""
         ...
 
 
 def framer_of(layout: JsonLayout | CsvLayout | PackedLayout) -> Framer:
-    """Give what finds the messages of a layout.
+    """Return the framer for the messages of a layout.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def framer_of(layout: JsonLayout | CsvLayout | PackedLayout) -> Framer:
 
 
 class LineFramer:
-    """Lines end with a line feed; comments, headings and what is too long are garbage.
+    """Lines end with a line feed; comments, headings and too long lines are garbage.
 
     Examples
     --------
@@ -82,13 +82,13 @@ class LineFramer:
             self._begun, self._overlong = b"", True
 
     def reset(self) -> None:
-        """Forget the line that was begun."""
+        """Discard the incomplete line."""
         self.garbage_bytes += len(self._begun)
         self._begun, self._overlong = b"", False
 
 
 class FrameFramer:
-    """Frames begin with sync bytes; length and checksum tell them from chance.
+    """Finds frames by sync bytes, and verifies them by length and checksum.
 
     Without a checksum, a frame after garbage is believed once another one follows it.
     """
@@ -119,12 +119,12 @@ class FrameFramer:
             yield frame
 
     def reset(self) -> None:
-        """Forget the frame that was begun."""
+        """Discard the incomplete frame."""
         self._drop(len(self._buffer))
         self._locked = self._layout.checksum != "none"
 
     def _skip_to_sync(self) -> bool:
-        """Drop what is before the next sync; False where there is none yet."""
+        """Drop bytes before the next sync; False if there is none yet."""
         place = self._buffer.find(self._sync)
         if place > 0:
             self._locked = self._layout.checksum != "none"

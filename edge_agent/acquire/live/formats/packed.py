@@ -45,7 +45,7 @@ def decode_frame(layout: PackedLayout, data: bytes, arrival_ns: int) -> Batch:
 
 
 def read_header(layout: PackedLayout, data: bytes) -> dict[str, int | float]:
-    """Give the numbers of the header by what they are."""
+    """Return the numbers of the header by their meaning."""
     place, header = len(layout.sync_bytes), {}
     for what, kind, size in layout.fields:
         if what != "skip":
@@ -55,7 +55,19 @@ def read_header(layout: PackedLayout, data: bytes) -> dict[str, int | float]:
 
 
 def samples_of(layout: PackedLayout, header: dict[str, int | float]) -> int | None:
-    """Return the number of samples of a frame; None where only its length tells it."""
+    """Return the number of samples of a frame; None if only its length determines it.
+
+    Parameters
+    ----------
+    layout
+        Layout of the frame.
+    header
+        Numbers of its header, by meaning.
+
+    Returns
+    -------
+    Samples of each channel, or None.
+    """
     return _whole(header.get("samples")) if "samples" in header else layout.samples
 
 

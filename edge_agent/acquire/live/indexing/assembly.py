@@ -83,13 +83,13 @@ class Assembler:
         self._front = max(self._front, index + count)
 
     def restart(self, index: int) -> None:
-        """Hand on all there is; go on at `index`, with nothing lost in between."""
+        """Release all rows; continue at `index`, without loss in between."""
         self._release(self._front)
         self._base = self._front = max(index, self._front)
         self._whole = True
 
     def take(self, *, all_of_it: bool = False) -> list[Run]:
-        """Give runs that nothing will change any more; all, where nothing comes for a while."""
+        """Return runs that no later message can change; all after a time without messages."""
         if all_of_it:
             self._release(self._front)
         elif self._front - self._base >= self._block_rows:
@@ -125,7 +125,7 @@ class Assembler:
             self._seen = np.vstack([self._seen, np.zeros((more, len(self._lanes)), bool)])
 
     def _release(self, limit: int) -> None:
-        """Hand on the rows before `limit`, cut where some are missing."""
+        """Release the rows before `limit`, split where rows are missing."""
         count = limit - self._base
         if count <= 0:
             return

@@ -48,7 +48,7 @@ class Bursts:
 
 
 class Backlog:
-    """Whether what had piled up before the agent listened has been read.
+    """Whether messages queued before the agent listened have been read.
 
     Its samples come all at once: until then arrivals say nothing of when they were taken, and
     nothing tells a queue that is drained from a device that is faster than its nominal rate.

@@ -98,11 +98,11 @@ class Pause:
 
     @property
     def last_ns(self) -> int:
-        """Arrival of what came last."""
+        """Arrival of the last message."""
         return self.held[-1][1].arrival_ns
 
     def judge(self, *, now: bool = False) -> PauseVerdict | None:
-        """Tell what the pause was, once it is known, or what is known of it now."""
+        """Return the verdict on the pause, or the preliminary one."""
         most = math.floor((self._lag + self._slack) / self._wrap)
         least = max(self._least_wraps, math.ceil((self._lag - self._slack) / self._wrap))
         if most < self._least_wraps:

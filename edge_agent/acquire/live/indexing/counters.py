@@ -41,7 +41,7 @@ class ByCounter(Numbered):
         """Counts, wraps undone, of messages that came, and first counts and lengths of gaps."""
 
     def place(self, batch: Batch) -> list[Placement]:
-        """Place a batch, or let it wait until it is known where it belongs."""
+        """Index a batch, or hold it until its index is known."""
         if self._pause is not None and self._may_be_new(batch, self._pause.last_ns):
             return [*self._leave(self._pause.judge(now=True)), *self.place(batch)]
         if self._pause is None:
@@ -65,12 +65,12 @@ class ByCounter(Numbered):
         return self._leave(self._pause.judge())
 
     def finish(self) -> list[Placement]:
-        """Believe what waits."""
+        """Accept batches that wait."""
         placed = [] if self._pause is None else self._leave(self._pause.judge(now=True))
         return [*placed, *super().finish()]
 
     def _leave(self, verdict: PauseVerdict | None) -> list[Placement]:
-        """Place what has waited, as soon as there is a verdict."""
+        """Index the batches that waited, as soon as there is a verdict."""
         pause = self._pause
         if pause is None or verdict is None:
             return []
@@ -79,7 +79,7 @@ class ByCounter(Numbered):
         if verdict.unsure:
             logger.warning(
                 "Up to %d samples more than counted may be lost: a counter that wraps every %d "
-                "samples cannot tell a gap so long, or the sensor has begun anew. Give it a "
+                "samples cannot measure so long a gap, or the sensor has restarted. Give it a "
                 "wider counter.",
                 verdict.unsure, self._wrap(pause.held[0][1]),
             )  # fmt: skip
@@ -99,7 +99,7 @@ class ByCounter(Numbered):
         return placed
 
     def _opens(self, batch: Batch) -> bool:
-        """Whether time must tell what the gap before a batch is."""
+        """Whether arrival times must decide what the gap before a batch is."""
         jump, wrap = self._jump(batch), self._wrap(batch)
         if batch.dropped and (batch.dropped - jump * self._each(batch)) % wrap == 0:
             return False
@@ -115,7 +115,7 @@ class ByCounter(Numbered):
         return may_wrap or is_odd
 
     def _jump(self, batch: Batch) -> int:
-        """Give the counts from the expected counter to that of a batch, up to wraps."""
+        """Return the counts from the expected counter to that of a batch, up to wraps."""
         assert batch.counter is not None
         return (batch.counter - self._expected) % self._modulus
 
@@ -132,18 +132,18 @@ class ByCounter(Numbered):
         )
 
     def _may_be_new(self, batch: Batch, since_ns: int) -> bool:
-        """Whether a batch may be the first of a device that has begun anew."""
+        """Whether a batch may be the first after a restart of the device."""
         assert batch.counter is not None
         passed_s = (batch.arrival_ns - since_ns) / 1e9
         is_pause = passed_s > PAUSE_S + 5 * len(batch.rows) / self._rate_hz
         return is_pause and batch.counter % self._modulus < FEW
 
     def _each(self, batch: Batch) -> int:
-        """Give the samples of one count."""
+        """Return the samples of one count."""
         return len(batch.rows) if self._by_message else 1
 
     def _wrap(self, batch: Batch) -> int:
-        """Give the samples until the counter wraps."""
+        """Return the samples until the counter wraps."""
         return self._modulus * self._each(batch)
 
     def _expect_after(self, batch: Batch, samples: int) -> None:

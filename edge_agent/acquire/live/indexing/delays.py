@@ -77,7 +77,7 @@ class Delays:
         return delay + self._slope * age, age
 
     def index_at(self, arrival_ns: int) -> float:
-        """Give the number of the next sample, if what comes at `arrival_ns` is not delayed."""
+        """Return the index of the next sample, if the message at `arrival_ns` is not late."""
         if not self._anchors:
             return 0.0
         return (arrival_ns - self._least(arrival_ns)[0]) / self._period_ns

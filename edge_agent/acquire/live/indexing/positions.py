@@ -21,7 +21,7 @@ UNIT_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
 
 class Placement(NamedTuple):
-    """A batch and its place; `restart` where nothing is known of what is between."""
+    """A batch and its index; `restart` if the number of missing samples is unknown."""
 
     first_index: int
     batch: Batch
@@ -33,11 +33,11 @@ class Positions(Protocol):
     """Gives each batch its place."""
 
     def begin_beside(self, other: "Positions", batch: Batch) -> None:
-        """Begin to number where `batch` is in the numbers of another lane, if that is known."""
+        """Start numbering at the place of `batch` in the numbers of another lane, if known."""
         ...
 
     def place(self, batch: Batch) -> list[Placement]:
-        """Places that are known by now, of this batch or of those that had to wait."""
+        """Return indices that are known by now, of this batch or of those that waited."""
         ...
 
     def finish(self) -> list[Placement]:
@@ -64,7 +64,7 @@ class Numbered(abc.ABC):
         self._suspect: Batch | None = None
 
     def begin_beside(self, other: Positions, batch: Batch) -> None:
-        """Begin to number where `batch` is in the numbers of another lane, if that is known."""
+        """Start numbering at the place of `batch` in the numbers of another lane, if known."""
         if not self._begun and isinstance(other, Numbered) and other._begun:
             self._front = other._front + other._step(batch).samples
 
@@ -84,7 +84,7 @@ class Numbered(abc.ABC):
         return [self._follow(batch, step)]
 
     def finish(self) -> list[Placement]:
-        """Believe what waits."""
+        """Accept batches that wait."""
         suspect, self._suspect = self._suspect, None
         return [] if suspect is None else [self._restart(suspect)]
 
@@ -124,7 +124,7 @@ class Numbered(abc.ABC):
         return Placement(index, batch)
 
     def _judge(self, samples: int, batch: Batch) -> Step:
-        """Late, after a gap, or begun anew."""
+        """Decide whether a batch is late, follows a gap, or follows a restart."""
         if samples < 0:
             return Step(samples, restarts=-samples > self._latest(batch))
         next_index = self._front + samples + len(batch.rows)
@@ -189,7 +189,7 @@ class ByStamp(Numbered):
         self._expected_ns = self._first_ns(batch) - rest + count * self._period_ns
 
     def _learn(self, rest_ns: float, count: int) -> float:
-        """Correct phase and period by what a stamp is off; give what is left of it."""
+        """Correct phase and period by the error of a stamp; return the remaining error."""
         self._learnt += 1
         n = self._learnt
         phase = max(self.PHASE_GAIN, 2 * (2 * n + 1) / ((n + 1) * (n + 2)))
@@ -224,10 +224,10 @@ class ByArrival:
         self._least_s = 0.0
 
     def begin_beside(self, other: Positions, batch: Batch) -> None:
-        """Begin with 0: order of arrival says nothing of other lanes."""
+        """Begin with 0: the order of arrival gives no relation to other lanes."""
 
     def place(self, batch: Batch) -> list[Placement]:
-        """Place a batch, or let it wait until it is known how many are missing."""
+        """Index a batch, or hold it until the number of missing samples is known."""
         count = len(batch.rows)
         pause_s = (batch.arrival_ns - self._arrival_ns) / 1e9 if self._arrival_ns else 0.0
         self._arrival_ns = batch.arrival_ns
@@ -243,7 +243,7 @@ class ByArrival:
         return [self._next(batch)]
 
     def finish(self) -> list[Placement]:
-        """Place what waits."""
+        """Index the batches that wait."""
         waiting, self._waiting = self._waiting, []
         missing = round(self._least_s * self._rate_hz) if waiting else 0
         if missing >= self.FEWEST:

@@ -58,7 +58,21 @@ class Device:
         return _text(self._scan(name, "type"))
 
     def number(self, name: str, what: str, otherwise: float) -> float:
-        """Scale or offset of a channel: its own, or that of its kind."""
+        """Scale or offset of a channel: its own, or that of its kind.
+
+        Parameters
+        ----------
+        name
+            Name of the channel, such as ``accel_x``.
+        what
+            ``scale`` or ``offset``.
+        otherwise
+            Value if the device states neither.
+
+        Returns
+        -------
+        The number, in the units of the kernel's interface.
+        """
         kind = name.split("_")[0].rstrip("0123456789")
         for stem in (f"in_{name}", f"in_{kind}"):
             if text := _text(self.folder / f"{stem}_{what}"):
@@ -66,12 +80,21 @@ class Device:
         return otherwise
 
     def rate_hz(self) -> float | None:
-        """Give the sampling frequency, where the device says it."""
+        """Return the sampling frequency, if the device states it."""
         path = self._frequency()
         return None if path is None else float(_text(path) or 0) or None
 
     def set_up(self, chosen: Sequence[str], rate_hz: float | None, length: int) -> None:
-        """Enable what was chosen.
+        """Enable the chosen channels.
+
+        Parameters
+        ----------
+        chosen
+            Names of the channels.
+        rate_hz
+            Sampling rate to set [Hz]; unchanged if None.
+        length
+            Length of the buffer [scans].
 
         Raises
         ------
@@ -118,7 +141,7 @@ class Buffer:
         self._device, self._scan, self._set_up, self._clock = device, scan, set_up, clock
 
     def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
-        """Give scans as they come; a device that was gone is set up anew."""
+        """Return scans as they arrive; a device that was gone is set up again."""
         self._set_up()
         node = os.open(self._device.node, os.O_RDONLY | os.O_NONBLOCK)
         begun = b""
@@ -140,7 +163,7 @@ class Buffer:
             os.close(node)
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 def opened(settings: LiveInput, around: TransportContext) -> Opened:

@@ -92,7 +92,7 @@ class Mqtt:
             self._client.disconnect()
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
     def _hear(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         if message.retain:
@@ -113,7 +113,7 @@ class Mqtt:
     ) -> None:
         self._is_subscribed = True
         if any(reason.is_failure for reason in reasons):
-            self._refusal = f"The broker lets nobody subscribe to {', '.join(self._topics)}."
+            self._refusal = f"The broker refuses subscriptions to {', '.join(self._topics)}."
 
 
 def tls_context(settings: LiveInput) -> ssl.SSLContext:

@@ -47,7 +47,7 @@ class OpcUa:
         self._arrived: collections.deque[Packet] = collections.deque()
 
     def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
-        """Give changes of value, as the server tells them."""
+        """Return changes of value, as the server reports them."""
         with asyncio.Runner() as runner:
             client = Client(self._url)
             if self._user is not None:
@@ -84,7 +84,7 @@ class OpcUa:
         )
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 async def _ended(client: Client) -> None:

@@ -39,7 +39,7 @@ class SerialPort:
                 yield Packet(data + (port.read(waiting) if waiting else b""), now_ns)
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 def opened(settings: LiveInput, around: TransportContext) -> Opened:

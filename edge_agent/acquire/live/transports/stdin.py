@@ -1,4 +1,4 @@
-"""Standard input: what any other program prints."""
+"""Standard input: the output of another program."""
 
 import os
 import select
@@ -40,7 +40,7 @@ class StandardInput:
             yield Packet(data, self._clock.now_ns())
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 def opened(settings: LiveInput, around: TransportContext) -> Opened:

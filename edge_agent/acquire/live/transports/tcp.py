@@ -34,7 +34,7 @@ def address_of(source: str) -> Address:
 
 
 class TcpClient:
-    """Connects to a device, and to it again where it goes away."""
+    """Connects to a device, and reconnects when the connection is lost."""
 
     is_stream, ends = True, False
 
@@ -47,11 +47,11 @@ class TcpClient:
             yield from received(connection, self._clock, stop)
 
     def close(self) -> None:
-        """Do nothing: what is open is closed with each connection."""
+        """Do nothing: each connection closes its own resources."""
 
 
 class TcpServer:
-    """Listens; a device that connects anew takes the place of the one before."""
+    """Listens; a device that connects replaces the one before."""
 
     is_stream, ends = True, False
 

@@ -89,7 +89,7 @@ def _datasets(group: Any) -> Iterable[Any]:
 
 
 def main(path: str, max_bytes: str, out: str) -> int:
-    """Read the file and leave its arrays in `out`; or say why not."""
+    """Read the file and write its arrays to `out`, or the reason why not."""
     bound_memory(int(max_bytes))
     try:
         found = _read(Path(path), int(max_bytes))

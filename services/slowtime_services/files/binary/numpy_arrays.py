@@ -47,7 +47,7 @@ def read_npz(path: Path, max_bytes: int) -> Arrays:
 
 
 def as_double(values: Values) -> Values:
-    """Long doubles as doubles: what those cannot hold is infinite, and no measurement."""
+    """Convert long doubles to doubles; values beyond their range become infinite."""
     if values.dtype.kind != "f" or values.dtype.itemsize <= np.dtype(float).itemsize:
         return values
     with np.errstate(over="ignore"):
@@ -55,7 +55,7 @@ def as_double(values: Values) -> Values:
 
 
 def refuse_above(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse what would take more memory than it may."""
+    """Refuse arrays that need more memory than allowed."""
     if size > max_bytes:
         raise RecordError(
             f"{path.name} holds {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
@@ -64,7 +64,7 @@ def refuse_above(path: Path, size: int, max_bytes: int) -> None:
 
 
 def unreadable(path: Path, error: Exception) -> RecordError:
-    """Say of a file that it cannot be read, and what may be the cause."""
+    """Describe a file that cannot be read, and the possible cause."""
     reason = str(error)
     if "ickle" in reason or "Python objects" in reason:
         return RecordError(

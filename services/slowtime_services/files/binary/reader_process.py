@@ -41,7 +41,7 @@ def read_matlab(path: Path, max_bytes: int) -> Arrays:
 def run(
     module: str, path: Path, max_bytes: int, kind: str, words: Sequence[str] = ()
 ) -> tuple[Any, list[Values]]:
-    """Let ``main(path, max_bytes, out, *words)`` of a module read a file.
+    """Read a file by ``main(path, max_bytes, out, *words)`` of a module.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def run(
         if done.returncode != 0:
             raise RecordError(
                 f"{path.name} is {kind} and broke its reader ({_end(done.returncode)}): it is "
-                "damaged, or was made to. Save it anew, or as NumPy or text."
+                "damaged, or was made to. Save it again, or as NumPy or text."
             )
         with np.load(out, allow_pickle=False) as archive:
             told = json.loads(str(archive[TOLD]))
@@ -74,14 +74,14 @@ def run(
 
 
 def save(out: str, told: Any, arrays: Sequence[Values]) -> None:
-    """Leave for `run` what was found; in the process of its own."""
+    """Write the results for `run`; called in the reader's process."""
     named = {f"array_{i}": array for i, array in enumerate(arrays)}
     named[TOLD] = np.array(json.dumps(told))
     np.savez(out, allow_pickle=False, **named)
 
 
 def bound_memory(max_bytes: int) -> None:
-    """Let this process take what a file of `max_bytes` needs, and no more."""
+    """Limit the memory of this process to the needs of a file of `max_bytes`."""
     try:
         import resource
     except ModuleNotFoundError:  # not on every system

@@ -20,7 +20,7 @@ BYTES_A_CELL = 64
 
 
 def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
-    """Rows of the sheet with the most cells, fields apart by tabs; and what to know of it.
+    """Return rows of the sheet with the most cells, fields separated by tabs, and notes.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
 
 
 def main(path: str, max_bytes: str, out: str) -> int:
-    """Leave lines and notes in `out`, or say why there are none; in a process of its own."""
+    """Write lines and notes to `out`, or the reason for failure; in the reader's process."""
     reader_process.bound_memory(int(max_bytes))
     warnings.simplefilter("ignore")  # of what openpyxl does not keep
     try:

@@ -1,1 +1,1 @@
-"""Columns of a sheet in; channels in SI units, with what is missing in them, out."""
+"""Columns of a sheet in; channels in SI units, and their missing values, out."""

@@ -1,4 +1,4 @@
-"""Which columns are no channels of a sensor: counters, second clocks, magnitudes, and words."""
+"""Columns that are no sensor channels: counters, second clocks, magnitudes, and words."""
 
 import itertools
 import re
@@ -59,7 +59,7 @@ def aside(
     sparse: bool = True,
     unnamed_clocks: bool = True,
 ) -> Mapping[int, str]:
-    """Columns that are no channels, and why, as a person is told.
+    """Return the columns that are no channels, with the reason for each.
 
     Parameters
     ----------

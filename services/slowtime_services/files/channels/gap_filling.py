@@ -22,7 +22,7 @@ MARK = "bridged"
 
 
 def bridged(record: Record) -> tuple[Record, str]:
-    """Estimate the samples of short losses, and say so; or say why not.
+    """Estimate the samples of short losses; return a note, or the reason why not.
 
     Returns
     -------

@@ -69,7 +69,7 @@ def only_rows(sheet: Sheet, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> 
 def gaps_of_counter(
     sheet: Sheet, why: dict[str, str]
 ) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
-    """Gaps where a counter of rows leaves numbers out, and how that is said."""
+    """Return gaps where a row counter skips numbers, and a note on them."""
     for name, column in zip(sheet.names, sheet.columns, strict=True):
         if why.get(name) != auxiliary_columns.COUNTER:
             continue
@@ -100,7 +100,7 @@ def describe_missing(
     lost: np.ndarray[tuple[int], np.dtype[np.bool_]],
     missing: MissingPolicy,
 ) -> str:
-    """Say how many values are missing, or rows that were left out."""
+    """Describe how many values are missing, or rows were left out."""
     if missing.skip:
         rows = int(np.count_nonzero(lost))
         return f"{rows} rows in which a value is missing were left out."
@@ -109,7 +109,7 @@ def describe_missing(
 
 
 def describe_gaps(gaps: tuple[Gap, ...]) -> str:
-    """Say how many samples are missing, and where the first gap is."""
+    """Describe how many samples are missing, and where the first gap is."""
     missing = sum(gap.missing for gap in gaps)
     samples = "1 sample is" if missing == 1 else f"{missing} samples are"
     where = "1 gap," if len(gaps) == 1 else f"{len(gaps)} gaps, the first"

@@ -105,7 +105,7 @@ def _period(values: Values) -> int:
 
 
 def unit_of_channel(sheet: Sheet, place: int, kept: Sequence[int]) -> str:
-    """Give the unit of a channel: its own, else the one that all samples have."""
+    """Return the unit of a channel: its own, else the one that all samples have."""
     stated = sheet.columns[place].unit
     if stated or any(sheet.columns[i].unit for i in kept):
         return stated

@@ -1,4 +1,4 @@
-"""Samples in the units of a file in, in SI out: once, with a note of what was done.
+"""Conversion of samples from units of a file to SI, once, with a note.
 
 A unit travels with its channel, so that what was turned into m/s^2 says so and is not turned
 again. Volts and counts need a sensitivity; without one they stay what they are.
@@ -51,7 +51,7 @@ def in_si(
 
 
 class Scaling(NamedTuple):
-    """For each channel what its numbers are multiplied by, and the unit they then have."""
+    """For each channel the factor on its numbers, and the resulting unit."""
 
     factors: tuple[float, ...]
     units: tuple[str, ...]
@@ -64,7 +64,7 @@ def scaling_of(
     units: Sequence[str] = (),
     sensitivities: Sequence[str] = (),
 ) -> Scaling:
-    """Find what turns the units that channels are stated to be in into SI; see `in_si`.
+    """Return the factors from stated units to SI; see `in_si`.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def scaling_of(
 
 
 def mixed_units(channels: Sequence[str], units: Sequence[str]) -> str:
-    """Say which channels have which unit, where they have several; empty where one.
+    """List channels by unit, if there are several units; empty otherwise.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def mixed_units(channels: Sequence[str], units: Sequence[str]) -> str:
 
 
 class _Given(NamedTuple):
-    """What a person says of a channel, and whether by its name or of all."""
+    """An option for a channel, by its name or for all."""
 
     value: str
     named: bool
@@ -121,7 +121,7 @@ class _Given(NamedTuple):
 def _by_channel(
     texts: Sequence[str], channels: tuple[str, ...], what: str
 ) -> dict[int, _Given]:
-    """Say what was given for each column: for all first, then for those that are named."""
+    """Return the option for each column: the general one, then the named ones."""
     found: dict[int, _Given] = {}
     for text in sorted(texts, key=lambda one: "=" in one):
         name, equals, value = text.rpartition("=")
@@ -138,7 +138,7 @@ def _by_channel(
 def _factors(
     channels: Sequence[str], units: Sequence[str], scales: dict[int, _Given]
 ) -> tuple[list[float], list[str]]:
-    """For each column what it is multiplied by, and the unit it then has."""
+    """Return for each column the factor, and the resulting unit."""
     factors, targets = [1.0] * len(units), list(units)
     unused = dict(scales)
     for column, unit in enumerate(units):
@@ -199,7 +199,7 @@ def _told(
     targets: Sequence[str],
     scales: dict[int, _Given],
 ) -> list[str]:
-    """Say what was turned into what, and which volts were not."""
+    """Describe the conversions, and volts that were not converted."""
     groups: dict[tuple[str, str, float], list[str]] = {}
     volts = []
     for column, (name, unit) in enumerate(zip(channels, units, strict=True)):

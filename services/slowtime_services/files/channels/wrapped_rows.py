@@ -64,7 +64,7 @@ def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
 def pairs_of_time_and_value(
     values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
 ) -> Float[np.ndarray, "time 2"] | None:
-    """Give times and values that stand in several pairs a line; None where they do not.
+    """Return times and values that stand in several pairs a line; None where they do not.
 
     The times of one line lie between its first and the first of the next.
     """
@@ -84,5 +84,5 @@ def pairs_of_time_and_value(
 def unwrap(
     values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
 ) -> Float[np.ndarray, " value"]:
-    """One series, line by line, with what stands on a last line that is not full."""
+    """Join one series line by line, with the values of an incomplete last line."""
     return np.concatenate([values.ravel(), np.asarray(tail, dtype=float)])

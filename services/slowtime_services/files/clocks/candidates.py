@@ -28,7 +28,7 @@ _PARTS = (
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A way to tell when rows were taken.
+    """A clock of the rows.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Clock:
     notes: tuple[str, ...] = ()
 
     def axis(self, first_line: int) -> TimeAxis:
-        """Rate, start and gaps that it tells."""
+        """Rate, start and gaps by this clock."""
         return read_time(
             self.values,
             name=self.name,
@@ -75,7 +75,7 @@ class Clock:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ClockReading:
-    """What the chosen clock tells, and which columns are clocks."""
+    """Rate, start and gaps by the chosen clock, and which columns are clocks."""
 
     clock: Clock | None
     axis: TimeAxis | None
@@ -123,7 +123,7 @@ def read_clock(
                 refusals.pop()
     if not read:
         return ClockReading(None, None, frozenset(times), refusals[0] if refusals else None)
-    # Of several clocks, one with all its digits tells more than one whose times repeat.
+    # Of several clocks, one with all its digits is better than one whose times repeat.
     read.sort(key=lambda pair: (not pair[0].named, bool(pair[1].notes), not pair[0].sure))
     clock, axis = read[0]
     _refuse_other_rates(read)
@@ -208,7 +208,7 @@ def _counted(
     said_wrap: tuple[str, ...] = ()
     if wrap is not None:
         said_wrap = (
-            f"The counter in column {name!r} begins anew after {wrap:.0f}: counted on.",
+            f"The counter in column {name!r} restarts after {wrap:.0f}: counting continues.",
         )
     try:
         scale = scale_of(values, name, column.unit, given=unit, stated_rate_hz=stated_rate_hz)

@@ -23,7 +23,7 @@ counted from the start that a heading states."""
 
 
 def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
-    """Tell the clock apart; rows that are one series have none."""
+    """Detect the clock; rows that are one series have none."""
     if said.wrapped:
         return candidates.ClockReading(None, None, frozenset())
     stated = {value for fact in sheet.facts.of("rate") for value in fact.values}
@@ -40,7 +40,7 @@ def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReadin
 def axis_of(
     told: candidates.ClockReading, said: ReadingOptions, facts: Facts
 ) -> tuple[TimeAxis | None, tuple[str, ...]]:
-    """Give what the clock says; a rate that was given overrules it."""
+    """Return the time axis by the clock; a given rate overrules it."""
     notes = told.notes
     if told.axis is None or told.clock is None:
         if told.refusal is None:
@@ -66,7 +66,7 @@ def axis_of(
 def start_of(
     sheet: Sheet, axis: TimeAxis | None, told: candidates.ClockReading
 ) -> tuple[int | None, tuple[str, ...]]:
-    """Give the start by the clock, else by the heading, and how the latter is said."""
+    """Return the start by the clock, else by the heading, and the words that state it."""
     if axis is not None and axis.start_ns is not None:
         return axis.start_ns, ()
     if not sheet.start_said or sheet.start_ns is None:
@@ -96,7 +96,7 @@ def _heading_instead(facts: Facts, refusal: RecordError) -> str:
 
 
 def no_clock(sheet: Sheet) -> str:
-    """Say why no column passes for a clock."""
+    """Describe why no column can be a clock."""
     names = sheet.names
     for name, column in zip(names, sheet.columns, strict=True):
         if is_time_name(name) and column.kind == "number":
@@ -113,7 +113,7 @@ def no_clock(sheet: Sheet) -> str:
 def clock_words(
     told: candidates.ClockReading, axis: TimeAxis | None, why: dict[str, str]
 ) -> Iterator[str]:
-    """Say what was taken for granted of the columns."""
+    """Describe the assumptions on the columns."""
     if told.clock is not None and axis is not None:
         yield f"{BY_CLOCK} {told.clock.said}"
     if why:

@@ -40,7 +40,7 @@ MISSING = frozenset(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Dialect:
-    """How one file writes numbers."""
+    """Delimiter and decimal mark of one file."""
 
     delimiter: str | None
     """None is any run of blanks."""
@@ -120,7 +120,7 @@ DIALECTS = (
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the rows begin, and what stands in each of their columns."""
+    """Line of the first row, and the kind of each column."""
 
     dialect: Dialect
     first: int

@@ -1,4 +1,4 @@
-"""Exports of oscilloscopes, whose settings stand beside the rows, brought to plain tables.
+"""Exports of oscilloscopes with settings beside the rows, converted to plain tables.
 
 References
 ----------
@@ -35,7 +35,7 @@ def _fields(line: str) -> list[str]:
 
 
 def _without_increment(lines: list[str]) -> list[str] | None:
-    """Take the columns Start and Increment, whose values stand below them once, away."""
+    """Remove the columns Start and Increment, which have one value below each."""
     names, values = _fields(lines[0]), _fields(lines[1])
     at = [i for i, name in enumerate(names) if _INCREMENT.fullmatch(name)]
     if len(at) != 1 or at[0] >= len(values) or not _is_number(values[at[0]]):

@@ -1,4 +1,4 @@
-"""Text formats whose headings fix what their numbers mean: lines in, a `Sheet` out."""
+"""Text formats whose headings define the numbers: lines in, a `Sheet` out."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class Format(Protocol):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TextFormat:
-    """A format as people know it: its name, usual endings, what is read, and who reads it."""
+    """A text format: its name, usual endings, contents, and reader."""
 
     name: str
     suffixes: tuple[str, ...]

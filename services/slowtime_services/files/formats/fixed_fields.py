@@ -63,7 +63,7 @@ def _sections(lines: Sequence[str]) -> Iterator[_Section]:
 
 
 def read(lines: Sequence[str], name: str) -> Sheet:
-    """Give the acceleration of the file; what was computed from it is left out."""
+    """Return the acceleration of the file; series computed from it are left out."""
     sections = list(_sections(lines))
     measured = [s for s in sections if s.quantity in ("acceleration", "channel")] or sections[
         :1

@@ -33,7 +33,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     if len(ends) < 2:
         raise RecordError(
             f"{name} is a LabVIEW measurement (.lvm) with {len(ends)} of the two lines {END} "
-            "that stand above its samples: it is cut short. Save it anew, or export it as CSV."
+            "that stand above its samples: it is cut short. Save it again, or export it as CSV."
         )
     settings = _settings(lines[: ends[0]])
     mark = _SEPARATORS.get(settings.get("separator", "tab").casefold(), "\t")
@@ -87,7 +87,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
 def _of_instants(
     rows: list[list[str]], at: int, interval: float, dialect: Dialect, line: int
 ) -> Iterator[Fact]:
-    """Tell the interval that the column of instants implies, where it is another."""
+    """Yield the interval that the column of instants implies, if it is another."""
     texts = [rows[end][at].strip() if at < len(rows[end]) else "" for end in (0, -1)]
     if len(rows) < 3 or not all(map(dialect.is_number, texts)):
         return

@@ -123,7 +123,7 @@ def _instants(
     rate: float,
     name: str,
 ) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
-    """Give the times of all samples, from the start of each segment."""
+    """Return the times of all samples, from the start of each segment."""
     times = []
     for values, begin in zip(parts, begins, strict=True):
         if begin is None:

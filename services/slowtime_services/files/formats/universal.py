@@ -38,7 +38,7 @@ def recognise(lines: Sequence[str]) -> bool:
 
 
 def read(lines: Sequence[str], name: str) -> Sheet:
-    """Give a channel for each time response of the file."""
+    """Return a channel for each time response of the file."""
     marks = [i for i, line in enumerate(lines) if _MARK.match(line)]
     columns: list[Column] = []
     intervals: list[float] = []
@@ -113,7 +113,7 @@ def _dataset(
     except (IndexError, ValueError):
         raise RecordError(
             f"The dataset at line {first_line} of {name} has no heading of a function at a "
-            "nodal degree of freedom. Export it anew."
+            "nodal degree of freedom. Export it again."
         ) from None
     if what not in (0, TIME_RESPONSE) or ordinate_type in (5, 6) or spacing != EVEN:
         return None
@@ -123,7 +123,7 @@ def _dataset(
     if len(values) != count or not 0 < interval < math.inf:
         raise RecordError(
             f"The dataset at line {first_line} of {name} states {count} values {interval:g} s "
-            f"apart and has {len(values)}: it is cut short, or was changed. Export it anew."
+            f"apart and has {len(values)}: it is cut short, or was changed. Export it again."
         )
     named = lines[1].strip() == MARK
     name = lines[0].strip() if named else _channel(function, number)
@@ -154,6 +154,6 @@ def _channel(function: Sequence[str], number: int) -> str:
 
 
 def _unit(line: str) -> str:
-    """Find the unit of the ordinate: the last word of its axis, where one is stated."""
+    """Return the unit of the ordinate: the last word of its axis, if it has one."""
     words = line.split()
     return words[-1] if len(words) >= 6 and words[-1].upper() != "NONE" else ""

@@ -53,7 +53,7 @@ def _of_line(line: str) -> Sequence[str]:
 
 
 def _is_unit(text: str) -> bool:
-    """Whether words are a unit of motion or of a signal, which alone are looked for."""
+    """Whether words are a unit of motion or of a signal; others are ignored."""
     return bool(text) and (
         unit_of(text) is not None
         or text.strip("[]()").casefold() in VOLTS

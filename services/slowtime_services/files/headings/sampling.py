@@ -1,4 +1,4 @@
-"""What a heading says of the sampling: rate, interval, number of points, duration.
+"""Sampling stated in a heading: rate, interval, number of points, duration.
 
 A heading may say a figure in several languages and units, and write it so that it can be read
 in two ways ("1.000 Hz"). So a fact keeps every reading, and `plausibility` holds them against
@@ -105,7 +105,7 @@ class Facts:
 
     @property
     def of_any_length(self) -> "Facts":
-        """Those that do not say how much there is."""
+        """Return the facts that are independent of the length."""
         kept = (fact for fact in self.found if fact.kind in ("rate", "interval"))
         return dataclasses.replace(self, found=tuple(kept))
 
@@ -184,7 +184,7 @@ def _of_line(text: str, decimal: str, line: int) -> Iterable[Fact]:
 
 
 def _clauses(text: str) -> Iterable[str]:
-    """Cut a line at commas and semicolons before words: each part speaks of one thing."""
+    """Split a line at commas and semicolons before words: each part states one figure."""
     yield from (
         part for part in re.split(r"[;|]\s*(?=[^\W\d_])|,\s+(?=[^\W\d_])", text) if part
     )
@@ -285,7 +285,7 @@ _FIGURE_BEFORE: dict[Kind, re.Pattern[str]] = {
 def _figure_before(
     kind: Kind, text: str, end: int, decimal: str, line: int, rank: int
 ) -> Fact | None:
-    """Read the figure that stands before its word: "3000 samples", "100 sps"."""
+    """Read the figure before its word: "3000 samples", "100 sps"."""
     match = _FIGURE_BEFORE[kind].search(text[:end])
     if match is None or kind == "interval":
         return None

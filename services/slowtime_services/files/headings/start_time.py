@@ -59,7 +59,7 @@ def stated_start(
 
 
 def _stated(lines: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Lines that state a start: as they are, what they state, and the word of what it is."""
+    """Return lines that state a start, their value, and the word of its meaning."""
     for line in lines[:MOST_LINES]:
         text = " ".join(line[:LONGEST_LINE].replace('"', " ").strip("#%!;*/ \r\n,").split(" "))
         cut = re.search(r"\d", text)

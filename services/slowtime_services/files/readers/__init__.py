@@ -27,7 +27,7 @@ OURS = frozenset(("", "csv", "txt", "tsv", "dat", "npy", "npz", "mat", "xlsx"))
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Reader:
-    """What a format is called, how it is recognised, and who reads it.
+    """A format: its name, how it is recognised, and the module that reads it.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def reader_of(path: Path) -> Reader | None:
 
 
 def _own_reader(ending: str) -> Reader | None:
-    """Find an installed part that is named after the ending; it is imported apart."""
+    """Find an installed part that is named after the ending; it runs in a separate process."""
     if ending in OURS:
         return None
     for part in plugins("slowtime.readers"):

@@ -13,7 +13,7 @@ from .found import Found, Series
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each column of numbers, and those of times as stamps; nulls are NaN."""
+    """Return each column of numbers, and those of times as stamps; nulls are NaN."""
     with path.open("rb") as file:
         parquet = file.read(4) == b"PAR1"
     if parquet:

@@ -42,7 +42,7 @@ class Figure(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Series of a file, what a person should know of how they were read, single numbers."""
+    """Series of a file, notes on how they were read, and single numbers."""
 
     series: Sequence[Series]
     notes: tuple[str, ...] = ()
@@ -71,7 +71,7 @@ class Found:
 
     @classmethod
     def of_json(cls, told: Mapping[str, Any], arrays: Sequence[Values]) -> "Found":
-        """Put together again what `to_json` took apart."""
+        """Read the output of `to_json`."""
         series = [
             Series(values=values, **one)
             for one, values in zip(told["series"], arrays, strict=True)

@@ -1,4 +1,4 @@
-"""HDF5 files of any making, by h5py: datasets, and what their attributes say of them."""
+"""HDF5 files of any program, by h5py: datasets, and the meaning of their attributes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +23,7 @@ NAMES = ("channels", "channel_names", "columns", "names")
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each dataset of numbers, a column of a table each.
+    """Return each dataset of numbers, a column of a table each.
 
     Rate, unit and names are looked for among the attributes of the dataset and of the groups
     it lies in, the nearest first, and among datasets of a single number.

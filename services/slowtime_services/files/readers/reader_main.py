@@ -22,7 +22,7 @@ LATEST_NS = 2**63 - 1
 
 
 def main(path: str, max_bytes: str, out: str, module: str, kind: str) -> int:
-    """Read a file of a kind by `module` and leave what it finds in `out`; or say why not."""
+    """Read a file by `module` and write the result to `out`, or the reason for failure."""
     logging.disable()  # what a library would log of a damaged file is said once, below
     bound_memory(int(max_bytes))
     warnings.simplefilter("ignore")  # of libraries, on what they would like changed in others

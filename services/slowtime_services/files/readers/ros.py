@@ -23,7 +23,7 @@ _FIELDS = {
 
 
 class _Topic:
-    """What was read of one topic."""
+    """Messages read of one topic."""
 
     def __init__(self) -> None:
         self.stamps: list[int] = []
@@ -45,7 +45,7 @@ class _Topic:
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give the accelerations of each topic, with the stamps of their headers."""
+    """Return the accelerations of each topic, with the stamps of their headers."""
     topics: dict[str, _Topic] = {}
     seen: dict[str, str] = {}
     decode = _Decoders(path)
@@ -75,7 +75,7 @@ def read(path: Path, max_bytes: int) -> Found:
 
 
 class _Decoders:
-    """Stamp and vectors of a message, by its encoding; None for what is none of ours."""
+    """Decode stamp and vectors of a message by its encoding; None for other types."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -22,7 +22,7 @@ _SAC_BYTES, _SAC_VERSION_AT = 632, 304
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each channel, its pieces put together; what is missing between them is NaN.
+    """Return each channel, its pieces joined; missing samples between them are NaN.
 
     Channels that begin or end at other times are cut to what all of them have.
     """
@@ -73,7 +73,7 @@ def read(path: Path, max_bytes: int) -> Found:
 
 
 def _of_starts(stream: Any) -> Iterator[Figure]:
-    """Tell the rate that the starts of a channel's pieces imply, where none follows on."""
+    """Return the rate that the starts of a channel's pieces imply, if none follows directly."""
     for name in dict.fromkeys(trace.id for trace in stream):
         pieces = [trace.stats for trace in stream if trace.id == name]
         if len(pieces) <= MIN_SEAMS or len({p.sampling_rate for p in pieces}) > 1:
@@ -89,7 +89,7 @@ def _of_starts(stream: Any) -> Iterator[Figure]:
 
 
 def _of_sac(path: Path) -> Iterator[Figure]:
-    """Tell the rate that begin, end and count of a SAC header imply."""
+    """Return the rate that begin, end and count of a SAC header imply."""
     with path.open("rb") as file:
         head = file.read(_SAC_BYTES)
     if path.suffix.lower() != ".sac" or len(head) < _SAC_BYTES:

@@ -62,7 +62,7 @@ def sheet_of(file: str, kind: str, found: Found, wanted: tuple[str, ...] | None)
 
 
 def _facts(rate: float, found: Found) -> Iterator[Fact]:
-    """Tell the rate of the series, and what contradicts it elsewhere in the file."""
+    """Return the rate of the series, and contradictions elsewhere in the file."""
     yield Fact("rate", (rate,), f"{rate:g} Hz", 0, 2)
     for figure in found.figures:
         if abs(figure.rate_hz / rate - 1.0) > RATE_TOLERANCE:

@@ -14,7 +14,7 @@ _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "Unit", "unit", "Units")
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each channel of numbers; its name with its group's where there are several."""
+    """Return each channel of numbers; its name with its group's where there are several."""
     series: list[Series] = []
     left_out: list[str] = []
     with TdmsFile.open(path) as file:

@@ -16,7 +16,7 @@ _AXES = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give a channel for each evenly spaced time response."""
+    """Return a channel for each evenly spaced time response."""
     file = pyuff.UFF(str(path))
     kinds = np.atleast_1d(file.get_set_types())
     places = np.flatnonzero(kinds == 58).tolist()
@@ -30,7 +30,7 @@ def read(path: Path, max_bytes: int) -> Found:
         if int(found.get("num_pts", len(values))) != len(values):
             raise RecordError(
                 f"A dataset 58 of {path.name} states {found['num_pts']} points and holds "
-                f"{len(values)}: it is cut short, or was changed. Export it anew."
+                f"{len(values)}: it is cut short, or was changed. Export it again."
             )
         if found.get("func_type") != TIME_RESPONSE or values.dtype.kind == "c" or not even:
             skipped += 1

@@ -13,7 +13,7 @@ PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 
 
 def read(path: Path, max_bytes: int) -> Found:
-    """Give each channel as it was quantised; what one step is, the file does not say."""
+    """Return each channel as quantised; the file does not state the size of a step."""
     rate, samples = scipy.io.wavfile.read(path)
     table = samples[:, None] if samples.ndim == 1 else samples
     series = [

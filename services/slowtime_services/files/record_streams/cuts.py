@@ -99,6 +99,6 @@ CUTS: dict[str, Cut] = {
 
 
 def cut_of(path: Path) -> Cut | None:
-    """Give what cuts a file of such an ending; None for a kind that is only read whole."""
+    """Return the function that cuts files with this ending; None if there is none."""
     ending = path.suffix.lower()
     return CUTS.get(ending, cut_text if ending in TEXT else None)

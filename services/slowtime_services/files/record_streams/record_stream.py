@@ -38,7 +38,7 @@ RATE_TOLERANCE = 1e-3
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RecordStream:
-    """A record that is read as it goes.
+    """A record that is read piece by piece.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def streams(path: Path) -> bool:
 def open_record(
     path: str | Path, *, piece_bytes: int | None = None, **given: Any
 ) -> Iterator[RecordStream]:
-    """Open a record whose blocks are read as they are asked for.
+    """Open a record whose blocks are read on request.
 
     NumPy ``.npy``, Parquet, WAV, HDF5 and text of any delimiter; the clock and the channels are
     those that the first piece shows.
@@ -110,7 +110,7 @@ def open_record(
 
 @dataclasses.dataclass(slots=True)
 class _Stated:
-    """Figures of a heading that are of all rows, and what is known of these.
+    """Figures of a heading for all rows, and the rows counted so far.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class _Stated:
         self.named = sheet.named or given.get("columns") is not None
 
     def hold(self, head: Record, samples: int, missing: int) -> str:
-        """Hold the figures against all rows; a sentence, or nothing, where a clock is right.
+        """Compare the figures with all rows; return a sentence, or nothing if a clock is right.
 
         Raises
         ------
@@ -185,7 +185,7 @@ def _blocks(
     stated: _Stated,
     notes: list[str],
 ) -> Iterator[tuple[Block, float]]:
-    """Count the rows of all pieces through, with what is missing between two of them."""
+    """Yield the rows of all pieces, numbered, with the samples missing between two of them."""
     first, rate = head[0], head[0].rate_hz
     index = samples = 0
     for record, share in itertools.chain([head], rest):

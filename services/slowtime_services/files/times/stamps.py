@@ -168,7 +168,7 @@ def _form_of(text: str) -> re.Pattern[str]:
 
 
 def _day_first(found: Sequence[re.Match[str]], order: DateOrder | None) -> tuple[bool, str]:
-    """Whether the day stands first; and the first date, where nothing tells."""
+    """Whether the day is first; and the first date, if nothing decides."""
     if order is not None:
         return order == "dmy", ""
     firsts = {int(part["a"]) for part in found}

@@ -1,4 +1,4 @@
-"""Rate, start and gaps of a column of times; or why they cannot be told."""
+"""Rate, start and gaps of a column of times; or the reason why they are undecidable."""
 
 import dataclasses
 
@@ -52,7 +52,7 @@ _DECIMAL_PLACES = 12
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """What a time column says."""
+    """Rate, start and gaps by a time column."""
 
     rate_hz: float
     start_ns: int | None
@@ -87,7 +87,7 @@ def _is_counter(values: Float[np.ndarray, " time"]) -> bool:
 def unwrapped(
     values: Shaped[np.ndarray, " time"], period: float | None = None
 ) -> tuple[Shaped[np.ndarray, " time"], float | None]:
-    """Count on where a counter began anew; the counts after which it did, or None.
+    """Add the period after each restart of a counter; return the period, or None.
 
     A step backwards is a new beginning where a whole period added makes it a step forwards of
     ordinary length.
@@ -299,7 +299,7 @@ def _is_decimal(quantum: float) -> bool:
 def _refuse_bursts(
     seconds: Float[np.ndarray, " time"], jumps: Float[np.ndarray, " step"], name: str
 ) -> None:
-    """Refuse short runs of samples with long pauses between: no rate tells what they are."""
+    """Refuse short runs of samples with long pauses between, which have no single rate."""
     lost = np.flatnonzero(jumps > 0)
     total = len(seconds) + float(jumps[lost].sum())
     if len(lost) < 3 or jumps[lost].sum() <= BURST_MISSING_SHARE * total:

@@ -67,7 +67,7 @@ _GPS_FROM_1970_S = 315_964_800
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Scale:
-    """How a column of times is counted.
+    """Unit and kind of a column of times.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def scale_of(
     given: str | None = None,
     stated_rate_hz: float | None = None,
 ) -> Scale:
-    """How a column is counted.
+    """Return the unit and kind of a column of times.
 
     Parameters
     ----------

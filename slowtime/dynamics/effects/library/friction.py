@@ -16,12 +16,48 @@ friction of sticking over that of sliding, below which it has not fallen to spea
 
 
 def coulomb(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of sliding, the same at every speed [N]."""
+    """Sliding friction that is the same at every speed (Coulomb).
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Speed [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Friction of sliding [N].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0])
 
 
 def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of sliding, which falls from that of sticking as speed grows [N]."""
+    """Sliding friction that falls as speed grows (Stribeck).
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Speed [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Friction of sliding [N], friction of sticking [N], Stribeck speed [m/s].
+
+    Returns
+    -------
+    Force [N].
+    """
     ratio = v / p[2]
     return float(p[0] + (p[1] - p[0]) * math.exp(-ratio * ratio))
 
@@ -106,9 +142,19 @@ def bristles(motion: Motion) -> list[Shape]:
 
 
 def speeds(motion: Motion) -> list[Shape]:
-    """Speeds at which friction may have fallen, and how much higher it may have been.
+    """List Stribeck speeds, and ratios of sticking to sliding friction.
 
-    Parts of the highest: what sticks most of the time has no speed in the middle.
+    The speeds are shares of the highest one: a place that sticks most of the time has no
+    meaningful median speed.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
     """
     return [
         {"static_n": ratio, "vs_m_per_s": part * highest}
@@ -119,7 +165,19 @@ def speeds(motion: Motion) -> list[Shape]:
 
 
 def fallen(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Whether friction fell with speed, and most of the way, in the motion seen."""
+    """Tell whether friction fell with speed, and most of the way, in a motion.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Whether the motion shows the effect.
+    """
     falls = parameters["static_n"] > LEAST_RISE * parameters["friction_n"]
     return falls and parameters["vs_m_per_s"] < MOST_SPEED * float(np.abs(motion.v).max())
 

@@ -9,12 +9,40 @@ from .parameter_grids import each, lines_hz
 
 
 def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a machine that turns evenly [N]."""
+    """Harmonic force.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s].
+    z
+        Internal states; none.
+    p
+        Amplitude [N], frequency [Hz], phase at campaign time 0 [rad].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2]))
 
 
 def tones(motion: Motion) -> list[Shape]:
-    """Frequencies at which the place moves."""
+    """List frequencies at which the place moves.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("frequency_hz", lines_hz(motion.a, motion.times, 6), phase_rad=0.0)
 
 

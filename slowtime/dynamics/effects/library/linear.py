@@ -34,38 +34,99 @@ ratio."""
 
 
 def damped(p: Values) -> tuple[Square, Square, Square]:
-    """Damping that is added [N s/m]."""
+    """Matrices of damping that is added.
+
+    Parameters
+    ----------
+    p
+        Damping [N s/m].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m].
+    """
     return _NONE, np.array([[p[0]]]), _NONE
 
 
 def softened(p: Values) -> tuple[Square, Square, Square]:
-    """Stiffness that is lost [N/m]."""
+    """Matrices of stiffness that is lost.
+
+    Parameters
+    ----------
+    p
+        Stiffness lost [N/m].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m].
+    """
     return _NONE, _NONE, np.array([[-p[0]]])
 
 
 def laden(p: Values) -> tuple[Square, Square, Square]:
-    """Mass that is added [kg]."""
+    """Matrices of mass that is added.
+
+    Parameters
+    ----------
+    p
+        Mass [kg].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m].
+    """
     return np.array([[p[0]]]), _NONE, _NONE
 
 
 def ridden(p: Values) -> tuple[Square, Square, Square]:
-    """Mass on a spring of its own, which nobody watches."""
+    """Matrices of a hidden mass on a spring and a damper of its own.
+
+    Parameters
+    ----------
+    p
+        Mass [kg], natural frequency [Hz], damping of the spring [N s/m].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m], over the place and the hidden mass.
+    """
     mass, frequency, damping = p
     stiffness = mass * (2 * math.pi * frequency) ** 2
     return np.diag([0.0, mass]), damping * _TIE, stiffness * _TIE
 
 
 def rings(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Whether a hidden mass swings by itself rather than lags."""
+    """Tell whether a hidden mass is underdamped enough to oscillate, not only to lag.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Whether the motion shows the effect.
+    """
     critical = 4 * math.pi * parameters["frequency_hz"] * parameters["mass_kg"]
     return parameters["damping_n_s_per_m"] <= RINGS * critical
 
 
 def resonances(motion: Motion) -> list[Shape]:
-    """Frequencies about those at which the place moves most, with light and heavy damping.
+    """List frequencies near those at which the place moves most, with light and heavy damping.
 
-    By acceleration and by speed: of many modes, the slow ones show in the latter. And some
-    above them all: what swings there is seen as a mass, and yet is more.
+    By acceleration and by speed: of many modes, the slow ones show in the latter. Some
+    frequencies lie above them all, where a hidden oscillator acts almost as a mass.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
     """
     lines = lines_hz(motion.a, motion.times, 4)
     slow = lines_hz(motion.v, motion.times, 2)
@@ -86,8 +147,19 @@ def resonances(motion: Motion) -> list[Shape]:
 def riders(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
     """Light oscillators a little above each mode, the fastest first.
 
-    One that is too fast is a mass at first, and a refit slows it down; one that is too slow is
-    nothing, and stays so.
+    One that is too fast acts as a mass at first, and a refit slows it down; one that is too
+    slow has no effect, and a refit does not change it.
+
+    Parameters
+    ----------
+    mass_kg
+        Mass of the node [kg].
+    frequencies_hz
+        Undamped natural frequencies of the model [Hz].
+
+    Returns
+    -------
+    Values of all parameters of each oscillator, by name.
     """
     return [
         {

@@ -16,27 +16,98 @@ from slowtime.signals.interpolation import at_instants
 
 
 def biased(series: Several, times: Series, p: Values) -> Several:
-    """Series with a constant added."""
+    """Series with a constant added.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s]; not used.
+    p
+        The constant [unit of the series].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     return np.asarray(series + p[0])
 
 
 def drifting(series: Several, times: Series, p: Values) -> Several:
-    """Series with a line added, from the campaign's begin."""
+    """Series with a drift added, linear in campaign time.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s].
+    p
+        Drift in the end [unit of the series]; campaign time at which it is reached [s].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     return np.asarray(series + p[0] * times / p[1])
 
 
 def gained(series: Several, times: Series, p: Values) -> Several:
-    """Series times a factor."""
+    """Series times a factor.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s]; not used.
+    p
+        The factor [1].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     return np.asarray(p[0] * series)
 
 
 def clipped(series: Several, times: Series, p: Values) -> Several:
-    """Series that nowhere exceeds what the sensor can tell."""
+    """Series clipped at the range of the sensor.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s]; not used.
+    p
+        Largest value that the sensor outputs [unit of the series].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     return np.asarray(np.clip(series, -p[0], p[0]))
 
 
 def dropped(series: Several, times: Series, p: Values) -> Several:
-    """Series that stays at zero, or where it was, for a while."""
+    """Series that stays at zero, or at its last value, for a while.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s].
+    p
+        Campaign time at which it begins [s]; its duration [s]; 0 for zero, 1 for the last
+        value.
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     told = series.copy()
     out = (times >= p[0]) & (times < p[0] + p[1])
     before = int(np.argmax(out)) - 1
@@ -46,7 +117,21 @@ def dropped(series: Several, times: Series, p: Values) -> Several:
 
 
 def timed(series: Several, times: Series, p: Values) -> Several:
-    """Series sampled by a clock that runs fast or slow from the first sample of a record on."""
+    """Series sampled by a clock that runs fast or slow from the first sample of a record on.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s].
+    p
+        Relative error of the clock's rate [1].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     if len(times) < 2:
         return series
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
@@ -54,7 +139,21 @@ def timed(series: Several, times: Series, p: Values) -> Several:
 
 
 def retimed(series: Several, times: Series, p: Values) -> Several:
-    """Series as a right clock would have sampled it."""
+    """Series as a correct clock would have sampled it.
+
+    Parameters
+    ----------
+    series
+        Series sampled by the wrong clock, the last axis is time.
+    times
+        Campaign times [s].
+    p
+        Relative error of the clock's rate [1].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
     return timed(series, times, np.array([-p[0] / (1.0 + p[0])]))
 
 

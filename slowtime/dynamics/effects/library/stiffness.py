@@ -15,22 +15,94 @@ LEAST_BEND = 0.02
 
 
 def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a cubic spring [N]."""
+    """Force of a cubic spring (Duffing).
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Cubic stiffness [N/m^3].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * e * e * e)
 
 
 def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force that does not change sign with the elongation [N]."""
+    """Force of a quadratic spring; it has the same sign at either elongation.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Quadratic stiffness [N/m^2].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * e * e)
 
 
 def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a spring that levels off, less its own straight line [N]."""
+    """Force of a spring that levels off, less its linear force.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness that levels off [N/m]; elongation at which it does [m].
+
+    Returns
+    -------
+    Force [N].
+    """
     return float(p[0] * (p[1] * math.tanh(e / p[1]) - e))
 
 
 def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of stops on both sides [N]."""
+    """Force of stops on both sides, each beyond a gap.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness of the stops [N/m]; gap before them [m].
+
+    Returns
+    -------
+    Force [N].
+    """
     if e > p[1]:
         return float(p[0] * (e - p[1]))
     if e < -p[1]:
@@ -39,13 +111,49 @@ def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def stop(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a stop on one side [N]."""
+    """Force of a stop on one side, beyond a gap.
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    v
+        Its rate [m/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Stiffness of the stop [N/m]; gap before it [m]; side of the stop, 1 or -1 [1].
+
+    Returns
+    -------
+    Force [N].
+    """
     beyond = p[2] * e - p[1]
     return float(p[0] * p[2] * beyond) if beyond > 0 else 0.0
 
 
 def pendulum(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Torque of gravity on a pendulum, less its straight line [N m]."""
+    """Torque of gravity on a pendulum, less its linear part.
+
+    Parameters
+    ----------
+    e
+        Angle [rad].
+    v
+        Its rate [rad/s].
+    t
+        Campaign time [s]; not used.
+    z
+        Internal states; none.
+    p
+        Torsional stiffness of gravity [N m/rad].
+
+    Returns
+    -------
+    Torque [N m].
+    """
     return float(p[0] * (math.sin(e) - e))
 
 
@@ -105,24 +213,66 @@ def contacts(motion: Motion) -> list[Shape]:
 
 
 def saturations(motion: Motion) -> list[Shape]:
-    """Elongations at which a spring may level off."""
+    """List elongations at which a spring may level off.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     top = levels(motion.e, 0.999)
     return each("es_m", [share * level for level in top for share in (0.15, 0.3, 0.6, 1.2)])
 
 
 def gaps(motion: Motion) -> list[Shape]:
-    """Gaps that the motion closes now and then."""
+    """List gaps that the motion closes now and then.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     return each("gap_m", levels(motion.e, 0.25, 0.45, 0.6, 0.75, 0.87, 0.95))
 
 
 def stops(motion: Motion) -> list[Shape]:
-    """Gaps on either side, and none."""
+    """List gaps on either side, and none.
+
+    Parameters
+    ----------
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Values of the shape parameters to try, by name.
+    """
     gaps = [0.0, *levels(motion.e, 0.25, 0.5, 0.7, 0.85, 0.95)]
     return [{"gap_m": gap, "side": side} for side in (1.0, -1.0) for gap in gaps]
 
 
 def levelled(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Whether the motion shows a spring levelling off, and not only what is left beyond."""
+    """Tell whether a motion shows a spring levelling off, and not only its saturated force.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+    motion
+        Motion of the place of the effect.
+
+    Returns
+    -------
+    Whether the motion shows the effect.
+    """
     return parameters["es_m"] > LEAST_BEND * float(np.abs(motion.e).max())
 
 

@@ -9,6 +9,7 @@ import pytest
 from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit, shooting_fit
 from slowtime.discrepancy.estimation import candidate_fit as naming
 from slowtime.discrepancy.estimation.candidate_fit import (
+    FitSchedule,
     FittedCandidate,
     fit_candidate,
     is_significant,
@@ -24,6 +25,7 @@ from tests.slowtime.discrepancy.rigs import PLACE, one_mass
 shooting = importlib.import_module("slowtime.discrepancy.calibration.multiple_shooting")
 RATE, SD = 40.0, 0.02
 KINDS = catalogue()
+SHOOTING = FitSchedule(shooting=True)
 ONE = one_mass(damping_n_s_per_m=1.0)
 
 
@@ -178,11 +180,11 @@ def test_a_law_from_which_whole_records_run_away_is_told_by_its_pieces(monkeypat
     before = refit(Plant.of(ACCELERATION, kinds=KINDS), [trial])
     assert before.chi2_in_band > 100.0
     guess = Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8200.0})
-    whole = fit_candidate(before, guess, [trial], KINDS, None, shooting=True)
+    whole = fit_candidate(before, guess, [trial], KINDS, None, schedule=SHOOTING)
     assert whole is not None
     assert whole.fit.chi2_in_band < 1.2
     monkeypatch.setattr(naming, "refit", run_away)
-    named = fit_candidate(before, guess, [trial], KINDS, None, shooting=True)
+    named = fit_candidate(before, guess, [trial], KINDS, None, schedule=SHOOTING)
     assert named is not None
     assert named.fit.cost == before.cost
     (told,) = in_pieces([named], KINDS)
@@ -190,5 +192,5 @@ def test_a_law_from_which_whole_records_run_away_is_told_by_its_pieces(monkeypat
     assert told.fit.values[-1] == pytest.approx(-8000.0, rel=0.01)
     # A law that does not explain the pieces either is none.
     wrong = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 1.0})
-    assert fit_candidate(before, wrong, [trial], KINDS, None, shooting=True) is None
+    assert fit_candidate(before, wrong, [trial], KINDS, None, schedule=SHOOTING) is None
     assert fit_candidate(before, guess, [trial], KINDS, None) is None

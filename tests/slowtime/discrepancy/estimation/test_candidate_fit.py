@@ -11,7 +11,7 @@ from slowtime.discrepancy.calibration.levenberg_marquardt import FitControl
 from slowtime.discrepancy.calibration.tolerances import HELD_TOLERANCES, refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import (
-    MAIN,
+    MAIN_EFFECT_SHARE,
     Fitting,
     best_of_each_place,
     fit_candidates,
@@ -187,7 +187,7 @@ def test_once_one_law_explains_half_those_that_would_leave_more_are_given_up():
     asked: list[Effect] = []
     found = fit_candidates(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
     left = min(misfit(one.fit, first.noise, trials) for one in found)
-    assert 3 * first.data < left < MAIN * labels[0].cost_without
+    assert 3 * first.data < left < MAIN_EFFECT_SHARE * labels[0].cost_without
     far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
     assert far
     assert far.isdisjoint(map(label_of, asked))

@@ -10,7 +10,7 @@ from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.estimation import candidate_fit as naming
 from slowtime.discrepancy.estimation.input_hold import (
-    SLIGHT,
+    HOLD_ERROR_CHI2,
     describe_holds,
     found_holds,
     held_as_well,
@@ -162,7 +162,7 @@ def test_another_hold_comes_before_an_effect_that_brings_no_more(straight):
     assert asked(gain / 10, stated=[None]) == ("first",)
     assert asked(100 * gain, stated=[None]) is None
     assert asked(gain / 10, stated=["band_limited"]) is None
-    much = dataclasses.replace(wrong, chi2_in_band=SLIGHT + 0.1)
+    much = dataclasses.replace(wrong, chi2_in_band=HOLD_ERROR_CHI2 + 0.1)
     assert held_as_well(much, right.noise, gain / 10, [trial], KINDS, [None]) is None
 
 

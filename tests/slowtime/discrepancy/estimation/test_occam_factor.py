@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
-from slowtime.discrepancy.estimation.occam_factor import DOUBT, WIDE, doubted, leniency
+from slowtime.discrepancy.estimation.occam_factor import (
+    MISSTATED_PROBABILITY,
+    TOLERANCE_FACTOR,
+    doubted,
+    leniency,
+)
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import Terms, accept
@@ -45,8 +50,10 @@ def named(effect, size):
 @given(PULLS)
 def test_a_tolerance_is_taken_as_true_or_as_too_small(pulls):
     one = scipy.stats.norm.pdf(pulls)
-    other = scipy.stats.norm.pdf(pulls, scale=WIDE)
-    told = np.log(((1 - DOUBT) * one + DOUBT * other) / one).sum()
+    other = scipy.stats.norm.pdf(pulls, scale=TOLERANCE_FACTOR)
+    told = np.log(
+        ((1 - MISSTATED_PROBABILITY) * one + MISSTATED_PROBABILITY * other) / one
+    ).sum()
     assert doubted(pulls) == pytest.approx(told, rel=1e-9, abs=1e-9)
 
 

@@ -7,7 +7,10 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2
-from slowtime.discrepancy.estimation.switching_instant import BEHIND, refine_switching_instant
+from slowtime.discrepancy.estimation.switching_instant import (
+    MAX_COST_RATIO,
+    refine_switching_instant,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -66,9 +69,11 @@ def test_the_instant_of_a_jump_is_looked_for_in_every_record(jump_s, begun_s):
         != found.values[at]
     )
     # Nor of what leaves far more than another law, but about the instant that it has.
-    hopeless = refine_switching_instant(wrong, trials, KINDS, left / (1.01 * BEHIND), 100.0)
+    hopeless = refine_switching_instant(
+        wrong, trials, KINDS, left / (1.01 * MAX_COST_RATIO), 100.0
+    )
     assert (abs(hopeless.values[at] - jump_s) > 1.0) == (abs(begun_s - jump_s) > 10.0)
-    near = refine_switching_instant(wrong, trials, KINDS, left / (0.99 * BEHIND), 100.0)
+    near = refine_switching_instant(wrong, trials, KINDS, left / (0.99 * MAX_COST_RATIO), 100.0)
     assert near.values[at] == pytest.approx(jump_s, abs=0.1)
     # Who is late keeps what there is, before one has looked and after.
     assert (

@@ -11,8 +11,8 @@ from slowtime.discrepancy.candidates.library_fit import library_candidates
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers.delayed_input import (
-    CLEARLY,
-    OPAQUE,
+    EXPLAINED_SHARE,
+    UNEXPLAINED_SHARE,
     SensorClocks,
     pairs_with_delayed_input,
     stands_out,
@@ -96,10 +96,10 @@ def costs_nothing(ask, given):
 @pytest.mark.long
 def test_a_law_is_seen_once_the_input_that_hides_it_may_be_late():
     given = lacking(RIG, (LATE, BREAKS))
-    assert given.tried[0].cost > OPAQUE * given.tried[0].cost_without
+    assert given.tried[0].cost > UNEXPLAINED_SHARE * given.tried[0].cost_without
     delay, law = next(pairs_with_delayed_input(given))
     assert (law.effect.kind, law.effect.place) == (BREAKS.kind, TOP)
-    assert law.cost < CLEARLY * law.cost_without
+    assert law.cost < EXPLAINED_SHARE * law.cost_without
     assert delay.effect.place == LATE.place
     assert delay.effect.parameters["delay_s"] == pytest.approx(0.019, rel=0.2)
     # Out of budget, no input is asked.
@@ -153,11 +153,11 @@ def test_a_clock_that_hides_something_is_proposed_where_no_law_is_seen():
     breaks = dataclasses.replace(BREAKS, parameters={"dk_n_per_m": -60.0, "t_jump_s": 5.3})
     clock = Effect("sensor_clock", Place("sensor", "a2"), {"skew": 3e-3})
     given = lacking(RIG, (clock, breaks), seconds=20.0, nowhere=True)
-    (label,) = SensorClocks()(seen_as_well(given, OPAQUE)).candidates
+    (label,) = SensorClocks()(seen_as_well(given, UNEXPLAINED_SHARE)).candidates
     assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
     assert label.effect.parameters["skew"] == pytest.approx(3e-3, rel=0.02)
     assert label.cost > 1.5 * given.before.data
-    assert SensorClocks()(seen_as_well(given, 0.5 * OPAQUE)).candidates == ()
+    assert SensorClocks()(seen_as_well(given, 0.5 * UNEXPLAINED_SHARE)).candidates == ()
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_clock_is_fitted_only_as_far_as_it_would_be_proposed():
     loud = dataclasses.replace(given.before, cost=1e3 * given.before.data)
     given = dataclasses.replace(given, before=loud)
     spent = []
-    for share in (OPAQUE, 0.1):
+    for share in (UNEXPLAINED_SHARE, 0.1):
         with metered() as meter:
             assert SensorClocks()(seen_as_well(given, share)).candidates == ()
         spent.append(meter.spent)

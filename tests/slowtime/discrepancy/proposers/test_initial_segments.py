@@ -20,8 +20,8 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.shooting_fit import first_of_each
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.proposers.initial_segments import (
-    FOREMOST,
-    GROWING,
+    MAX_PROPOSED,
+    SEGMENT_HORIZONS,
     initial_segment_candidates,
 )
 from slowtime.discrepancy.proposers.lower_ranked import InitialSegments
@@ -121,7 +121,7 @@ def hard():
 def test_a_strong_law_explains_how_records_begin_and_no_other_does(name, place):
     before, trials = lacking(name, place)
     found = initial_segment_candidates(before, trials, KINDS, in_budget)
-    assert len(found) <= FOREMOST
+    assert len(found) <= MAX_PROPOSED
     assert label_of(found[0].effect) == (name, place)
     assert found[0].cost < 1.2 * before.data
     assert all(one.cost > 2.0 * before.data for one in found[1:])
@@ -231,7 +231,7 @@ def test_the_initial_state_of_a_record_is_that_of_its_first_samples():
     heads = first_periods(astray.plant, [trial])
     found = refit_initial_states(astray, heads)
     assert np.array_equal(found.values, astray.values)
-    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), MIN_SAMPLES))
+    head = heads[0].part(0, max(int(SEGMENT_HORIZONS[0] * len(heads[0].outputs)), MIN_SAMPLES))
 
     def left(state):
         told = plant.simulate(found.values, head.inputs, RATE, state0=state)

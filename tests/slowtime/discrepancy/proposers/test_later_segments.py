@@ -9,7 +9,10 @@ from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers.later_segments import SHARES, later_segment_candidates
+from slowtime.discrepancy.proposers.later_segments import (
+    RECORD_SHARES,
+    later_segment_candidates,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.search import SearchSettings, search
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -50,7 +53,7 @@ def test_laws_are_looked_for_in_the_first_part_of_which_the_model_leaves_somethi
     assert before.chi2_in_band > 100.0
     part, tried = later_segment_candidates(before, records, KINDS, in_budget)
     assert WRONG_MODEL_CHI2 < part.chi2_in_band < before.chi2_in_band
-    longest = max(SHARES) * len(records[0].outputs)
+    longest = max(RECORD_SHARES) * len(records[0].outputs)
     assert all(len(residual) <= longest for residual in part.residual)
     assert label_of(tried[0].effect) == label_of(CLOCK)
     assert tried[0].cost < tried[1].cost / 2

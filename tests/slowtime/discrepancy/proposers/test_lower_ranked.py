@@ -15,8 +15,8 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
 from slowtime.discrepancy.proposers.lower_ranked import (
-    IN_TURN,
-    NEAREST,
+    NEAREST_RUNS,
+    NEXT_IN_TURN,
     InitialSegments,
     NearbyRuns,
     NextInRank,
@@ -102,8 +102,8 @@ def leaves(given, chi2, effect=None):
 def test_the_next_of_the_ranking_and_those_of_the_nearest_free_runs_are_proposed(asked):
     kinds = kinds_of(NextInRank()(asked))
     in_turn = ["coulomb", "viscous_damping", "stiffness_loss"]
-    assert kinds[-IN_TURN - NEAREST : -NEAREST] == in_turn
-    assert kinds[-NEAREST] == "cubic_hardening"
+    assert kinds[-NEXT_IN_TURN - NEAREST_RUNS : -NEAREST_RUNS] == in_turn
+    assert kinds[-NEAREST_RUNS] == "cubic_hardening"
 
 
 @pytest.mark.parametrize("fitted", [True, False])
@@ -152,7 +152,7 @@ def test_each_law_of_the_ranking_is_proposed_once():
     ]
     proposal = NextInRank()(round_of(bent, trials, KINDS, tried=many))
     labels = [label_of(one.effect) for one in proposal.candidates]
-    assert len(set(labels)) == len(labels) == IN_TURN + NEAREST
+    assert len(set(labels)) == len(labels) == NEXT_IN_TURN + NEAREST_RUNS
 
 
 @pytest.mark.parametrize("wrong", [0.003, 0.1, 1.0])

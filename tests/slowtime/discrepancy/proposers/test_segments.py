@@ -28,19 +28,19 @@ from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
 from slowtime.discrepancy.proposers.segments import (
-    ABOUT,
-    AS_WELL,
-    AT_ONE,
-    BESIDE,
-    FEW,
-    HINTS,
-    KEPT,
-    MORE,
-    MOST,
-    PLAIN,
-    QUIETER,
-    REACH,
-    TELLS,
+    FEW_SEGMENTS,
+    MAX_LAWS,
+    MAX_NEAR_LAWS,
+    MAX_PROPOSED,
+    MAX_REST_OF_FEW,
+    MAX_REST_OF_MORE,
+    MIN_LAWS_PER_PLACE,
+    MIN_QUIET_CHI2,
+    MORE_SEGMENTS,
+    NEAR_RATIO,
+    PLACE_REST_RATIO,
+    POWER_SHARES,
+    START_FORCE_RATIO,
     Segments,
 )  # fmt: skip
 from slowtime.discrepancy.records import Campaign, Trial
@@ -151,7 +151,7 @@ def test_segments_tell_a_strong_law_and_its_strength(effect, level):
     assert label_of(best.effect) == label_of(effect)
     assert best.cost < 1.2 * given.before.data
     assert best.cost_without > LIMITS.far_off_chi2 * given.before.data
-    assert len(others) < KEPT
+    assert len(others) < MAX_PROPOSED
     for name, value in effect.parameters.items():
         assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
     # From there the whole of the records is in the basin of the right minimum.
@@ -216,7 +216,9 @@ def test_a_hidden_oscillator_is_not_tried_on_segments():
 def test_the_stronger_of_two_is_proposed_alone(two):
     best = two.told()[0]
     assert label_of(best.effect) == label_of(STOP)
-    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.cost_without
+    assert (
+        LIMITS.segment_chi2 * two.before.data < best.cost < MAX_REST_OF_MORE * best.cost_without
+    )
     # Of segments it leaves more than noise: it is not all that is missing.
     proposal = Segments(shoot=SHOOT)(two.round())
     assert proposal.candidates
@@ -247,8 +249,8 @@ def test_few_laws_are_fitted_to_few_segments_and_fewer_to_more(stop):
     short, long = sorted({length for _, length in fits})
     first = {label for label, length in fits if length == short}
     then = {label for label, length in fits if length == long}
-    assert len(first - {()}) <= MOST
-    assert len(then - {()}) <= AS_WELL
+    assert len(first - {()}) <= MAX_LAWS
+    assert len(then - {()}) <= MAX_NEAR_LAWS
     assert then < first
     assert {()} < then
 
@@ -341,13 +343,13 @@ def test_a_quieter_part_tells_the_law_of_a_motion_that_turns_over(overturned):
     assert len(proposal.shot) == len(proposal.candidates)
 
 
-@pytest.mark.parametrize("share", [*QUIETER, 1.0])
+@pytest.mark.parametrize("share", [*POWER_SHARES, 1.0])
 def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     before, trials = overturned
     plant, _, _ = augmented_start(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
     nominal = np.array([entry.value for entry in plant.entries.values()])
     found, _ = shooting_fit(
-        plant, strongest_segments(plant, trials, FEW, share), before.noise, nominal
+        plant, strongest_segments(plant, trials, FEW_SEGMENTS, share), before.noise, nominal
     )
     quiet = share < 1.0
     assert (found.chi2_in_band < 1.2) == quiet
@@ -368,10 +370,12 @@ def test_the_likeliest_are_tried_first_then_laws_that_explain_nothing_then_the_o
     )
     script = scripted()
     several.told(laws(stop, *names), laws(stop, "quadratic_stiffness", place=TOP), script)
-    first = [kind for kind, few, _ in script.asked if kind][: 1 + AT_ONE]
-    assert first == ["quadratic_stiffness", *names[:AT_ONE]]
-    assert script.asked[-1][0] == names[AT_ONE]
-    assert "quadratic_stiffness" in [kind for kind, _, _ in script.asked[2 + AT_ONE :]]
+    first = [kind for kind, few, _ in script.asked if kind][: 1 + MIN_LAWS_PER_PLACE]
+    assert first == ["quadratic_stiffness", *names[:MIN_LAWS_PER_PLACE]]
+    assert script.asked[-1][0] == names[MIN_LAWS_PER_PLACE]
+    assert "quadratic_stiffness" in [
+        kind for kind, _, _ in script.asked[2 + MIN_LAWS_PER_PLACE :]
+    ]
 
 
 def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_told(
@@ -398,7 +402,7 @@ def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_to
     size = np.std(np.concatenate([one.force for one in latents]))
     law, numbers = KINDS["cubic_hardening"], script.begun["cubic_hardening", GROUND]
     made = np.concatenate([force_along(law, numbers, one.motion) for one in latents])
-    assert np.std(made) == pytest.approx(ABOUT * size)
+    assert np.std(made) == pytest.approx(START_FORCE_RATIO * size)
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
@@ -485,7 +489,7 @@ class Scripted:
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
         few = len(parts[0].outputs) == len(
-            strongest_segments(plant, self.given.trials, FEW)[0].outputs
+            strongest_segments(plant, self.given.trials, FEW_SEGMENTS)[0].outputs
         )
         self.asked.append((kind, few, beat))
         for effect in plant.effects:
@@ -567,7 +571,11 @@ def test_each_law_has_to_come_near_what_those_before_it_leave(stop, scripted):
     some = [candidate(STOP, 1.0, cost_without=9.0), *laws(stop, "viscous_damping")]
     stop.told(some, [], script)
     beats = [beat for kind, few, beat in script.asked if kind and few]
-    assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * first]
+    assert beats[:3] == [
+        NEAR_RATIO * MAX_REST_OF_FEW * bare,
+        NEAR_RATIO * first,
+        NEAR_RATIO * first,
+    ]
 
 
 def test_laws_that_come_near_the_best_are_fitted_to_more_segments_and_the_best_proposed(
@@ -580,7 +588,7 @@ def test_laws_that_come_near_the_best_are_fitted_to_more_segments_and_the_best_p
         **{name: (few, 30.0 - few) for name, few in zip(names, left, strict=True)},
     )
     given = stop.told([], laws(stop, "quadratic_damping", *names), script)
-    assert script.kinds(few=False) == set(names[:AS_WELL])
+    assert script.kinds(few=False) == set(names[:MAX_NEAR_LAWS])
     assert [one.effect.kind for one in given] == ["stiffness_loss", "viscous_damping"]
     assert [one.cost / one.cost_without for one in given] == pytest.approx([0.16, 0.18])
 
@@ -590,11 +598,13 @@ def test_once_a_law_comes_near_others_have_to_come_about_as_near(stop, scripted)
     stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [], script)
     beats = {kind: beat for kind, few, beat in script.asked if few}
     assert beats[""] is None
-    assert beats["viscous_damping"] == pytest.approx(BESIDE * HINTS * 100.0)
-    assert beats["cubic_hardening"] == pytest.approx(BESIDE * 20.0)
+    assert beats["viscous_damping"] == pytest.approx(NEAR_RATIO * MAX_REST_OF_FEW * 100.0)
+    assert beats["cubic_hardening"] == pytest.approx(NEAR_RATIO * 20.0)
 
 
-@pytest.mark.parametrize(("other", "tried"), [(0.99 * REACH, True), (1.01 * REACH, False)])
+@pytest.mark.parametrize(
+    ("other", "tried"), [(0.99 * PLACE_REST_RATIO, True), (1.01 * PLACE_REST_RATIO, False)]
+)
 def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_place(
     stop, scripted, other, tried
 ):
@@ -619,16 +629,16 @@ def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_plac
     assert label_of(top[0].effect) in script.begun
 
 
-QUIET, LESS, LOUDEST = QUIETER
-LAST = [(MORE, 1.0)]
+QUIET, LESS, LOUDEST = POWER_SHARES
+LAST = [(MORE_SEGMENTS, 1.0)]
 
 
 @pytest.mark.parametrize(
     ("plain", "cuts"),
     [
-        ({QUIET, LESS}, [(FEW, QUIET)]),
-        ({LESS}, [(FEW, QUIET), (FEW, LESS)]),
-        (set(), [(FEW, QUIET), (FEW, LESS), (FEW, LOUDEST)]),
+        ({QUIET, LESS}, [(FEW_SEGMENTS, QUIET)]),
+        ({LESS}, [(FEW_SEGMENTS, QUIET), (FEW_SEGMENTS, LESS)]),
+        (set(), [(FEW_SEGMENTS, QUIET), (FEW_SEGMENTS, LESS), (FEW_SEGMENTS, LOUDEST)]),
     ],
     ids=["quiet", "less quiet", "loudest"],
 )
@@ -644,7 +654,7 @@ def test_the_quietest_part_is_fitted_of_which_the_model_leaves_much(stop, plain,
     stop = dataclasses.replace(stop, trials=louder)
     known = {
         tuple(part.start_s for part in strongest_segments(plant, louder, *cut)): cut
-        for cut in ((FEW, QUIET), (FEW, LESS), (FEW, LOUDEST), *LAST)
+        for cut in ((FEW_SEGMENTS, QUIET), (FEW_SEGMENTS, LESS), (FEW_SEGMENTS, LOUDEST), *LAST)
     }
     assert len(known) == 4
     asked = []
@@ -653,7 +663,7 @@ def test_the_quietest_part_is_fitted_of_which_the_model_leaves_much(stop, plain,
         cut = known[tuple(part.start_s for part in parts)]
         if not plant.effects:
             asked.append(cut)
-        left = 1.1 * PLAIN if cut[1] in plain else 0.9 * PLAIN
+        left = 1.1 * MIN_QUIET_CHI2 if cut[1] in plain else 0.9 * MIN_QUIET_CHI2
         if plant.effects and there:
             left = 1.0
         fit = dataclasses.replace(

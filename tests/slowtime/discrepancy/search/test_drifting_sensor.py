@@ -13,7 +13,7 @@ from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.search import SearchSettings, search
 from slowtime.discrepancy.search.drifting_sensor import end_with_drift
-from slowtime.discrepancy.search.settings import MOST
+from slowtime.discrepancy.search.settings import MAX_EFFECTS
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.protocol import named_effect
@@ -104,7 +104,7 @@ def test_results_that_do_not_go_with_a_drifting_sensor_are_not_kept(law, bare, c
 
 def test_no_more_effects_are_looked_for_than_settings_allow(law, bare):
     others = Others(law)
-    assert kinds_of(ended(bare, others, number=MOST - 1)) == ["sensor_drift"]
+    assert kinds_of(ended(bare, others, number=MAX_EFFECTS - 1)) == ["sensor_drift"]
     assert others.asked == []
 
 
@@ -122,7 +122,7 @@ def test_an_offset_of_the_sensor_gives_way_to_its_drift(law, bare):
     located = object.__new__(Localization)
     found = bare.with_effect(carry_effect(bare.last, OFF, KINDS), named_effect(OFF, KINDS))
     others = Others(law, localized=located)
-    told = ended(found, others, number=MOST - 1)
+    told = ended(found, others, number=MAX_EFFECTS - 1)
     assert kinds_of(told) == ["cubic_hardening", "sensor_drift"]
     assert told.localized is located
     ((rest, _),) = others.asked

@@ -10,9 +10,9 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
-from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search import SearchOptions, SearchSettings
 from slowtime.discrepancy.search.extension import (
-    LOST,
+    UNTRACKED_CHI2,
     accept_best,
     beginnings_first,
     extend,
@@ -50,7 +50,7 @@ def lacking():
 
 def extended(lacking, *proposers, monitor=None, **more):
     trials, fit, located = lacking
-    how = SearchSettings(KINDS, monitor or Monitor(), proposers=proposers)
+    how = SearchSettings(KINDS, monitor or Monitor(), SearchOptions(proposers=proposers))
     given = {"pulled": False, "localized": located} | more
     return extend(Hypothesis((fit,), trials), fit, how, 0, **given)
 
@@ -153,7 +153,7 @@ def test_laws_of_the_segments_are_shot_only_where_whole_records_tell_nothing(ask
     for given in (told, again):
         near, lost = (
             worth_shooting(given, [law_of(CUBIC, left, asked.before)])
-            for left in (0.9 * LOST, 1.1 * LOST)
+            for left in (0.9 * UNTRACKED_CHI2, 1.1 * UNTRACKED_CHI2)
         )
         assert (near, lost) == ((), (drag,))
 

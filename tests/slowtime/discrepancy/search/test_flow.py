@@ -10,8 +10,8 @@ from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
-from slowtime.discrepancy.search import SearchSettings, search
-from slowtime.discrepancy.search.extension import LOST
+from slowtime.discrepancy.search import SearchOptions, SearchSettings, search
+from slowtime.discrepancy.search.extension import UNTRACKED_CHI2
 from slowtime.discrepancy.search.flow import continue_search
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
@@ -58,7 +58,7 @@ def test_both_of_two_effects_are_found(effects):
 @pytest.mark.parametrize("quick", [True, False])
 def test_one_effect_is_found_and_the_search_ends_with_what_it_leaves(quick):
     own = StubProposer("own", candidates=(candidate(CUBIC, cost_without=1e6),))
-    found = searched(records_of((CUBIC,)), quick=quick, proposers=(own,))
+    found = searched(records_of((CUBIC,)), options=SearchOptions(quick=quick, proposers=(own,)))
     assert [label_of(one.effect) for one in found.effects] == [label_of(CUBIC)]
     assert found.last.chi2_in_band < 1.2
     assert not found.exhausted
@@ -94,7 +94,7 @@ def test_an_effect_that_shows_in_how_records_go_on_is_localized_too():
     """As where a sensor that drifts was left out, and nothing was named before."""
     trials = records_of((STRONG,))
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
-    assert refit_within_tolerances(first, trials).chi2_in_band > LOST
+    assert refit_within_tolerances(first, trials).chi2_in_band > UNTRACKED_CHI2
     found = Hypothesis((first,), trials)
     told = continue_search(found, SearchSettings(KINDS, Monitor()), 1)
     assert [label_of(one.effect) for one in told.effects] == [label_of(CUBIC)]

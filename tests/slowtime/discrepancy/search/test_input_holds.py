@@ -11,7 +11,7 @@ from slowtime.discrepancy.estimation.input_hold import describe_holds, with_hold
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign
-from slowtime.discrepancy.search import SearchSettings, search
+from slowtime.discrepancy.search import SearchOptions, SearchSettings, search
 from slowtime.discrepancy.search.input_holds import (
     leaves_less,
     search_with_holds,
@@ -50,7 +50,7 @@ def mistaken():
 
 def test_a_search_ends_where_another_hold_would_explain_all_that_was_found(mistaken):
     first, trial = mistaken
-    found = search(first, (trial,), settings(quick=True))
+    found = search(first, (trial,), settings(options=SearchOptions(quick=True)))
     assert found.suggested_holds == ("first",)
     under = with_holds(found.last, ("first",), (trial,), FEW)
     assert under.chi2_in_band < 1.5 < found.last.chi2_in_band
@@ -59,7 +59,12 @@ def test_a_search_ends_where_another_hold_would_explain_all_that_was_found(mista
 @pytest.mark.parametrize("how", [{"stated": ("zero",)}, {"asked": (("first",),)}])
 def test_a_search_goes_on_where_the_hold_is_stated_or_was_tried(mistaken, how):
     first, trial = mistaken
-    assert search(first, (trial,), settings(quick=True, **how)).suggested_holds is None
+    assert (
+        search(
+            first, (trial,), settings(options=SearchOptions(quick=True), **how)
+        ).suggested_holds
+        is None
+    )
 
 
 @pytest.mark.long
@@ -85,7 +90,9 @@ def test_the_hold_of_the_records_is_found_before_the_search_and_asked_once():
     trial = recorded("zero", band=0.6)
     stages = []
     how = dataclasses.replace(
-        settings(), monitor=Monitor(lambda stage, _: stages.append(stage)), proposers=()
+        settings(),
+        monitor=Monitor(lambda stage, _: stages.append(stage)),
+        options=SearchOptions(proposers=()),
     )
     campaign = Campaign(description=rig(), trials=(trial,))
     told, found = search_with_holds(campaign, (trial,), how)

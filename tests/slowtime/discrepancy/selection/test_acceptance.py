@@ -9,13 +9,19 @@ from slowtime.discrepancy.calibration import cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
-from slowtime.discrepancy.estimation.input_hold import FAINT
+from slowtime.discrepancy.estimation.input_hold import NOTICEABLE_POWER
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.search import SearchSettings
 from slowtime.discrepancy.search.extension import accept_best
-from slowtime.discrepancy.selection.acceptance import MUCH, SLIGHT, Terms, accept, end_with
+from slowtime.discrepancy.selection.acceptance import (
+    MAX_SECOND_REST,
+    MIN_NESTED_GAIN,
+    Terms,
+    accept,
+    end_with,
+)
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
@@ -157,9 +163,9 @@ def accept_beside_hardening(white, effect, first_chi2, last_chi2, left):
 @pytest.mark.parametrize(
     ("effect", "left", "taken"),
     [
-        (SKEW, 0.9 * MUCH, True),
-        (SKEW, 1.1 * MUCH, False),
-        (LEVEL, 0.9 * MUCH, False),  # another curve over the same elongation
+        (SKEW, 0.9 * MAX_SECOND_REST, True),
+        (SKEW, 1.1 * MAX_SECOND_REST, False),
+        (LEVEL, 0.9 * MAX_SECOND_REST, False),  # another curve over the same elongation
     ],
 )
 def test_a_second_law_at_a_place_has_to_take_most_of_what_is_left_there(
@@ -207,7 +213,7 @@ def test_a_faint_law_after_which_only_noise_is_left_is_accepted_beside_a_loud_fa
     first = refit(Plant.of(TWO), trials)
     gain = fit_effect(first, wrong, trials, KINDS)
     law = fit_effect(gain.fit, faint, trials, KINDS)
-    assert gain.fit.cost - law.fit.cost < FAINT * gain.fit.data
+    assert gain.fit.cost - law.fit.cost < NOTICEABLE_POWER * gain.fit.data
     found = Hypothesis((first, gain.fit), trials, effects=(named_effect(wrong, KINDS),))
     assert accept(found, gain.fit, [law], trials, KINDS, PLAIN).added == told
     same = dataclasses.replace(PLAIN, same_place=True)
@@ -232,7 +238,11 @@ def test_a_later_effect_that_explains_next_to_nothing_of_what_was_missing_is_ref
 
 @pytest.mark.parametrize(
     ("gained", "taken"),
-    [(0.5 * SLIGHT, "coulomb"), (1.1 * SLIGHT, "stribeck"), (0.5, "stribeck")],
+    [
+        (0.5 * MIN_NESTED_GAIN, "coulomb"),
+        (1.1 * MIN_NESTED_GAIN, "stribeck"),
+        (0.5, "stribeck"),
+    ],
 )
 def test_a_law_that_explains_next_to_nothing_beyond_its_limit_is_taken_for_that(
     white, gained, taken

@@ -10,8 +10,8 @@ from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.selection.doubts import (
-    EITHER,
-    SLIGHTLY,
+    DOUBTED_PROBABILITY,
+    MAX_CORRECTION_SHARE,
     doubt,
     doubt_laws,
     doubt_pieces,
@@ -124,9 +124,9 @@ def told(fit, chi2, *effects):
 def test_a_law_that_is_doubted_is_as_likely_as_one_that_is_not_known(fit):
     found = told(fit, (9.0, 1.0), CUBIC)
     doubted = doubt(found, 0)
-    assert doubted.effects[0].probability == EITHER
+    assert doubted.effects[0].probability == DOUBTED_PROBABILITY
     assert [(one.effect, one.probability) for one in doubted.undecided] == [
-        (CUBIC.kind, EITHER)
+        (CUBIC.kind, DOUBTED_PROBABILITY)
     ]
     assert doubted.near_unknown
     assert (found.effects[0].probability, found.undecided) == (1.0, ())
@@ -135,12 +135,16 @@ def test_a_law_that_is_doubted_is_as_likely_as_one_that_is_not_known(fit):
 def test_laws_are_doubted_and_faults_of_sensors_are_not(fit):
     gain = Effect("sensor_gain", Place("sensor", "x_m1"), {"gain": 1.1})
     doubted = doubt_laws(told(fit, (9.0, 4.0, 1.0), CUBIC, gain), ALL)
-    assert [one.probability for one in doubted.effects] == [EITHER, 1.0]
+    assert [one.probability for one in doubted.effects] == [DOUBTED_PROBABILITY, 1.0]
 
 
 @pytest.mark.parametrize(
     ("second", "share", "doubted"),
-    [(LEVEL, 2 * SLIGHTLY, True), (LEVEL, SLIGHTLY / 2, False), (SKEW, 0.5, False)],
+    [
+        (LEVEL, 2 * MAX_CORRECTION_SHARE, True),
+        (LEVEL, MAX_CORRECTION_SHARE / 2, False),
+        (SKEW, 0.5, False),
+    ],
     ids=["halves", "a correction", "of another variable"],
 )
 def test_two_curves_at_one_place_may_be_one_that_is_not_known(fit, second, share, doubted):

@@ -6,16 +6,16 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.candidates.library_fit import label_of
-from slowtime.discrepancy.estimation.candidate_fit import KEPT
+from slowtime.discrepancy.estimation.candidate_fit import MAX_CANDIDATES
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search import SearchOptions, SearchSettings
 from slowtime.discrepancy.search.extension import extend
 from slowtime.discrepancy.selection.shortlist import (
-    HASTY,
-    LATER,
-    TWICE,
+    LATER_CANDIDATES,
+    QUICK_CANDIDATES,
+    SAME_PLACE_CANDIDATES,
     begins,
     begun_with,
     shortlist,
@@ -71,11 +71,11 @@ SIMILAR = [
 @pytest.mark.parametrize(
     ("left", "number", "quick", "there", "most"),
     [
-        (0.9, 0, False, FIRST, KEPT),
-        (1.1, 0, False, FIRST, HASTY),
-        (0.9, 0, True, FIRST, HASTY),
-        (0.9, 1, False, FIRST, LATER),
-        (0.9, 1, False, SECOND, TWICE),
+        (0.9, 0, False, FIRST, MAX_CANDIDATES),
+        (1.1, 0, False, FIRST, QUICK_CANDIDATES),
+        (0.9, 0, True, FIRST, QUICK_CANDIDATES),
+        (0.9, 1, False, FIRST, LATER_CANDIDATES),
+        (0.9, 1, False, SECOND, SAME_PLACE_CANDIDATES),
     ],
     ids=["one effect", "several", "quick", "later", "twice at a place"],
 )
@@ -127,7 +127,7 @@ def test_once_an_effect_stands_out_no_other_proposer_is_asked(lacking, stands_ou
     trials, fit, located = lacking
     first = StubProposer("first", candidates=(candidate(CUBIC, cost_without=fit.cost),))
     second = StubProposer("second")
-    how = SearchSettings(KINDS, Monitor(), proposers=(first, second))
+    how = SearchSettings(KINDS, Monitor(), SearchOptions(proposers=(first, second)))
     shown = ranked(located, 30.0, 100.0 if stands_out else 31.0)
     step = extend(Hypothesis((fit,), trials), fit, how, 0, pulled=False, localized=shown)
     assert [one.effect.kind for one in step.hypothesis.effects] == [CUBIC.kind]

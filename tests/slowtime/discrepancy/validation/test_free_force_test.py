@@ -9,6 +9,7 @@ import scipy.optimize
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.search import SearchOptions
 from slowtime.discrepancy.validation.free_force import FreeForce, ScoreTest
 from slowtime.discrepancy.validation.free_force_test import (
     LawDoubt,
@@ -96,7 +97,9 @@ def test_a_law_of_another_curve_is_refuted_where_it_sits():
 
 @pytest.mark.slow
 def test_a_force_of_another_curve_is_unknown_and_drawn_where_the_nearest_law_closes_the_gap():
-    said = diagnose(Campaign(description=ONE, trials=(record_of(POWER),)), quick=True)
+    said = diagnose(
+        Campaign(description=ONE, trials=(record_of(POWER),)), options=SearchOptions(quick=True)
+    )
     assert said.white_p_value > 1e-3
     assert (said.verdict, said.effects) == ("unknown_effect", ())
     assert "The nearest, Drag (quadratic_damping)" in said.sentence

@@ -4,7 +4,7 @@ import pytest
 from slowtime import history_diagnosis as slow
 
 DAY = np.arange(230.0)
-PAST = 160
+PAST_EPOCHS = 160
 
 
 @pytest.fixture(scope="module")
@@ -14,12 +14,18 @@ def adopted():
     value = -0.0011 * warmth + rng.normal(0.0, 0.002, len(DAY))
     sd = np.full(len(DAY), 0.002)
     report = slow.diagnose_history(
-        DAY[:PAST],
-        value[:PAST],
-        sd[:PAST],
-        [slow.Covariate("temperature", warmth[:PAST], "°C")],
+        DAY[:PAST_EPOCHS],
+        value[:PAST_EPOCHS],
+        sd[:PAST_EPOCHS],
+        [slow.Covariate("temperature", warmth[:PAST_EPOCHS], "°C")],
     )
-    return report, DAY[PAST:], value[PAST:], sd[PAST:], warmth[PAST:]
+    return (
+        report,
+        DAY[PAST_EPOCHS:],
+        value[PAST_EPOCHS:],
+        sd[PAST_EPOCHS:],
+        warmth[PAST_EPOCHS:],
+    )
 
 
 def told(warmth):
@@ -66,7 +72,9 @@ def test_readings_followed_are_those_of_a_history_that_long(adopted):
     still = next(member for member in report.augmented.members if member.process.sd == 0.0)
     one = slow.MixtureModel(report.augmented.past, report.augmented.readings, (still,))
     followed = slow.follow(one, time, value, sd, told(warmth))
-    columns = np.column_stack([np.ones(PAST), report.augmented.past.covariates[0].values])
+    columns = np.column_stack(
+        [np.ones(PAST_EPOCHS), report.augmented.past.covariates[0].values]
+    )
     later = np.column_stack([np.ones(len(time)), warmth])
     past = report.augmented.past
     for i in (0, 20, 60):

@@ -58,7 +58,7 @@ def test_a_stream_ends_with_its_token(guarded_server, tokens, monkeypatch, agein
     assert not any(line.startswith("event: state") for line in rest[-1:])
     again = httpx.get(f"{guarded_server.url}{TWIN}", headers=headers, timeout=300)
     assert again.status_code == 401
-    assert again.json()["detail"].startswith("The token lets nobody in. It is revoked.")
+    assert again.json()["detail"].startswith("The token is refused. It is revoked.")
 
 
 def test_a_cookie_is_good_for_a_stream_as_of_a_page(guarded_server, tokens):
@@ -190,7 +190,7 @@ def test_the_page_asks_for_a_token_and_shows_its_twins(guarded_server, tokens, v
     expect(page.get_by_role("heading", name="Who asks?")).to_be_visible()
     page.get_by_label("Token").fill("wrong")
     page.get_by_role("button", name="Enter").click()
-    expect(page.locator("#not-admitted")).to_contain_text("The token lets nobody in.")
+    expect(page.locator("#not-admitted")).to_contain_text("The token is refused.")
     page.get_by_label("Token").fill(word)
     page.get_by_role("button", name="Enter").click()
     expect(page.locator('[data-twin="lab.beam"]')).to_be_visible()
