@@ -11,6 +11,8 @@ from .calibration import refit
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
 from .hypothesis import Hypothesis
+from .imposed_motion.diagnosis import diagnose_imposed_motion
+from .imposed_motion.records import is_imposed
 from .progress import Monitor, Progress, Stop
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
@@ -68,13 +70,16 @@ def diagnose(
     if campaign.ambient:
         tell("comparing spectra", 0.1)
         return diagnose_ambient(campaign, trials, findings, known)
+    if is_imposed(campaign.description, trials):
+        return diagnose_imposed_motion(campaign, trials, findings, known, tell)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("judging by what was not fitted", 0.92)
-    answer = report(campaign, found.trials, findings, found, known)
+    monitor = None if options.quick else tell
+    answer = report(campaign, found.trials, findings, found, known, monitor)
     if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer

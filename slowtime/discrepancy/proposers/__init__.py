@@ -4,6 +4,7 @@
 """
 
 from .delayed_input import SensorClocks
+from .free_run_scan import FreeRunScan
 from .general_laws import GeneralLaws
 from .library import LibraryShortlist
 from .lower_ranked import InitialSegments, NearbyRuns, NextInRank
@@ -19,6 +20,9 @@ PROPOSERS: tuple[Proposer, ...] = (
     InitialSegments(),
     NextInRank(),
     GeneralLaws(),
+    FreeRunScan(),
 )
+LATER_PROPOSERS: tuple[Proposer, ...] = (GeneralLaws(), FreeRunScan())
+"""Asked for each later effect, where nothing on the shortlist explains what is left."""
 
-__all__ = ["PROPOSERS", "Proposal", "Proposer", "Round"]
+__all__ = ["LATER_PROPOSERS", "PROPOSERS", "Proposal", "Proposer", "Round"]

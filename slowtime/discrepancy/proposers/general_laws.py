@@ -5,6 +5,7 @@ import dataclasses
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.library_fit import library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import best_of_each_place
+from slowtime.discrepancy.selection.acceptance import is_second_curve
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import general_kinds
 
@@ -35,5 +36,9 @@ class GeneralLaws:
         if explained or given.is_late("trying general laws", 0.22):
             return Proposal(self.name, ())
         among = general_kinds(given.kinds)
-        found = library_candidates(given.before, given.localized, given.kinds, among)
+        found = [
+            one
+            for one in library_candidates(given.before, given.localized, given.kinds, among)
+            if not is_second_curve(one.effect, given.hypothesis.effects, given.kinds)
+        ]
         return Proposal(self.name, tuple(best_of_each_place(found, MAX_LAWS)))

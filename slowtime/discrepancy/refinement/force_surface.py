@@ -5,19 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import start_with_force
 from slowtime.discrepancy.estimation.candidate_fit import (
-    GRADUALLY,
+    GROWING_HORIZONS,
+    FitSchedule,
     FittedCandidate,
     fit_candidate,
 )
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.localization.places import LatentForce
-from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, Place, force_along
+from slowtime.dynamics.work import metered
 
 KIND = "measured_force"
 MARGIN = 1.02
@@ -26,6 +27,9 @@ decision; beyond it keeps its value at the edge."""
 MEMORY_SHARES = (0.03, 0.15, 0.5)
 """[share of the largest elongation] Paths over which memory fades. Source: presliding of dry
 joints to yielding of springs; the best on the recovered force is taken."""
+MAX_WORK = 1.0e10
+"""[units of work] That the fit of a surface may cost, beside the budget of the search
+(`slowtime.dynamics.work`). Source: a decision: under a minute of the reference machine."""
 RIDGE = 1e-6
 """[share of the mean square] Of the terms that is added, as the motion does not tell all of
 them apart. Source: judgement."""
@@ -36,7 +40,6 @@ def fit_force_surface(
     localized: Localization,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-    monitor: Monitor,
 ) -> FittedCandidate | None:
     """Fit a force surface at the likeliest element, with all constants, to the free run.
 
@@ -64,11 +67,13 @@ def fit_force_surface(
     forces = [
         force_along(kinds[KIND], effect.parameters, one.motion)[:, None] for one in latents
     ]
-    return fit_candidate(
-        before, effect, trials, kinds, before.noise,
-        start=start_with_force(before, space.lines_of(forces), space),
-        horizons=GRADUALLY, late=lambda: monitor.is_over,
-    )  # fmt: skip
+    start = start_with_force(before, space.lines_of(forces), space)
+    with metered() as meter:
+        return fit_candidate(
+            before, effect, trials, kinds, before.noise,
+            control=FitControl(is_late=lambda: meter.spent > MAX_WORK),
+            schedule=FitSchedule(start=start, horizons=GROWING_HORIZONS),
+        )  # fmt: skip
 
 
 def _along(kind: Kind, place: Place, latents: Sequence[LatentForce]) -> Effect | None:

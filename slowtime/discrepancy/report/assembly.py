@@ -27,6 +27,7 @@ from slowtime.discrepancy.experiment_design.proposal import propose_experiment
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization, characterise
 from slowtime.discrepancy.noise import Noise, has_rigid_motion
+from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
@@ -50,6 +51,8 @@ from slowtime.discrepancy.validation.free_run import (
 from slowtime.discrepancy.validation.holdout import is_confirmed_on_holdout
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
+
+from .gap_closure import ClosedGap, close_gap, describe_gap_closure
 
 MAX_REST_HERE = 1e-3
 """[share of what was missing at first] That is left at the place of an effect at most, if its
@@ -140,6 +143,7 @@ def report(
     findings: tuple[Finding, ...],
     found: Hypothesis,
     kinds: Mapping[str, Kind],
+    monitor: Monitor | None = None,
 ) -> Diagnosis:
     """Put a diagnosis together: verdict, sentences, error of free runs, and data of plots.
 
@@ -155,6 +159,8 @@ def report(
         Hypothesis with which the search ended.
     kinds
         Catalogue of effects by name.
+    monitor
+        Of the budget; where given, and the effect is unknown, a force surface closes the gap.
     """
     given, last = campaign.description, found.last
     evaluation = _evaluate(campaign, trials, found, kinds)
@@ -168,6 +174,14 @@ def report(
     # Constants that were bent to make up for what has no name are no better a model.
     useless = unknown and evaluation.last_is_worse
     kept = nominal if useless else steps[-1]
+    closed = (
+        _closed(found, trials, evaluation, kept, kinds, monitor)
+        if unknown and monitor
+        else None
+    )
+    if closed is not None:
+        kept, useless = closed.result, False
+    augmented = last if closed is None else closed.fit
     experiment = (
         propose_experiment(found.pair, trials, kinds) if found.pair and not unknown else None
     )
@@ -185,13 +199,13 @@ def report(
         where=_suspects(located),
         when=_when(located) if found.effects else When((), (), ""),
         findings=findings,
-        gap=_gap(found, evaluation, kept),
+        gap=_gap(found, evaluation, kept, closed),
         chi2_per_datum=last.chi2_per_datum,
         residual_white=white_p_value > LIMITS.white_p_value,
         white_p_value=white_p_value,
         nominal=given,
         refitted=_described(found.first),
-        augmented=given if useless else saying_holds(_described(last)),
+        augmented=given if useless else saying_holds(_described(augmented)),
         traces=traces_of(evaluation.tests, nominal.runs, steps[0].runs, kept.runs),
         spectra=spectra_of(evaluation.tests, steps[0].runs, kept.runs, evaluation.noise),
         surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
@@ -199,10 +213,32 @@ def report(
             *_notes_on_records(given, evaluation, useless=useless),
             *((HURRIED,) if found.exhausted else ()),
             *_notes_on_effects(found, kinds, unknown=unknown),
+            *(
+                (describe_gap_closure(closed, evaluation.errors[0], found, kinds),)
+                if closed is not None
+                else ()
+            ),
             *(_far(last) if verdict == "nothing_missing" else ()),
             *_note_on_noise(found, evaluation, kinds, unknown=unknown),
         ),
     )
+
+
+def _closed(
+    found: Hypothesis,
+    trials: tuple[Trial, ...],
+    evaluation: Evaluation,
+    kept: FreeRunResult,
+    kinds: Mapping[str, Kind],
+    monitor: Monitor,
+) -> ClosedGap | None:
+    """Close the gap by a force surface, where that does better on what was not fitted."""
+    if found.final or found.link is not None:
+        return None
+    monitor("measuring the force surface", 0.94)
+    closed = close_gap(found, trials, evaluation.tests, kinds, held_out=evaluation.held_out)
+    better = closed is not None and closed.error < float(kept.error.mean())
+    return closed if better else None
 
 
 def _evaluate(
@@ -520,15 +556,20 @@ def _when(located: Localization) -> When:
     )
 
 
-def _gap(found: Hypothesis, evaluation: Evaluation, kept: FreeRunResult) -> Gap:
+def _gap(
+    found: Hypothesis, evaluation: Evaluation, kept: FreeRunResult, closed: ClosedGap | None
+) -> Gap:
     refitted, *errors = evaluation.errors
+    steps = [
+        Step(answer.effect.kind, answer.effect.place, error)
+        for answer, error in zip(found.effects, errors, strict=False)
+    ]
+    if closed is not None:
+        steps.append(Step(closed.fit.plant.effects[-1].kind, closed.place, closed.error))
     return Gap(
         nominal=float(evaluation.nominal.error.mean()),
         refitted_nominal=refitted,
-        steps=tuple(
-            Step(answer.effect.kind, answer.effect.place, error)
-            for answer, error in zip(found.effects, errors, strict=False)
-        ),
+        steps=tuple(steps),
         augmented=float(kept.error.mean()),
         noise_floor=evaluation.floor,
         on="holdout" if evaluation.held_out else "tail",

@@ -27,7 +27,7 @@ from slowtime.discrepancy.estimation.shooting_fit import (
 )
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.localization import Localization, locate
-from slowtime.discrepancy.proposers import Round
+from slowtime.discrepancy.proposers import LATER_PROPOSERS, Round
 from slowtime.discrepancy.proposers.base_motion import base_motion, by_a_law, placed
 from slowtime.discrepancy.proposers.delayed_input import pairs_with_delayed_input
 from slowtime.discrepancy.proposers.joint_pairs import JointPairs, PairLabel, label_of_pair
@@ -183,6 +183,8 @@ def _from_shortlist(
     turn = TrialOrder(monitor, number, len(in_turn), given.share, far)
     fitting = _fitting(given, turn).fit(in_turn)
     given = dataclasses.replace(given, fitted=fitting.found)
+    if number and not how.options.quick:
+        given, fitting = _fit_later_proposals(given, fitting)
     fitted = fitting.ranked(lambda: monitor.is_over)
     turn.must &= not fitted
     if not number:
@@ -209,6 +211,19 @@ def _from_shortlist(
             hypothesis, fitted=tuple(fitted), tried=given.tried, nested=fitting.nested
         )
     return accept_best(hypothesis, given.before, fitted, how, given.trials, pulled=pulled)
+
+
+def _fit_later_proposals(given: Round, fitting: Fitting) -> tuple[Round, Fitting]:
+    """Fit what is proposed for a later effect where the shortlist does not explain it."""
+    for proposer in LATER_PROPOSERS:
+        if fitting.stopped:
+            break
+        proposal = proposer(given)
+        fitting = fitting.fit(proposal.candidates)
+        given = dataclasses.replace(
+            given, fitted=fitting.found, proposals=(*given.proposals, proposal)
+        )
+    return given, fitting
 
 
 def _from_proposals(

@@ -24,8 +24,15 @@ MAX_LOCAL_MINIMUM_REST = 0.003
 friction sticks. Source: docs/decisions/0019."""
 
 
+MAX_LOCAL_MINIMUM_CHI2 = 100.0
+"""[noise variances] That a right model leaves at most in a local minimum. Source: a decision: ten
+times the noise is seen by the eye, however much was missing at first."""
+
+
 def hardly_any(last: Fit, first: Fit) -> bool:
     """Whether a fit leaves hardly any of what the first left beyond the noise."""
+    if last.chi2_in_band > MAX_LOCAL_MINIMUM_CHI2:
+        return False
     return last.chi2_in_band - 1 < MAX_LOCAL_MINIMUM_REST * (first.chi2_in_band - 1)
 
 

@@ -62,6 +62,20 @@ def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
     return float(p[0] + (p[1] - p[0]) * math.exp(-ratio * ratio))
 
 
+def sliding_with_drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of sliding and of drag, which grows with the square of speed [N]."""
+    return float(p[0] + p[1] * v * v)
+
+
+def drags(motion: Motion) -> list[Shape]:
+    """Coefficients of drag that make it a part of, or more than, the friction at high speed."""
+    return [
+        {"c2_n_s2_per_m2": ratio / fast**2}
+        for fast in levels(motion.v, 0.95)
+        for ratio in (0.3, 1.0, 3.0, 10.0)
+    ]
+
+
 def presliding(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force in proportion to the bristles' deflection [N]."""
     return float(p[0] * z[0])
@@ -223,6 +237,26 @@ KINDS = (
         scales=("static_n",),
         shapes=speeds,
         shown=fallen,
+    ),
+    Kind(
+        name="friction_with_drag",
+        title="Dry friction with drag",
+        family="friction",
+        where="element",
+        parameters=(
+            _SLIDING,
+            Parameter(
+                name="c2_n_s2_per_m2", unit="N s^2/m^2", meaning="coefficient of drag", low=0.0
+            ),
+        ),
+        equation="(Fc + c2 v²) sign(v), at v = 0 whatever up to Fc it takes to stick",
+        source="sum of Coulomb 1785 and quadratic drag, Morison et al. 1950",
+        sentence="Dry friction, and beside it damping that grows with the square of speed.",
+        action=Friction(limit=sliding_with_drag),
+        strength="friction_n",
+        scales=("c2_n_s2_per_m2",),
+        shapes=drags,
+        contains=("coulomb", "quadratic_damping"),
     ),
     Kind(
         name="dahl",
