@@ -520,7 +520,9 @@ def _idle(named: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
     least = LIMITS.clear_sds if len(kind.parameters) == 1 else LIMITS.seen_sds
     which = kind.strength or _only(kind)
     name = ("effect", len(named.description.effects) - 1, which)
-    return sds_of(named.fit, name, nothing_of(kind)) < least or _is_negligible_rider(named, kind)
+    return sds_of(named.fit, name, nothing_of(kind)) < least or _is_negligible_rider(
+        named, kind
+    )
 
 
 def _is_negligible_rider(named: FittedCandidate, kind: Kind) -> bool:
@@ -566,7 +568,8 @@ def sds_of(fit: Fit, name: Name, nothing: float) -> float:
     if name not in fit.prior.names:
         return math.inf
     at = fit.prior.names.index(name)
-    return abs(float(fit.free[at]) - nothing) / float(fit.inflated_sd[at])
+    apart, sd = abs(float(fit.free[at]) - nothing), float(fit.inflated_sd[at])
+    return apart / sd if sd > 0 else (math.inf if apart else 0.0)
 
 
 def _only(kind: Kind) -> str:

@@ -224,7 +224,11 @@ def separation(true: Prediction, other: Prediction) -> float:
     true, other
         Predictions of the same experiment.
     """
+    if not (other.noise > 0).all() or not np.isfinite(other.slopes).all():
+        return 0.0  # nothing moves, or a run grows beyond bounds: no experiment
     apart = ((true.outputs - other.outputs) / other.noise).ravel()
+    if not np.isfinite(apart).all():
+        return 0.0
     turned = (other.slopes / other.noise[:, None]).reshape(len(apart), -1)
     matrix, right = turned.T @ turned + other.known, turned.T @ apart
     size = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))

@@ -33,7 +33,7 @@ MAX_SHAPES = 2
 MAX_PARAMETERS = 2
 """[parameters] That a law is fitted with at most. Source: a bound on computing time; laws of
 more are begun from what these tell."""
-MAX_LAWS = 8
+MAX_LAWS = 12
 """[laws] That are fitted. Source: a bound on computing time."""
 
 
@@ -87,6 +87,7 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         and has_strength(kind)
         and not kind.is_surface
         and not kind.states
+        and not (isinstance(kind.action, Law) and kind.action.switches)
         and _parameters(kind) <= MAX_PARAMETERS
         and is_applicable(kind, description)
     ]

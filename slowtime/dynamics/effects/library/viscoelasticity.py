@@ -22,18 +22,18 @@ def fractional(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of five branches whose stiffness is a power of their frequency [N]."""
     total = 0.0
     for k in range(5):
-        total += 10.0 ** (p[1] * (k - 2.0)) * z[k]
+        total += 10.0 ** (0.5 * p[1] * (k - 2.0)) * z[k]
     return float(p[0] * total)
 
 
 def branch_0(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the elongation of the branch two decades below the centre [m/s]."""
-    return float(v - 0.01 * 2.0 * math.pi * p[2] * z[0])
+    """Rate of the elongation of the branch one decade below the centre [m/s]."""
+    return float(v - 0.1 * 2.0 * math.pi * p[2] * z[0])
 
 
 def branch_1(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the elongation of the branch one decade below the centre [m/s]."""
-    return float(v - 0.1 * 2.0 * math.pi * p[2] * z[1])
+    """Rate of the elongation of the branch half a decade below the centre [m/s]."""
+    return float(v - math.sqrt(0.1) * 2.0 * math.pi * p[2] * z[1])
 
 
 def branch_2(e: float, v: float, t: float, z: Any, p: Any) -> float:
@@ -42,13 +42,13 @@ def branch_2(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def branch_3(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the elongation of the branch one decade above the centre [m/s]."""
-    return float(v - 10.0 * 2.0 * math.pi * p[2] * z[3])
+    """Rate of the elongation of the branch half a decade above the centre [m/s]."""
+    return float(v - math.sqrt(10.0) * 2.0 * math.pi * p[2] * z[3])
 
 
 def branch_4(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the elongation of the branch two decades above the centre [m/s]."""
-    return float(v - 100.0 * 2.0 * math.pi * p[2] * z[4])
+    """Rate of the elongation of the branch one decade above the centre [m/s]."""
+    return float(v - 10.0 * 2.0 * math.pi * p[2] * z[4])
 
 
 def relaxation_times(motion: Motion) -> list[Shape]:
@@ -108,15 +108,15 @@ KINDS = (
             Parameter(
                 name="centre_hz",
                 unit="Hz",
-                meaning="centre of four decades of frequency",
+                meaning="centre of two decades of frequency",
                 low=0.0,
                 nonzero=True,
                 fitted=False,
             ),
         ),
-        equation="kf Σ 10^(α k) zₖ, żₖ = v − 2π fc 10ᵏ zₖ, k = −2 … 2",
+        equation="kf Σ 10^(α k/2) zₖ, żₖ = v − 2π fc 10^(k/2) zₖ, k = −2 … 2",
         source="Oustaloup et al. 2000; Bagley and Torvik 1983",
-        sentence="Stiffness and damping rise with a power of frequency, as of polymers.",
+        sentence="Stiffness and damping rise with a power of frequency, as of polymers, over two decades.",
         action=Law(force=fractional, rates=(branch_0, branch_1, branch_2, branch_3, branch_4)),
         strength="kf_n_per_m",
         shapes=orders,
