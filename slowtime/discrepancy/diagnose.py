@@ -8,6 +8,7 @@ from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
+from .data.free_decay import is_free_decay
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
 from .hypothesis import Hypothesis
@@ -67,7 +68,7 @@ def diagnose(
     screened = screen_records(campaign.trials, campaign.channels)
     trials = tuple(one.trial.trimmed() for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
-    if campaign.ambient:
+    if campaign.ambient and not is_free_decay(trials):
         tell("comparing spectra", 0.1)
         return diagnose_ambient(campaign, trials, findings, known)
     if is_imposed(campaign.description, trials):

@@ -14,6 +14,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
     fit_candidate,
 )
+from slowtime.discrepancy.linear_algebra import solve_semidefinite
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.localization.places import LatentForce
 from slowtime.discrepancy.records import Trial
@@ -80,14 +81,14 @@ def _along(kind: Kind, place: Place, latents: Sequence[LatentForce]) -> Effect |
     """Regress the recovered force on the terms of the surface along the recovered motion."""
     reach = MARGIN * max(float(np.abs(one.motion.e).max()) for one in latents)
     speed = MARGIN * max(float(np.abs(one.motion.v).max()) for one in latents)
-    if not reach > 0 or not speed > 0:
-        return None
     force = np.concatenate([one.force for one in latents])
+    if not (reach > 0 and speed > 0 and np.isfinite(force).all()):
+        return None
     names = [p.name for p in kind.parameters if p.fitted]
     found: list[tuple[float, dict[str, float]]] = []
     for share in MEMORY_SHARES:
         scales = {"memory_m": share * reach, "e0_m": reach, "v0_m_per_s": speed}
-        terms = np.stack(
+        columns = np.stack(
             [
                 np.concatenate(
                     [force_along(kind, scales | {name: 1.0}, one.motion) for one in latents]
@@ -96,9 +97,17 @@ def _along(kind: Kind, place: Place, latents: Sequence[LatentForce]) -> Effect |
             ],
             axis=1,
         )
-        weights = _ridge(terms, force)
-        left = float(np.mean((force - terms @ weights) ** 2))
+        with np.errstate(over="ignore", invalid="ignore"):
+            try:
+                weights = _ridge(columns, force)
+            except np.linalg.LinAlgError:
+                continue
+        left = float(np.mean((force - columns @ weights) ** 2))
+        if not np.isfinite(left):
+            continue
         found.append((left, scales | dict(zip(names, weights.tolist(), strict=True))))
+    if not found:
+        return None
     return Effect(kind.name, place, min(found, key=lambda one: one[0])[1])
 
 
@@ -107,4 +116,4 @@ def _ridge(
 ) -> Float[np.ndarray, " term"]:
     normal = terms.T @ terms
     normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
-    return np.asarray(np.linalg.solve(normal, terms.T @ force))
+    return solve_semidefinite(normal, terms.T @ force)
