@@ -8,11 +8,11 @@ from jaxtyping import Float
 from slowtime.discrepancy.records import Trial
 
 MIN_PEAKS = 8
-"""[half cycles] That a record must hold. Source: peaks of random motion fall eight times in a row
-in one record of forty thousand."""
+"""[half cycles] That a record must hold. Source: peaks of random motion fall eight times in a
+row in one record of forty thousand."""
 MAX_RISING_SHARE = 0.05
-"""[share of the peaks] That may be higher than one cycle before. Source: the 5 % level; peaks of
-stationary random motion rise half of the time."""
+"""[share of the peaks] That may be higher than one cycle before. Source: the 5 % level; those
+of stationary random motion rise half of the time."""
 MIN_RISE = 0.005
 """[share of the largest peak] By which a peak must be higher to have risen. Source: resolution
 of usual encoders and the noise of usual sensors."""

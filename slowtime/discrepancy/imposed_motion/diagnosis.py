@@ -41,7 +41,7 @@ TRAINED = 0.7
 """[share of a record] That laws are fitted to before they are ranked by the rest. Source: a
 decision."""
 MAX_LAWS = 2
-"""[laws] That one element may have. Source: a decision; a third fits anything."""
+"""[laws] That one element may have. Source: a decision; three fit anything."""
 MIN_GAIN = 0.1
 """[share of the root mean square] By which a law has to reduce what is left. Source: a decision:
 less is within what differentiated motion and a drifting transducer leave."""
@@ -194,7 +194,7 @@ def _answer(
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, effects, rivals, kinds, rig)
-        + f" The error of the force on {JUDGED[bool(campaign.holdout)]} is {_percent(errors[-1])}; without a law {_percent(errors[0])}.",
+        + _closing(bool(campaign.holdout), errors),
         effects=tuple(answers),
         undecided=rivals,
         experiment=None,
@@ -225,6 +225,14 @@ def _answer(
         spectra=_no_spectra(len(given.sensors)),
         surface=_surface(regression, steps),
         notes=(IMPOSED, *(() if campaign.holdout else (NO_HOLDOUT,))),
+    )
+
+
+def _closing(held_out: bool, errors: Sequence[float]) -> str:
+    on = JUDGED[held_out]
+    return (
+        f" The error of the force on {on} is {_percent(errors[-1])}; without a law "
+        f"{_percent(errors[0])}."
     )
 
 

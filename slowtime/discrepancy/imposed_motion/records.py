@@ -21,7 +21,7 @@ polynomials over so short an arc of a sine leave less than 1e-4 of its rate."""
 MIN_WINDOW = 7
 """[samples] Least length of these polynomials. Source: the degree and four more."""
 DEGREE = 3
-"""[1] Of these polynomials. Source: Savitzky and Golay 1964; rate and acceleration both follow."""
+"""[1] Of these polynomials. Source: Savitzky and Golay 1964; it gives an acceleration, too."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -2,10 +2,10 @@ r"""Laws fitted to a measured force along a measured motion, and their evidence.
 
 .. math:: f = k e + c v + b + \sum_i F_i(e, v, z; p_i) + r
 
-The noise of the force is not known beforehand: its variance is estimated from what a law leaves,
-so that a law outside the list makes every other less certain. What is left is correlated from
-sample to sample; they count for :math:`N (1 - \rho)/(1 + \rho)`, with their correlation from one to
-the next :math:`\rho`.
+The noise of the force is not known beforehand: its variance is estimated from what a law
+leaves, so that a law outside the list makes every other less certain. What is left is
+correlated from sample to sample; they count for :math:`N (1 - \rho)/(1 + \rho)`, with their
+correlation from one to the next :math:`\rho`.
 """
 
 import dataclasses

@@ -26,7 +26,7 @@ LOST_CHI2 = 30.0
 """[noise variances] Mean square in band that the best candidate leaves, from which its free run
 has lost the records. Source: as `LOST` of the search's extension."""
 FORCE_RATIOS = (-0.1, -0.003, 0.0005, 0.003, 0.02, 0.1)
-"""[1] Force of a law over that of the element's spring. Source: friction and drag of free decays
+"""[1] Force of a law over that of the element's spring. Source: friction and drag of decays
 that lose 0.1 to 30 % of their energy per cycle."""
 MAX_SHAPES = 2
 """[1] Shapes of each law that are run. Source: a bound on computing time."""

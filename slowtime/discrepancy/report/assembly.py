@@ -31,6 +31,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
+from slowtime.discrepancy.selection.inadequacy import temper_unexplained
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
 from slowtime.discrepancy.selection.probabilities import (
     MAX_LOCAL_MINIMUM_REST,
@@ -303,6 +304,7 @@ def _answers(
     assert found.localized is not None
     alike = bool(found.localized.groups[0].twins)
     sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
+    sure = temper_unexplained(sure, found.first, found.last)
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     return _once([*sure, *faults])
 

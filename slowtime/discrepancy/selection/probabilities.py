@@ -25,8 +25,8 @@ friction sticks. Source: docs/decisions/0019."""
 
 
 MAX_LOCAL_MINIMUM_CHI2 = 100.0
-"""[noise variances] That a right model leaves at most in a local minimum. Source: a decision: ten
-times the noise is seen by the eye, however much was missing at first."""
+"""[noise variances] That a right model leaves at most in a local minimum. Source: a decision:
+ten times the noise is seen by the eye, however much was missing at first."""
 
 
 def hardly_any(last: Fit, first: Fit) -> bool:

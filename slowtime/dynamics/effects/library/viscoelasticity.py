@@ -116,7 +116,7 @@ KINDS = (
         ),
         equation="kf Σ 10^(α k/2) zₖ, żₖ = v − 2π fc 10^(k/2) zₖ, k = −2 … 2",
         source="Oustaloup et al. 2000; Bagley and Torvik 1983",
-        sentence="Stiffness and damping rise with a power of frequency, as of polymers, over two decades.",
+        sentence="Stiffness and damping rise with a power of frequency, as of polymers.",
         action=Law(force=fractional, rates=(branch_0, branch_1, branch_2, branch_3, branch_4)),
         strength="kf_n_per_m",
         shapes=orders,
