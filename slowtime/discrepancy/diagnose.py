@@ -8,7 +8,7 @@ from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
-from .data.free_decay import is_free_decay
+from .data.free_decay import is_free_decay, without_standstill, without_tones
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
 from .hypothesis import Hypothesis
@@ -65,10 +65,15 @@ def diagnose(
     tell = Monitor(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
-    screened = screen_records(campaign.trials, campaign.channels)
+    given = campaign.trials
+    decays = is_free_decay(given)
+    if decays:
+        known = without_tones(known)
+        given = tuple(without_standstill(trial) for trial in given)
+    screened = screen_records(given, campaign.channels)
     trials = tuple(one.trial.trimmed() for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
-    if campaign.ambient and not is_free_decay(trials):
+    if campaign.ambient and not decays:
         tell("comparing spectra", 0.1)
         return diagnose_ambient(campaign, trials, findings, known)
     if is_imposed(campaign.description, trials):

@@ -1,12 +1,15 @@
-"""Detection of free decays among records without measured inputs."""
+"""Free decays: records that nothing drives, which die down and may end at a standstill."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.dynamics.effects import Kind
 
+MIN_REST = 0.02
+"""[share of a record] At rest at its end, from which that is cut off. Source: a decision."""
 MIN_PEAKS = 8
 """[half cycles] That a record must hold. Source: peaks of random motion fall eight times in a
 row in one record of forty thousand."""
@@ -21,14 +24,43 @@ MIN_FALL = 0.8
 
 
 def is_free_decay(trials: Sequence[Trial]) -> bool:
-    """Return whether every record dies down from peak to peak, as nothing that is driven does.
+    """Return whether nothing drives any record, and each dies down from peak to peak.
 
     Parameters
     ----------
     trials
-        Records without inputs.
+        Records without inputs, or with inputs.
     """
-    return bool(trials) and all(_decays(trial) for trial in trials)
+    return bool(trials) and all(not one.inputs.any() and _decays(one) for one in trials)
+
+
+def without_standstill(trial: Trial) -> Trial:
+    """Cut a free decay where it has come to rest: a still channel is not a faulty one there.
+
+    Parameters
+    ----------
+    trial
+        Record of a free decay.
+
+    Returns
+    -------
+    The record up to its last change, or as it is where hardly any of it is at rest.
+    """
+    moving = np.flatnonzero((np.diff(trial.measured, axis=0) != 0).any(axis=1))
+    end = int(moving[-1]) + 2 if len(moving) else len(trial.outputs)
+    resting = len(trial.outputs) - end
+    if resting < MIN_REST * len(trial.outputs) or end < MIN_SAMPLES:
+        return trial
+    return trial.part(0, end)
+
+
+def without_tones(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
+    """List the kinds that need no drive of their own.
+
+    A tone or a pulsation at the frequency of the decay follows it for as long as it lasts, and
+    imitates any law of its damping.
+    """
+    return {name: kind for name, kind in kinds.items() if kind.quadrature is None}
 
 
 def _decays(trial: Trial) -> bool:

@@ -43,8 +43,8 @@ decision."""
 MAX_LAWS = 2
 """[laws] That one element may have. Source: a decision; three fit anything."""
 MIN_GAIN = 0.1
-"""[share of the root mean square] By which a law has to reduce what is left. Source: a decision:
-less is within what differentiated motion and a drifting transducer leave."""
+"""[share of the root mean square] By which a law has to reduce what is left. Source: a
+decision: less is within what differentiated motion and a drifting transducer leave."""
 MAX_REST = 0.3
 """[share of the scatter of the force] That a law which is named leaves at most. Source: laws of
 published dampers leave 11 to 25 % of their measured forces."""

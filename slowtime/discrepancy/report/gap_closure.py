@@ -115,8 +115,8 @@ def describe_gap_closure(
     text = (
         f"A force surface was measured at {closed.place} instead (measured_force): with it the "
         f"augmented model closes {share:.0f} % of what the refitted one leaves. It was "
-        f"measured up to {reach:.2g} {unit} and {speed:.2g} {unit}/s; beyond that it is only held "
-        "constant."
+        f"measured up to {reach:.2g} {unit} and {speed:.2g} {unit}/s; beyond that it is only "
+        "held constant."
     )
     like = _resembles(found, closed.place)
     if like:
