@@ -28,7 +28,7 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description, Tolerance
 from slowtime.dynamics.effects import Kind
 
-from .records import ForceRecord, TestRig, force_record, test_rig
+from .records import ForceRecord, ImposedRig, force_record, rig_of
 from .regression import (
     ForceFit,
     ForceRegression,
@@ -83,7 +83,7 @@ def diagnose_imposed_motion(
     monitor
         Told the stage.
     """
-    rig = test_rig(campaign.description)
+    rig = rig_of(campaign.description)
     assert rig is not None
     held_out = tuple(screen(trial).trial for trial in campaign.holdout)
     learn = trials if held_out else tuple(_head(trial) for trial in trials)
@@ -104,7 +104,7 @@ def _tail(trial: Trial) -> Trial:
 
 
 def _search(
-    rig: TestRig,
+    rig: ImposedRig,
     tolerance: Tolerance | None,
     learn: Sequence[Trial],
     kinds: Mapping[str, Kind],
@@ -140,7 +140,7 @@ def _search(
         # The first parts count, too: they would do for the rest what that does for them.
         count = independent_samples(residuals[int(np.argmin(left))]) / (1 - TRAINED)
         scores = [log_evidence(one, rms, count) for one, rms in zip(found, left, strict=True)]
-        order = sorted(range(len(found)), key=lambda i: -scores[i])
+        order, shares = _ranked(found, scores, kinds)
         best = found[order[0]]
         known = _rms(_residuals(trained, before, rests))
         gain = scores[order[0]] - log_evidence(before, known, count)
@@ -149,11 +149,37 @@ def _search(
         refitted = whole.fit_from(best)
         if refitted is None:
             break
-        shares = probabilities([scores[i] for i in order], 1.0)
         rounds.append(_Round(tuple(found[i] for i in order), tuple(shares)))
         steps.append(refitted)
         before = best
     return whole, steps, rounds
+
+
+def _ranked(
+    found: Sequence[ForceFit], scores: Sequence[float], kinds: Mapping[str, Kind]
+) -> tuple[list[int], list[float]]:
+    """Rank fits by probability; of nested laws that explain as much, the simplest comes first.
+
+    It takes the share of the law that contains it, as that is then the same law.
+    """
+    shares = probabilities(scores, 1.0)
+    order = sorted(range(len(found)), key=lambda i: -scores[i])
+    best = order[0]
+    contained = kinds[found[best].effects[-1].kind].contains
+    simpler = [
+        i
+        for i in order[1:]
+        if found[i].effects[-1].kind in contained
+        and scores[i] > scores[best] - LIMITS.least_log_evidence
+    ]
+    if simpler:
+        first = min(simpler, key=lambda i: (found[i].numbers, -scores[i]))
+        shares[first] += shares[best]
+        shares[best] = 0.0
+        order.remove(first)
+        order.insert(0, first)
+    order = [order[0], *sorted(order[1:], key=lambda i: -shares[i])]
+    return order, [shares[i] for i in order]
 
 
 def _residuals(
@@ -164,7 +190,7 @@ def _residuals(
 
 def _answer(
     campaign: Campaign,
-    rig: TestRig,
+    rig: ImposedRig,
     regression: ForceRegression,
     steps: Sequence[ForceFit],
     rounds: Sequence[_Round],
@@ -293,7 +319,7 @@ def _sentence(
     effects: Sequence[NamedEffect],
     rivals: Sequence[Rival],
     kinds: Mapping[str, Kind],
-    rig: TestRig,
+    rig: ImposedRig,
 ) -> str:
     if verdict == "undecided":
         names = " or ".join(kinds[one.effect].words for one in rivals)
@@ -309,7 +335,7 @@ def _sentence(
     return " ".join(one.sentence for one in effects)
 
 
-def _described(given: Description, rig: TestRig, fit: ForceFit) -> Description:
+def _described(given: Description, rig: ImposedRig, fit: ForceFit) -> Description:
     stiffness, damping, _ = fit.constants.tolist()
     return with_values(
         given,

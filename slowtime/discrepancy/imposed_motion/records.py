@@ -41,7 +41,7 @@ class ForceRecord:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class TestRig:
+class ImposedRig:
     """A model of one spring, with the channels of its motion and of its force.
 
     Parameters
@@ -63,7 +63,7 @@ class TestRig:
     sign: float
 
 
-def test_rig(description: Description) -> TestRig | None:
+def rig_of(description: Description) -> ImposedRig | None:
     """Return the rig of a model that may be one of imposed motion.
 
     Parameters
@@ -87,14 +87,16 @@ def test_rig(description: Description) -> TestRig | None:
     if place is None:
         return None
     sign = 1.0 if element.between[0] == BASE else -1.0
-    return TestRig(element, node.mass_kg, place, _column(description.sensors, "velocity"), sign)
+    return ImposedRig(
+        element, node.mass_kg, place, _column(description.sensors, "velocity"), sign
+    )
 
 
 def _column(sensors: Sequence[Sensor], quantity: str) -> int | None:
     return next((i for i, one in enumerate(sensors) if one.quantity == quantity), None)
 
 
-def force_record(rig: TestRig, trial: Trial) -> ForceRecord:
+def force_record(rig: ImposedRig, trial: Trial) -> ForceRecord:
     """Differentiate the measured motion, and take the inertia off the measured force.
 
     Parameters
@@ -134,7 +136,7 @@ def is_imposed(description: Description, trials: Sequence[Trial]) -> bool:
     The motion is then imposed: a free run under the measured force would have no inertia to
     integrate, and the law follows from force and motion directly.
     """
-    rig = test_rig(description)
+    rig = rig_of(description)
     if rig is None or any(len(trial.outputs) < 2 * MIN_WINDOW for trial in trials):
         return False
     for trial in trials:

@@ -28,7 +28,7 @@ from slowtime.dynamics.effects import (
     force_along,
 )
 
-from .records import ForceRecord, TestRig
+from .records import ForceRecord, ImposedRig
 
 AT_BOUND = 1e-3
 """[share of a bound] Within which a parameter stands at it. Source: judgement."""
@@ -37,6 +37,9 @@ STARTS = 3
 MAX_EVALUATIONS = 60
 """[evaluations] Of a fit of one law from one start. Source: least squares of few parameters
 end within twenty."""
+DIFFERENCE_STEP = 1e-3
+"""[1] Relative step of a parameter for differences. Source: laws with kinks change by samples,
+so that smaller steps tell nothing."""
 ROUGH_SAMPLES = 4000
 """[samples] That the shapes of a law are ranked on. Source: judgement; all are used after."""
 
@@ -123,7 +126,7 @@ class ForceRegression:
 
     def __init__(
         self,
-        rig: TestRig,
+        rig: ImposedRig,
         tolerance: Tolerance | None,
         records: Sequence[ForceRecord],
         kinds: Mapping[str, Kind],
@@ -252,7 +255,8 @@ class ForceRegression:
             np.array([getattr(self._parameter(effects, i, n), end) for i, n in free]) / scale
             for end in ("low", "high")
         )
-        noise = max(float(np.std(self.force)) * 1e-3, np.finfo(float).tiny)
+        # A law that explodes is as bad as this, and its squares stay numbers.
+        bound = 1e6 * max(float(np.std(self.force)), np.finfo(float).tiny)
 
         def laws(values: Float[np.ndarray, " free"]) -> tuple[Effect, ...]:
             changed = [dict(effect.parameters) for effect in effects]
@@ -266,8 +270,8 @@ class ForceRegression:
         def residual(values: Float[np.ndarray, " free"]) -> Series:
             left = self.force.copy()
             for effect in laws(values):
-                left -= self._along(self.kinds[effect.kind], effect.parameters)
-            left = np.nan_to_num(left, nan=1e6 * noise, posinf=1e6 * noise, neginf=-1e6 * noise)
+                left = left - self._along(self.kinds[effect.kind], effect.parameters)
+            left = np.clip(np.nan_to_num(left, nan=bound), -bound, bound)
             constants = self._constants(left, level[0])[0]
             rows = (constants - self.mean) / self.sd * level[0]
             return np.concatenate([left - self.linear @ constants, rows])
@@ -278,7 +282,11 @@ class ForceRegression:
             if len(free):
                 inside = np.clip(values, low + 1e-9, high - 1e-9)
                 found = scipy.optimize.least_squares(
-                    residual, inside, bounds=(low, high), max_nfev=MAX_EVALUATIONS
+                    residual,
+                    inside,
+                    bounds=(low, high),
+                    diff_step=DIFFERENCE_STEP,
+                    max_nfev=MAX_EVALUATIONS,
                 )
                 values = found.x
             left = residual(values)[: len(self.force)]

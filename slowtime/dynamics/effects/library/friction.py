@@ -88,12 +88,18 @@ def dahl_deflection(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 def carried(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of the spring in series with the slider [N]."""
-    return float(p[0] * z[0] / p[1])
+    return float(p[0] * min(max(z[0] / p[1], -1.0), 1.0))
 
 
 def carried_until_sliding(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of that spring's elongation, zero where the slider slides [m/s]."""
-    return 0.0 if abs(z[0]) >= p[1] and v * z[0] > 0.0 else float(v)
+    """Rate of that spring's elongation, zero where the slider slides [m/s].
+
+    What a step went beyond that elongation is taken back over a tenth of it.
+    """
+    beyond = abs(z[0]) - p[1]
+    if beyond < 0.0 or v * z[0] <= 0.0:
+        return float(v)
+    return float(-10.0 * beyond / p[1] * v)
 
 
 def beyond_play(e: float, v: float, t: float, z: Any, p: Any) -> float:
@@ -106,8 +112,14 @@ def beyond_play(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def within_play(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the way within the play and the contact, zero where the slider slides [m/s]."""
-    return 0.0 if abs(z[0]) >= p[1] + p[2] and v * z[0] > 0.0 else float(v)
+    """Rate of the way within the play and the contact, zero where the slider slides [m/s].
+
+    What a step went beyond that way is taken back over a tenth of the contact's.
+    """
+    beyond = abs(z[0]) - p[1] - p[2]
+    if beyond < 0.0 or v * z[0] <= 0.0:
+        return float(v)
+    return float(-10.0 * beyond / p[2] * v)
 
 
 def lugre(e: float, v: float, t: float, z: Any, p: Any) -> float:

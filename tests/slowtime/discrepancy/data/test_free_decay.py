@@ -1,0 +1,89 @@
+"""Free decays are told from driven motion, and end where they come to rest."""
+
+import numpy as np
+import pytest
+import scipy.signal
+from scipy.integrate import solve_ivp
+
+from slowtime.discrepancy.data.free_decay import (
+    is_free_decay,
+    without_standstill,
+    without_tones,
+)
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import catalogue
+
+RATE = 50.0
+
+
+def record(series, inputs=0):
+    return Trial(
+        inputs=np.zeros((len(series), inputs)), outputs=np.asarray(series)[:, None],
+        rate_hz=RATE,
+    )  # fmt: skip
+
+
+def decay(force, seconds=20.0, noise=0.0, seed=0):
+    """Solve for the decay of a unit oscillator of 1 Hz under a force of its velocity."""
+    stiffness = (2 * np.pi) ** 2
+    t = np.arange(int(seconds * RATE)) / RATE
+    found = solve_ivp(
+        lambda _, x: [x[1], -stiffness * x[0] - force(x[1])], (0, t[-1]), [1.0, 0.0],
+        t_eval=t, rtol=1e-8, max_step=0.01,
+    ).y[0]  # fmt: skip
+    return found + noise * np.random.default_rng(seed).standard_normal(len(t))
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda v: 0.05 * v,
+        lambda v: 0.1 * v,
+        lambda v: 0.02 * np.abs(v) * v,
+        lambda v: 0.5 * np.tanh(v / 0.02),
+    ],
+    ids=["light viscous", "viscous", "drag", "dry friction"],
+)
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_a_decay_under_any_damping_is_one(force, noise):
+    assert is_free_decay([record(decay(force, noise=noise))])
+
+
+def test_random_response_is_no_decay():
+    """Whatever its bandwidth: two hundred records of a mode under white forces."""
+    taken = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        damping = 10 ** rng.uniform(-2.5, -1)
+        pole = np.exp((-damping + 1j) * 2 * np.pi / RATE)
+        a = [1.0, -2 * pole.real, abs(pole) ** 2]
+        series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:]
+        taken += is_free_decay([record(series)])
+    assert taken <= 1
+
+
+def test_what_is_driven_is_no_decay():
+    one = record(decay(lambda v: 0.1 * v), inputs=1)
+    assert is_free_decay([one])
+    driven = Trial(inputs=one.inputs + 1.0, outputs=one.outputs, rate_hz=RATE)
+    assert not is_free_decay([driven])
+    assert not is_free_decay([one, driven])
+    assert not is_free_decay([])
+
+
+def test_a_standstill_at_the_end_is_cut_off_and_nothing_else():
+    moving = np.round(decay(lambda v: 0.5 * np.tanh(v / 0.02), 12.0), 3)
+    still = np.concatenate([moving, np.full(400, moving[-1])])
+    cut = without_standstill(record(still))
+    kept = len(cut.outputs)
+    np.testing.assert_array_equal(cut.outputs[:, 0], still[:kept])
+    assert (still[kept - 1 :] == still[-1]).all()
+    assert kept <= len(moving) + 1
+    whole = record(decay(lambda v: 0.1 * v))
+    assert without_standstill(whole) is whole
+
+
+def test_tones_have_no_part_in_a_decay():
+    kinds = catalogue()
+    left = without_tones(kinds)
+    assert {"harmonic_force", "parametric"} == set(kinds) - set(left)

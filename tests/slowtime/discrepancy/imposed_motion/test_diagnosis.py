@@ -1,0 +1,118 @@
+"""Laws named from the force that an imposed motion took; truth by increments of the motion."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.imposed_motion.records import force_record, is_imposed, rig_of
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+
+RATE = 100.0
+K, C = 50.0, 2.0
+RIG = dataclasses.replace(
+    chain([1e-3], [K], dampings_n_s_per_m=[C]),
+    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+    tolerance=Tolerance(stiffness=0.1, damping=0.3),
+)
+
+
+def motion(seed, seconds=30.0):
+    """Sweep with two amplitudes, from rest; displacement and its exact rate."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * RATE)) / RATE
+    e, v = np.zeros(len(t)), np.zeros(len(t))
+    for hertz, size in zip((0.31, 0.53, 0.87), rng.uniform(0.1, 0.4, 3), strict=True):
+        turn, phase = 2 * np.pi * hertz, rng.uniform(0, 6)
+        e += size * np.sin(turn * t + phase)
+        v += size * turn * np.cos(turn * t + phase)
+    return e, v
+
+
+def slider(e, limit, reach, play=0.0):
+    """Elastic, perfectly plastic, with play: by increments."""
+    z, found = 0.0, []
+    for step in np.diff(e, prepend=e[0]):
+        z = min(max(z + step, -play - reach), play + reach)
+        found.append(limit * np.sign(z) * max(abs(z) - play, 0.0) / reach)
+    return np.array(found)
+
+
+LAWS = {
+    "coulomb": lambda e, v: 3.0 * np.sign(v),
+    "quadratic_damping": lambda e, v: 4.0 * np.abs(v) * v,
+    "cubic_hardening": lambda e, v: 80.0 * e**3,
+    "friction_in_series_with_spring": lambda e, v: slider(e, 3.0, 0.08),
+    "friction_with_play": lambda e, v: slider(e, 3.0, 0.05, 0.06),
+}
+STRENGTHS = {
+    "coulomb": ("friction_n", 3.0),
+    "quadratic_damping": ("c2_n_s2_per_m2", 4.0),
+    "cubic_hardening": ("k3_n_per_m3", 80.0),
+    "friction_in_series_with_spring": ("friction_n", 3.0),
+    "friction_with_play": ("friction_n", 3.0),
+}
+
+
+def trial(law, seed, noise=0.05):
+    e, v = motion(seed)
+    rng = np.random.default_rng(100 + seed)
+    force = K * e + C * v + law(e, v) + noise * rng.standard_normal(len(e))
+    return Trial(inputs=force[:, None], outputs=e[:, None], rate_hz=RATE)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
+    law = LAWS[name]
+    campaign = Campaign(description=RIG, trials=(trial(law, 1),), holdout=(trial(law, 2),))
+    found = diagnose(campaign)
+    named = [one.effect.kind for one in found.effects]
+    assert name in {*named, *(one.effect for one in found.undecided)}
+    parameter, true = STRENGTHS[name]
+    numbers = [one.numbers[parameter] for one in found.effects if parameter in one.numbers]
+    assert numbers
+    assert numbers[0].value == pytest.approx(true, rel=0.1)
+    assert found.gap.augmented < 0.3 * found.gap.refitted_nominal
+
+
+def test_a_spring_and_a_damper_lack_nothing():
+    campaign = Campaign(
+        description=RIG, trials=(trial(lambda e, v: 0 * e, 1),),
+        holdout=(trial(lambda e, v: 0 * e, 2),),
+    )  # fmt: skip
+    found = diagnose(campaign)
+    assert found.verdict == "nothing_missing"
+    assert not found.effects
+
+
+def test_a_force_that_follows_no_law_is_unknown():
+    def strange(e, v):
+        return 20.0 * np.sin(40.0 * e) * np.cos(9.0 * v)
+
+    campaign = Campaign(
+        description=RIG, trials=(trial(strange, 1),), holdout=(trial(strange, 2),)
+    )
+    assert diagnose(campaign).verdict == "unknown_effect"
+
+
+def test_a_mass_that_matters_is_no_rig_of():
+    heavy = dataclasses.replace(
+        RIG, nodes=tuple(dataclasses.replace(one, mass_kg=5.0) for one in RIG.nodes)
+    )
+    assert is_imposed(RIG, [trial(LAWS["coulomb"], 1)])
+    assert not is_imposed(heavy, [trial(LAWS["coulomb"], 1)])
+    assert rig_of(chain([1.0, 1.0], [1.0, 1.0])) is None
+
+
+def test_inertia_is_taken_off_the_force_and_the_rate_is_that_of_the_motion():
+    e, v = motion(1)
+    rig = rig_of(RIG)
+    assert rig is not None
+    found = force_record(rig, trial(LAWS["coulomb"], 1, noise=0.0))
+    inner = slice(20, -20)
+    np.testing.assert_allclose(found.motion.v[inner], v[inner], atol=2e-3 * np.abs(v).max())
+    np.testing.assert_allclose(found.motion.e, e)
