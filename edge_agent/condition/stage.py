@@ -1,4 +1,4 @@
-"""Second stage of the edge: blocks in; bridged and band-limited blocks, with counts, out.
+"""Second stage of the edge: bridges short gaps in blocks and limits their band.
 
 Missing samples and single-sample spikes are bridged from their neighbours and marked. Nothing
 here smooths: a filter such as median or EWMA on raw vibration changes gain and phase within the

@@ -1,4 +1,4 @@
-"""Futures and costs in; options side by side, their ranking, and the worth of more data out."""
+"""Comparison and ranking of maintenance options, with the value of more data."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Surrogates of responses that take long: a few runs in, quick functions out.
+"""Surrogates of slow responses, learnt from a few runs.
 
 The logarithm of each response is learnt over the design variables and the normal scores of the
 inputs. Runs are spread evenly at first; later ones are made where the optimisation looks: at

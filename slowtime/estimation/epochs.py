@@ -1,4 +1,4 @@
-r"""One record of a nonlinear structure in, its constants with their doubt out.
+r"""Constants of a nonlinear structure, estimated from one record with standard deviations.
 
 State of the unscented filter: displacements, velocities, the mean acceleration of each sensor's
 node over the last interval, and the logarithms of the free constants over their nominal values.

@@ -1,4 +1,4 @@
-"""A rainflow count of a stream: samples in, cycles and Miner's sum out at any time.
+"""Rainflow count of a stream, with its cycles and Miner's sum at any time.
 
 Where a stream is cut changes nothing: the points that no cycle has closed are carried over.
 """

@@ -1,4 +1,4 @@
-"""One report and one truth in, one row of figures out: what was right and what was not."""
+"""Score of one report beside its truth: what was right and what was not."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Designs in, cases out: effects laid into their worlds at the strength that was asked."""
+"""Hidden cases built from designs, with effects at the strength that was asked."""
 
 import dataclasses
 import math

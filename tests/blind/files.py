@@ -1,4 +1,4 @@
-"""Cases in, files out: what a person would have on one side, what is sealed on the other."""
+"""Files of a hidden case: what a person would have, and what is sealed apart."""
 
 import json
 from pathlib import Path

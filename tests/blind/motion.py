@@ -1,4 +1,4 @@
-"""Equations in, motion at the samples out, by two integrators that share nothing.
+"""Motion under given equations, by two integrators that share nothing.
 
 Continuous laws go to LSODA, of variable order. Dry friction is followed from event to event: it
 slips one way until its speed is zero, sticks until more is asked than it can hold.

@@ -1,4 +1,4 @@
-"""Model and records in, the smooth states that a regression needs out."""
+"""Smoothed states of records, as regression tools need them."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""Cases in, reports out: one process a case, its time and memory watched."""
+"""Runs of cases, one process each, with its time and memory."""
 
 import dataclasses
 import json

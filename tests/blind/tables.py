@@ -1,4 +1,4 @@
-"""Rows of figures in; the tables of what must be shown out, as values and as text."""
+"""Tables of what a battery shows, as values and as text."""
 
 import itertools
 from collections import Counter, defaultdict

@@ -1,4 +1,4 @@
-"""A seed in, a schedule of faults out: the same seed, the same schedule."""
+"""Schedules of faults by seed: the same seed gives the same schedule."""
 
 import dataclasses
 from typing import NamedTuple

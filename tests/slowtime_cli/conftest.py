@@ -1,4 +1,4 @@
-"""The command as a script meets it: arguments in; status, stdout and stderr out."""
+"""The command as a script runs it: its status, stdout and stderr by its arguments."""
 
 import functools
 import json

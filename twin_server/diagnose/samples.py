@@ -1,4 +1,4 @@
-"""Raw blocks in; records without a hole, each of one epoch or of one run, out."""
+"""Raw blocks joined to records for a diagnosis, cut at gaps, epochs and runs."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Model files in; descriptions, or errors with line numbers, out."""
+"""Reader of model files, whose errors name the line."""
 
 import dataclasses
 import difflib

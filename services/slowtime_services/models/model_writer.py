@@ -1,4 +1,4 @@
-"""Descriptions in, model files out, in the form in which a person would write them."""
+"""Writer of model files, in the form in which a person would write them."""
 
 import dataclasses
 from pathlib import Path

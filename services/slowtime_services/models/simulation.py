@@ -1,4 +1,4 @@
-"""Simulation of a model: inputs in, measured outputs of its sensors out."""
+"""Simulation of a model under recorded inputs, at its sensors."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""YAML 1.2 in; plain values, and the line of each, out.
+"""Reader of YAML 1.2 that keeps the line of each value.
 
 Only what JSON could also say: no objects, no aliases (which a few lines can make unfold to any
 size), no key twice. JSON is YAML, and read alike.

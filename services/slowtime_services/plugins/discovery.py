@@ -1,4 +1,4 @@
-"""Plug-ins: entry points of installed distributions in, their objects out.
+"""Discovery of plug-ins by the entry points of installed distributions.
 
 A distribution names a part in a group of `GROUPS`; the name is what settings, URLs and options
 call it by. Nothing is imported until a part is asked for by its name, and whatever it does

@@ -9,8 +9,9 @@ from pydantic import BaseModel, ValidationError
 from slowtime_services.models.yaml_lines import Path, YamlError, read_with_lines
 
 MAX_BYTES = 1 << 20
+"""[bytes] Size up to which a file is read; a larger one is a record by mistake."""
 SHOWN = 8
-"""Faults of one file that an error lists."""
+"""[faults] Of one file that an error lists."""
 
 NAMES = ("marginal", "between", "of", "name")
 """Keys whose values are names, even where YAML would read them as numbers or truth values."""
@@ -20,7 +21,7 @@ Failure = Callable[[str], ValueError]
 
 
 def read_text(path: pathlib.Path, failure: Failure) -> str:
-    """Text of a file of at most 1 MiB.
+    """Return the text of a file of at most 1 MiB.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def read_text(path: pathlib.Path, failure: Failure) -> str:
 def parse_checked(
     text: str, name: str, schema: type[Content], kind: str, failure: Failure
 ) -> tuple[Content, Mapping[Path, int]]:
-    """Check a text by its schema.
+    """Parse a text and check it by its schema.
 
     Parameters
     ----------
@@ -68,14 +69,14 @@ def parse_checked(
 
 
 def line_of(where: Path, lines: Mapping[Path, int]) -> int:
-    """Line of the place, or of the nearest one around it that the file has."""
+    """Return the line of a place, or of the nearest one around it that the file has."""
     while where and where not in lines:
         where = where[:-1]
     return lines.get(where, 1)
 
 
 def _fault(item: Any, lines: Mapping[Path, int]) -> tuple[int, str]:
-    """Line of a fault that pydantic has found in a file, and a sentence."""
+    """Return the line of a fault that the schema has found, and a sentence on it."""
     where = tuple(item["loc"])
     last = where[-1] if where else "file"
     if item["type"] == "extra_forbidden":

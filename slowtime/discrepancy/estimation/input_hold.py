@@ -1,4 +1,4 @@
-"""Records in; what their inputs do between samples, where the records can tell, out.
+"""Estimation of the hold of inputs between samples: band-limited, first-order, zero-order.
 
 A recorded force is the signal itself below half the sampling rate, or what a converter held
 until the next sample, or a straight line that somebody's simulation drew. A step is late by

@@ -1,15 +1,15 @@
-r"""A refitted label in; log evidence that Schwarz and tolerances took too much, out.
+r"""Correction of Schwarz's penalty for parameters that tolerances already bound.
 
-Half a log of the data for each number supposes that every sample tells of it. Of a number that
-is known to one part in three they told little, and to have that number has cost little: with a
-prior as wide as the numbers :math:`\theta` themselves, Laplace's approximation gives
+Schwarz's half a logarithm of the data for each parameter supposes that every sample informs it.
+A parameter that is known to one part in three has been informed little, and costs little
+evidence. With a prior as wide as the parameters :math:`\theta` themselves, Laplace's
+approximation gives
 
 .. math:: \tfrac12 \log \det (I + D \Sigma^{-1} D), \quad D = \mathrm{diag} |\theta|
 
-in place of :math:`\tfrac k2 \log n`. And a damping is guessed more often than it is measured:
-what only its tolerance tells apart is not told apart for certain. Whether something was found
-is judged by Schwarz, who is strict with it; how likely it is one thing rather than another, by
-what its numbers have cost.
+in place of :math:`\tfrac k2 \log n`. The tolerance of a damping is mostly a guess, so rivals
+that differ only in how far they move it are not told apart for certain. Schwarz's stricter
+penalty decides whether an effect is accepted; this one decides between rivals.
 """
 
 from collections.abc import Mapping, Sequence

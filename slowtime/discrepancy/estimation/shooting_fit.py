@@ -1,4 +1,4 @@
-"""Refits that fall far short of what their law explains along the force, in; better ones, out.
+"""Fits by multiple shooting, for laws whose free run goes astray.
 
 A law whose force explains the records, and whose free run does not, may have settled in a
 minimum of its own: it is fitted once more, from where the model stood without it; and where

@@ -1,4 +1,4 @@
-"""A fit with a law that switches once, in; the same from a better instant of that, out."""
+"""Refinement of the instant at which a law switches."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What was found and refitted, in; labels with which one might have begun instead, out."""
+"""Candidates that the search may begin with instead of the first effect."""
 
 import itertools
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""What nobody in the structure makes, in; whether the base moved, as nobody measured, out."""
+"""Recognition of an unmeasured motion of the base."""
 
 import math
 from collections.abc import Mapping, Sequence

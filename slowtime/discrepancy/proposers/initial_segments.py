@@ -1,4 +1,4 @@
-"""Records that no law comes near, in; laws that explain how each of them begins, out.
+"""Candidates that explain the beginning of records whose free run goes astray.
 
 Where an effect is strong, the motion of the model without it is soon another one: what is left
 then points to the wrong place, and the free run of the right law, begun from there, ends in a

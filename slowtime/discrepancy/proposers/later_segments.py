@@ -1,4 +1,4 @@
-"""A law that explains how records begin and no more, in; what else is missing in them, out.
+"""Candidates for a second effect, from later segments of the records.
 
 Where two strong effects are missing, the free run with one of them is soon out of step, and
 what a whole record leaves points nowhere. Over the first part of the records of which that law

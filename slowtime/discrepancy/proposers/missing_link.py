@@ -1,4 +1,4 @@
-"""What was named, or that nothing was, in; a spring that the model has not got at all, out.
+"""Recognition of a spring between nodes that no element of the model joins.
 
 Effects sit on what the model has. Two nodes that nothing joins in it may be joined on the rig:
 a heavy hidden oscillator on one of them then does nearly the same, or no law does.

@@ -1,4 +1,4 @@
-"""What models leave, in; the accelerometer that tells what no structure could do, out.
+"""Recognition of an accelerometer with an offset that no structure could cause.
 
 A structure that is held has no lasting acceleration: over a record its mean is what speed has
 gained, by the time. What an accelerometer tells beyond that is its own, however much else is

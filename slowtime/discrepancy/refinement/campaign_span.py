@@ -1,4 +1,4 @@
-"""What drifts over the records that were learnt from, in; the same over the campaign, out."""
+"""Extrapolation of drifts from the fitted records to the whole campaign."""
 
 import dataclasses
 from collections.abc import Mapping

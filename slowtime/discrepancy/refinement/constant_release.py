@@ -1,4 +1,4 @@
-"""A model that was refitted and is stuck, in; the same from where a law has led it, out.
+"""Refit of constants that are stuck in a local minimum, from where a law has led them.
 
 Of constants that are far off, a refit may settle in a minimum that is not the lowest. A law
 that is fitted beside them begins elsewhere, and gets past it; it would then be named for what

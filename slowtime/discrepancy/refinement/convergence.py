@@ -1,10 +1,10 @@
-"""What was found, in; the same at the very bottom of its misfit, and numbers read there, out.
+"""Fit of the final hypothesis to convergence: its parameters are those of the minimum.
 
-While laws are compared, a refit ends where little is gained. Of two numbers that the records
-tell only together, as a law's damping and the element's own, that little is a standard
-deviation of each. And the misfit of what sticks is rough: it has minima for every instant at
-which it sticks or does not, several of them as deep as the noise lets one see. Which of them a
-fit ends in is chance, and a part of what is not known.
+While laws are compared, a fit stops where little is gained, to save time. Two parameters that
+the records determine only together, such as the damping of a law and that of its element, may
+then be a standard deviation off. The misfit of stick-slip motion also has many local minima,
+one for each instant at which it may stick. The spread of the parameters over minima that are
+as deep as the noise allows is part of their uncertainty.
 """
 
 import dataclasses

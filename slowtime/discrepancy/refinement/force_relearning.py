@@ -1,8 +1,9 @@
-"""A law that leaves something where it acts, in; the same with the numbers of its force, out.
+"""Refit of a law whose place still shows a residual force, started from that force.
 
-The fit of a free run has minima of its own. With the law in, motion is nearly right, and what
-the law lacks is a force at its place; both together are the force that is really there. Over
-the motion that goes with it, the law has the numbers that its free run ought to begin with.
+The fit of a free run may end in a local minimum. With the law included, the simulated motion
+is nearly right, and a residual force at its place is what the law lacks. The sum of both
+forces is the true one: the law is fitted to that sum along the motion, and its free run
+starts from there.
 """
 
 import itertools

@@ -1,7 +1,7 @@
-"""Models that leave much of what they were fitted to, in; those that at least do no harm, out.
+"""Removal of effects with which the model explains held-out records worse.
 
-An effect that does not explain the records, and leads further astray on those it never saw than
-the model as it was given, is left out; and so is a refit of constants that does the same.
+An effect that does not explain the fitted records, and with which the error on held-out records
+is larger than that of the model as given, is left out. So is such a refit of constants.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Several effects that leave much, in; the same, fitted to ever longer records again, out.
+"""Refit of several effects to growing parts of the records (horizon continuation).
 
 Each was fitted while others were missing, to whole records, and made up for them. Beside the
 others, and over how records begin, it finds back to what it is.

@@ -1,4 +1,4 @@
-"""A fit that explains records but for how they begin, in; one with other initial states, out.
+"""Refit of initial states, where only the beginning of records is not explained.
 
 What is thrown into a strong law moves, at first, unlike what it does later; and what sings
 forgets how it began. The constants are known by then from all that follows: only the state has

@@ -1,4 +1,4 @@
-"""A structure that nothing holds, in; the constants that its inputs are off by, out.
+"""Constant offsets of the inputs of floating structures, as effects.
 
 A constant error of a force moves a structure that stands by a little, and one that floats away:
 its free run is not to be had without. So each input of such a structure has an offset, fitted

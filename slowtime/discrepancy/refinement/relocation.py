@@ -1,7 +1,8 @@
-"""Several effects that were found, in; the same, one of them at another place, out.
+"""Trial of one of several effects at another place.
 
-Which place a law was given was told while others were missing, and a neighbour explains most of
-what it does. Beside all others, with its own numbers, it is tried at each place it may sit at.
+The place of a law was chosen while other effects were still missing, and a neighbouring place
+explains most of what the right one does. Beside all other effects, the law is therefore tried
+again at each place where it may act.
 """
 
 import dataclasses

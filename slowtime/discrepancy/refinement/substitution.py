@@ -1,4 +1,4 @@
-"""Several effects, found one by one, in; each looked for again beside the others, out.
+"""Repeated search for each of several effects beside the others (backward substitution).
 
 What was named first was named while the others were missing: it may be a neighbour of the right
 one, or stand for half of it and half of another. Beside the others it is the only one missing,

@@ -1,4 +1,4 @@
-"""What was found, law by law, in; how sure one can be where several may stand for one, out.
+"""Probabilities of several laws at one place, which may stand for a single unknown one.
 
 Enough laws follow any motion, and two curves of one elongation any third. Such a model may
 foretell as well as the right one; what it names is what was at hand.

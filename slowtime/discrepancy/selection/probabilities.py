@@ -1,4 +1,4 @@
-"""Refitted models in; how probable each is, which word that makes, and sentences, out."""
+"""Probabilities of fitted candidates, the verdict that follows, and its rivals."""
 
 import itertools
 import math

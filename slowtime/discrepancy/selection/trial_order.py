@@ -1,4 +1,4 @@
-"""Labels that are to be refitted, in; in which order, and when one is enough, out."""
+"""Order in which candidates are fitted, and the rule by which one suffices."""
 
 from collections.abc import Collection, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""The virtual sensor: samples of accelerations in, outputs with standard deviations out.
+"""Virtual sensor: unmeasured outputs, with standard deviations, from accelerations.
 
 Samples are taken in windows: of each, the levels of forces are estimated, and the filters of
 all models run through it with their states carried over. Where the stream is cut changes

@@ -1,4 +1,4 @@
-"""The verbs `fatigue` and `virtual`: files in, damage and estimates out."""
+"""The verbs `fatigue` and `virtual`: damage and estimates from files."""
 
 import json
 import threading

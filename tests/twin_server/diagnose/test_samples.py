@@ -1,4 +1,4 @@
-"""Raw blocks in, records to diagnose out: cut at gaps and epochs, within a span, bounded."""
+"""Records for a diagnosis from raw blocks: cut at gaps and epochs, within a span, bounded."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-r"""Units of the channels of a message in; factors that make displacements of them out.
+r"""Factors that turn the channels of a message into displacements, by their units.
 
 A mode that rings at :math:`\omega` moves a place by x, at a velocity of
 :math:`i \omega x` and an acceleration of :math:`(i \omega)^2 x`, so that components of

@@ -1,4 +1,4 @@
-r"""Epoch after epoch of one twin: modes in, changes of its parameters out.
+r"""Changes of a twin's parameters, epoch by epoch, from its modes.
 
 What is compared with the model is what has changed since learning,
 

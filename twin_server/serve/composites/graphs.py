@@ -1,4 +1,4 @@
-"""Graphs of digital twins in; the composites that they describe out.
+"""Reader of digital-twin graphs as composites.
 
 A graph is a file of twins and relationships as twin platforms write it
 (`digitalTwinsGraph`), or JSON-LD with `@graph`. Composites of an own export are read as they

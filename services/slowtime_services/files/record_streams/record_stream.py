@@ -1,4 +1,4 @@
-"""Long file in; its blocks, one after the other, in bounded memory out.
+"""Reader of long files, block by block in bounded memory.
 
 A file is cut into pieces that are files of its own kind, each with the heading of the whole,
 and each piece is read by `read_record`. So a stream means what the whole file would. The number

@@ -66,6 +66,8 @@ def test_the_page_names_the_storey_that_loses_stiffness_while_it_looks_on(
     assert [n for n in names if n in ("storey2 band", "storey2", "storey2 truth")] == [
         "storey2 band", "storey2", "storey2 truth",
     ]  # fmt: skip
+    drawn_names = "plot => plot.data.map(t => t.name)"
+    assert eventually(lambda: "storey2 forecast band" in past.evaluate(drawn_names))
     assert page.complaints == []
 
 
