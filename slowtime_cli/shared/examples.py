@@ -79,6 +79,7 @@ EXAMPLES: dict[str, str] = {
     "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
     """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
     "&& slowtime design rod.yaml",
+    "effects": "slowtime effects coulomb",
     "fatigue": "seq 20000 | awk '{print 50 * sin($1 * 0.3) + 20 * sin($1 * 0.07)}' > s.csv && "
     "slowtime fatigue s.csv --rate-hz 100 --detail-category 71",
     "virtual": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 100}], elements: """

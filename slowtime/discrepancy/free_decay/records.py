@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.stats
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
@@ -25,8 +26,20 @@ of stationary random motion rise half of the time."""
 MIN_RISE = 0.005
 """[share of the largest peak] By which a peak must be higher to have risen. Source: resolution
 of usual encoders and the noise of usual sensors."""
-MIN_FALL = 0.8
-"""[1] Of the last peaks to the first, at most. Source: a decision; less tells no damping."""
+FALLING_P_VALUE = 1e-3
+"""[probability] p-value of the trend of peaks (Kendall) below which they fall. Source: peaks of
+random motion fall in one record of a thousand, and hardly ever without rising in between."""
+FEW_PEAKS = 3
+"""[half cycles] Of a record that is tested as a single decaying sinusoid. Source: a sinusoid of
+fewer has no amplitude, frequency and damping of its own."""
+MAX_RING_REST = 0.02
+"""[share of variance] That a decaying sinusoid leaves at most of such a record. Source: 17 dB;
+what drives a structure at random leaves more over two cycles."""
+RING_FREQUENCIES = np.linspace(0.75, 1.25, 41)
+"""[1] Frequencies that are tried, over that of the crossings of zero. Source: a crossing more
+or less in a record of four."""
+RING_DAMPINGS = np.array([0.0, 0.003, 0.01, 0.02, 0.05, 0.1, 0.2])
+"""[1] Damping ratios that are tried. Source: usual ones of structures and machines."""
 
 
 def is_free_decay(trials: Sequence[Trial]) -> bool:
@@ -85,10 +98,32 @@ def _decays(trial: Trial) -> bool:
     loud = int(np.argmax(np.std(trial.measured, axis=0)))
     series = trial.measured[:, loud]
     peaks = _peaks(series - np.mean(series[len(series) // 2 :]))
-    if len(peaks) < MIN_PEAKS:
+    if len(peaks) < FEW_PEAKS:
         return False
-    rising = np.mean(peaks[2:] > peaks[:-2] + MIN_RISE * peaks.max())
-    return bool(rising < MAX_RISING_SHARE and peaks[-2:].mean() < MIN_FALL * peaks[:2].mean())
+    if len(peaks) < MIN_PEAKS:
+        return _rings_freely(series, trial.rate_hz, peaks)
+    # Peaks of either side are averaged: the zero of a sensor may be off.
+    level = (peaks[1:] + peaks[:-1]) / 2
+    rising = np.mean(level[2:] > level[:-2] + MIN_RISE * level.max())
+    trend = scipy.stats.kendalltau(np.arange(len(level)), level, alternative="less")
+    return bool(rising < MAX_RISING_SHARE and trend.pvalue < FALLING_P_VALUE)
+
+
+def _rings_freely(
+    series: Float[np.ndarray, " time"], rate_hz: float, peaks: Float[np.ndarray, " peak"]
+) -> bool:
+    """Whether a record of few cycles is one decaying sinusoid about a constant."""
+    times = np.arange(len(series)) / rate_hz
+    half = (len(peaks) + 1) / (times[-1] or 1.0)
+    omega, decay = np.pi * half * RING_FREQUENCIES, RING_DAMPINGS
+    least = np.inf
+    for w in omega:
+        for zeta in decay:
+            fall = np.exp(-zeta * w * times)
+            basis = np.stack([fall * np.cos(w * times), fall * np.sin(w * times), times**0], 1)
+            left = series - basis @ np.linalg.lstsq(basis, series, rcond=None)[0]
+            least = min(least, float(np.var(left)))
+    return least < MAX_RING_REST * float(np.var(series))
 
 
 def _peaks(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, " peak"]:

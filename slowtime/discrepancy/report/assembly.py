@@ -304,7 +304,7 @@ def _answers(
     assert found.localized is not None
     alike = bool(found.localized.groups[0].twins)
     sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
-    sure = temper_unexplained(sure, found.first, found.last)
+    sure = temper_unexplained(sure, found)
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     return _once([*sure, *faults])
 

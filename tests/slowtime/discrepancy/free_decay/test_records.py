@@ -87,3 +87,22 @@ def test_tones_have_no_part_in_a_decay():
     kinds = catalogue()
     left = without_tones(kinds)
     assert {"harmonic_force", "parametric"} == set(kinds) - set(left)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.15])
+@pytest.mark.parametrize("seconds", [2.2, 3.1, 8.0])
+def test_a_short_piece_of_a_light_decay_is_one_wherever_the_sensor_reads_zero(seconds, offset):
+    piece = decay(lambda v: 0.05 * v, seconds, noise=0.002)
+    assert is_free_decay([record(piece + offset)])
+
+
+def test_few_cycles_of_a_random_response_are_seldom_a_decay():
+    """Two to four cycles of a mode of 5 % damping under white forces."""
+    taken = 0
+    pole = np.exp((-0.05 + 1j) * 2 * np.pi / RATE)
+    a = [1.0, -2 * pole.real, abs(pole) ** 2]
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:]
+        taken += is_free_decay([record(series[: int(rng.uniform(2, 4) * RATE)])])
+    assert taken <= 20
