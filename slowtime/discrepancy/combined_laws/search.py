@@ -3,8 +3,8 @@
 In a free decay, laws follow each other: friction ends what drag begins, and a pendulum's
 frequency rises as it calms down. On a test rig, friction, a curved spring and a gain that is
 off act at once. Of laws that are looked for one after the other, the first explains what
-several cause, and the next mend that. So all combinations are fitted, and each law has the probability
-of all combinations that it is in.
+several cause, and the next mend that. So all combinations are fitted, and each law has the
+probability of all combinations that it is in.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ MAX_ELEMENTS = 3
 """[elements] Of a structure whose combinations are all tried. Source: a bound on computing
 time; each costs about twenty fits."""
 MAX_DRIVEN_ELEMENTS = 1
-"""[elements] The same of a structure that is driven, whose fits take longer. Source: as above."""
+"""[elements] The same of a structure that is driven; its fits take longer. Source: as above."""
 INPUT_ERROR_PROBABILITY = 0.99
 """[probability] Of an error of an input without which the rest does worse. Source: a decision;
 the evidence for it is asked for where needless effects are dropped."""
