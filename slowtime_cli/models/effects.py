@@ -74,9 +74,9 @@ def _markdown(known: Mapping[str, Kind]) -> Iterator[str]:
     yield "# Effects"
     yield ""
     yield "What `slowtime diagnose` may name, and what a model file may hold under `effects:`."
-    yield "`slowtime effects` lists them, `slowtime effects NAME` describes one; effects of your"
-    yield "own are added by [own_effect.md](tutorials/own_effect.md). e is an element's elongation,"
-    yield "v its rate, z an internal state, t the campaign time."
+    yield "`slowtime effects` lists them, `slowtime effects NAME` describes one; you may add"
+    yield "[effects of your own](tutorials/own_effect.md). e is the elongation of an element, v"
+    yield "its rate, z an internal state, t the campaign time."
     yield "This page is written by `slowtime effects --markdown`."
     for where, kinds in _by_place(known):
         yield from ("", f"## At {_article(where)}")
