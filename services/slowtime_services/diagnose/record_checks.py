@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.imposed_motion.records import is_imposed
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
@@ -48,8 +49,8 @@ def refuse_nonsense(
         Saying which channel, by how much, and what it looks like.
     """
     model = campaign.description
-    if campaign.ambient:
-        return
+    if campaign.ambient or is_imposed(model, campaign.trials):
+        return  # of imposed motion, force and motion are compared directly
     plant = Plant.of(model, kinds=kinds)
     for trial, name in zip(campaign.trials, names, strict=True):
         if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:

@@ -27,8 +27,26 @@ MIN_RISE = 0.005
 """[share of the largest peak] By which a peak must be higher to have risen. Source: resolution
 of usual encoders and the noise of usual sensors."""
 FALLING_P_VALUE = 1e-3
-"""[probability] p-value of the trend of peaks (Kendall) below which they fall. Source: peaks of
-random motion fall in one record of a thousand, and hardly ever without rising in between."""
+"""[probability] p-value of the trend of peaks (Kendall) below which they fall. Source: peaks
+of random motion fall in one record of a thousand, and hardly ever without rising in between."""
+MANY_PARTS = 12
+"""[1] Equal parts of a record whose strengths are compared. Source: judgement; random motion
+falls through so many with a probability of one in 12!, or of a few thousand where it is slow."""
+FEW_PARTS = 4
+"""[1] The same of a record whose modes beat. Source: as above, with `MAX_RATIO_OF_FEW`."""
+MIN_PART_SAMPLES = 16
+"""[samples] Of such a part. Source: as many tell a strength to a fifth."""
+FLOOR_RATIO = 1.5
+"""[1] Over the least strength, up to which a part is noise alone. Source: judgement; six
+standard deviations of the strength of 64 independent samples."""
+MAX_RATIO_OF_MANY = 1.05
+"""[1] Of the strength of a part to that before, of many. Source: a slow decay, whose parts
+scatter by a twentieth."""
+MAX_RATIO_OF_FEW = 0.6
+"""[1] The same of few parts. Source: of three hundred random responses of all bandwidths, three
+at most pass."""
+MAX_LAST_LEVEL = 0.3
+"""[1] Of the least strength to the first. Source: judgement; 10 dB."""
 FEW_PEAKS = 3
 """[half cycles] Of a record that is tested as a single decaying sinusoid. Source: a sinusoid of
 fewer has no amplitude, frequency and damping of its own."""
@@ -43,14 +61,16 @@ RING_DAMPINGS = np.array([0.0, 0.003, 0.01, 0.02, 0.05, 0.1, 0.2])
 
 
 def is_free_decay(trials: Sequence[Trial]) -> bool:
-    """Return whether nothing drives any record, and each dies down from peak to peak.
+    """Return whether nothing drives any record, and each dies down.
 
     Parameters
     ----------
     trials
         Records without inputs, or with inputs.
     """
-    return bool(trials) and all(not one.inputs.any() and _decays(one) for one in trials)
+    return bool(trials) and all(
+        not one.inputs.any() and (_decays(one) or _dies_down(one)) for one in trials
+    )
 
 
 def without_standstill(trial: Trial) -> Trial:
@@ -107,6 +127,35 @@ def _decays(trial: Trial) -> bool:
     rising = np.mean(level[2:] > level[:-2] + MIN_RISE * level.max())
     trend = scipy.stats.kendalltau(np.arange(len(level)), level, alternative="less")
     return bool(rising < MAX_RISING_SHARE and trend.pvalue < FALLING_P_VALUE)
+
+
+def _dies_down(trial: Trial) -> bool:
+    """Whether the strength of a record falls from part to part, down to its noise.
+
+    Peaks of several modes beat, and those of a one-sided spring alternate; the strength of
+    long parts falls all the same.
+    """
+    size = np.std(trial.measured, axis=0)
+    moved = trial.measured[:, size > 0] / size[size > 0]
+    if moved.shape[1] == 0 or len(moved) < MANY_PARTS * MIN_PART_SAMPLES:
+        return False
+    moved = moved - np.median(moved[-len(moved) // MANY_PARTS :], axis=0)
+    return any(
+        _falls(moved, parts, most)
+        for parts, most in ((MANY_PARTS, MAX_RATIO_OF_MANY), (FEW_PARTS, MAX_RATIO_OF_FEW))
+    )
+
+
+def _falls(moved: Float[np.ndarray, "time sensor"], parts: int, most: float) -> bool:
+    """Whether each part is weaker than `most` times that before, until only noise is left."""
+    level = np.array([
+        float(np.sqrt(np.mean(part**2))) for part in np.array_split(moved, parts)
+    ])  # fmt: skip
+    least = float(level.min())
+    heard = np.flatnonzero(level > FLOOR_RATIO * least)
+    last = min(int(heard[-1]) + 1, parts - 1) if len(heard) else 0
+    falls = bool((level[1 : last + 1] < most * level[:last]).all())
+    return falls and least < MAX_LAST_LEVEL * float(level[0])
 
 
 def _rings_freely(

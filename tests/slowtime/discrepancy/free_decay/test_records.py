@@ -106,3 +106,29 @@ def test_few_cycles_of_a_random_response_are_seldom_a_decay():
         series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:]
         taken += is_free_decay([record(series[: int(rng.uniform(2, 4) * RATE)])])
     assert taken <= 20
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_decay_of_beating_modes_down_to_noise_is_one(seed):
+    """Accelerations of three modes after a release, of which two are close."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(600) / RATE
+    series = 1e-3 * rng.standard_normal(len(t))
+    for f, zeta in ((2.0, 0.03), (2.2, 0.03), (7.0, 0.02)):
+        w = 2 * np.pi * f
+        series += (
+            rng.uniform(0.5, 1) * np.exp(-zeta * w * t) * np.cos(w * t + rng.uniform(0, 6))
+        )
+    assert is_free_decay([record(series)])
+
+
+def test_a_random_response_with_one_loud_beginning_is_seldom_a_decay():
+    taken = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        zeta = 10 ** rng.uniform(-2.3, -1)
+        pole = np.exp((-zeta + 1j) * 2 * np.pi / RATE)
+        a = [1.0, -2 * pole.real, abs(pole) ** 2]
+        series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:1800]
+        taken += is_free_decay([record(series)])
+    assert taken <= 3

@@ -1,4 +1,4 @@
-"""Exponents are held at the value of the simplest form of a law, where that explains as much."""
+"""Exponents are held at the value of a law's simplest form, where that explains as much."""
 
 import numpy as np
 import pytest
