@@ -4,8 +4,8 @@ A plant is driven by accelerations. Those of a displacement are the second deriv
 quintic spline through its samples. It is four times continuously differentiable, so that
 integrating the acceleration twice from the first displacement and velocity gives every sample
 back, to rounding: springs feel the displacement as it was measured, whatever its noise. The
-relative error of the velocity of a sine is :math:`(\omega h)^6 / 5040`, 12 in a million at a tenth
-of the sampling rate :math:`1/h`, three in a thousand at a quarter of it.
+relative error of the velocity of a sine is :math:`(\omega h)^6 / 5040`, 12 in a million at a
+tenth of the sampling rate :math:`1/h`, three in a thousand at a quarter of it.
 White noise of standard deviation :math:`\sigma` has a velocity of up to
 :math:`\pi \sigma / (\sqrt{3} h)`, which dampers and laws of velocity feel, and nothing else.
 
@@ -29,7 +29,7 @@ from slowtime.dynamics.transfer import QUANTITIES
 from .sensing import held
 
 DEGREE = 5
-"""Of splines: their accelerations are smooth enough to be integrated by a stepper of order 5."""
+"""Of splines: their accelerations are smooth enough for a stepper of order 5."""
 KEPT, LONG = 16, 100_000
 """Inputs whose splines are kept, and samples of one from which they are not."""
 

@@ -169,7 +169,9 @@ class SensorReadout:
     gauge: int | None = None
 
     def row(self, free: int, states: int, moved: int, gauges: int) -> int | None:
-        """Number of the state whose value or, from order 2, whose rate is read; None for none.
+        """Return the number of the state whose value or, from order 2, rate is read.
+
+        None where nothing moves.
 
         Parameters
         ----------

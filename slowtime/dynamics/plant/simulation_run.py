@@ -238,7 +238,7 @@ def motions(description: Description, names: Sequence[str], found: Run) -> dict[
 
 
 def _sizes(layout: Layout) -> tuple[int, int, int]:
-    """Number of states, of supports, and of measured forces."""
+    """Count states, supports, and measured forces."""
     return layout.states, layout.support_states // 2, len(layout.shares)
 
 
