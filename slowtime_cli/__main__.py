@@ -106,6 +106,10 @@ VERBS = {
         "models.diagnose:diagnose",
         "Find effects that a model lacks, with their place and size.",
     ),
+    "distortion": Verb(
+        "records.distortion:distortion",
+        "Measure nonlinear distortion, or damping against amplitude.",
+    ),
     "merge": Verb(
         "records.merge:merge",
         "Merge the modes of several set-ups of sensors.",
