@@ -156,10 +156,10 @@ def _level(found: Distortion, mode: Resonance | None) -> Plain:
 
 SYMMETRIES = {
     "none": "No nonlinear distortion was found above the noise.",
-    "odd": "The nonlinearity is odd: stiffness or damping alike in both directions, such as a "
-    "cubic spring or dry friction.",
-    "even": "The nonlinearity is even: it differs with direction, such as a one-sided stop or a "
-    "quadratic spring.",
+    "odd": "The nonlinearity is odd: stiffness or damping alike in both directions, such as "
+    "a cubic spring or dry friction.",
+    "even": "The nonlinearity is even: it differs with direction, such as a one-sided stop "
+    "or a quadratic spring.",
     "odd and even": "The nonlinearity has odd and even parts.",
     "unknown": "The symmetry cannot be told: it takes an odd multisine, several periods, and "
     "odd lines left out or several realisations.",

@@ -16,10 +16,14 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect
+from slowtime.dynamics.effects import Effect, Friction, Kind, Motion, Place, force_along
 from slowtime.dynamics.elements import ROTATION
 
+from .parameter_names import Name
 from .step_levels import product
+
+NUDGE = 1e-6
+"""Relative step of central differences of friction along a prescribed motion."""
 
 Stack = Float[np.ndarray, "slope _ _"]
 
@@ -59,6 +63,67 @@ def law_shares(
                 first, second = between[place.id]
                 row[channel] = float(second == sensor.node) - float(first == sensor.node)
     return found
+
+
+def prescribed_friction(
+    description: Description, effects: Sequence[Effect], kinds: Sequence[Kind]
+) -> tuple[int, ...]:
+    """Numbers of effects of dry friction along elements whose ends are both prescribed.
+
+    It cannot stop such a motion, and so never sticks: its force follows from the motion alone.
+    """
+    between = {part.id: part.between for part in description.elements}
+    return tuple(
+        i
+        for i, (effect, kind) in enumerate(zip(effects, kinds, strict=True))
+        if isinstance(kind.action, Friction)
+        and not set(between.get(effect.place.id, (effect.place.id,))) & set(description.dofs)
+    )
+
+
+def add_prescribed_friction(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    values: Mapping[Name, float],
+    motion: Mapping[Place, Motion],
+    outputs: Float[np.ndarray, "time sensor"],
+    slopes: Float[np.ndarray, "time sensor slope"],
+    columns: Mapping[Name, int],
+    factors: Float[np.ndarray, " sensor"],
+) -> None:
+    """Add the force of friction that never sticks to the measured forces, in place.
+
+    Parameters
+    ----------
+    values
+        Of all parameters, by name.
+    motion
+        Of every element and node.
+    outputs, slopes
+        Of the sensors, in their units; slopes are empty where none are asked for.
+    columns
+        Name of each free parameter → its column of the slopes.
+    factors
+        From SI to the unit of each sensor.
+    """
+    felt = [k for k, one in enumerate(description.sensors) if one.quantity == "force"]
+    for i in prescribed_friction(description, effects, kinds) if felt else ():
+        shares = law_shares(description, effects, [(i, 0)], 1)[:, 0] * factors[felt]
+        along = motion[effects[i].place]
+        known = {name: values["effect", i, name] for name in kinds[i].names}
+        force = force_along(kinds[i], known, along)
+        outputs[:, felt] += np.multiply.outer(force, shares)
+        for name in kinds[i].names if slopes.size else ():
+            if ("effect", i, name) not in columns:
+                continue
+            step = NUDGE * (abs(known[name]) or 1.0)
+            above, below = (
+                force_along(kinds[i], known | {name: known[name] + sign * step}, along)
+                for sign in (1, -1)
+            )
+            slope = np.multiply.outer((above - below) / (2 * step), shares)
+            slopes[:, felt, columns["effect", i, name]] += slope
 
 
 def boundary_rows(

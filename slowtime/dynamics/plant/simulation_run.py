@@ -13,7 +13,12 @@ from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 from slowtime.dynamics.effects.compilation import ROUND
 from slowtime.dynamics.work import count_simulation
 
-from .boundary import named_rows, pseudo_static
+from .boundary import (
+    add_prescribed_friction,
+    named_rows,
+    prescribed_friction,
+    pseudo_static,
+)
 from .imposed import Driven, differentiations, driven_by
 from .kernel import Now, System, march, padded, places
 from .matrices import Matrices
@@ -163,7 +168,9 @@ def run(
     readouts = sensor_readouts(description, matrices.names)
     factors = np.array([readout.factor for readout in readouts])
     # By sensor, so that what is asked of one stands together in memory.
-    heard = np.zeros((len(readouts), samples, len(asked) + layout.free if slopes else 0))
+    heard = np.zeros(
+        (len(readouts), samples, len(asked) + layout.free if free is not None else 0)
+    )
     target = [asked.index(name) for name in order]
     target += range(len(asked), len(asked) + layout.free)
     eventful = True if len(system.jumps) or system.table[:, 0].any() else None
@@ -203,8 +210,7 @@ def run(
     outputs *= factors
     wanted = heard.transpose(1, 0, 2)
     at = {name: j for j, name in enumerate(asked)}
-    told(description, effects, kinds, values, outputs, times, wanted, at)
-    return Run(
+    found = Run(
         outputs=outputs,
         slopes=wanted if free is not None else None,
         states=states[:, : layout.free],
@@ -215,6 +221,13 @@ def run(
         times=times,
         steps=int(steps),
     )
+    if prescribed_friction(description, effects, kinds):
+        moved = motions(description, matrices.names, found)
+        add_prescribed_friction(
+            description, effects, kinds, values, moved, outputs, wanted, at, factors
+        )
+    told(description, effects, kinds, values, outputs, times, wanted, at)
+    return found
 
 
 def motions(description: Description, names: Sequence[str], found: Run) -> dict[Place, Motion]:

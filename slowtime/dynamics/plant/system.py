@@ -18,7 +18,7 @@ from slowtime.dynamics.effects import Effect, Friction, Kind, Law
 from slowtime.dynamics.effects.compilation import ROUND, law_address
 from slowtime.dynamics.elements import ROTATION
 
-from .boundary import boundary_rows, law_shares
+from .boundary import boundary_rows, law_shares, prescribed_friction
 from .kernel import RADAU, padded
 from .matrices import Triple, along, rows_of
 from .parameter_names import Name
@@ -82,7 +82,12 @@ def layout_of(
     """Place the laws of effects among the states."""
     free, moved = len(names), len(description.moved)
     place = rows_of(description, free)
-    acting = [i for i, kind in enumerate(kinds) if isinstance(kind.action, Law | Friction)]
+    apart = prescribed_friction(description, effects, kinds)
+    acting = [
+        i
+        for i, kind in enumerate(kinds)
+        if isinstance(kind.action, Law | Friction) and i not in apart
+    ]
     inside = 2 * free + sum(_internal(kinds[i]) for i in acting)
     measured = sum(sensor.quantity == "force" for sensor in description.sensors)
     states = inside + 2 * moved + measured

@@ -274,7 +274,7 @@ def decay_law(extremes: Extremes) -> DecayLaw:
 
 
 def _independent(left: Values) -> float:
-    """Number of amplitudes that correlated residuals count for."""
+    """Return the number of amplitudes that correlated residuals count for."""
     power = float(left @ left)
     near = float(left[1:] @ left[:-1]) / power if power > 0 else 0.0
     near = min(max(near, 0.0), 0.9)

@@ -351,3 +351,29 @@ def test_where_supports_begin_displaced_the_structure_is_carried_along():
     np.testing.assert_allclose(seen, np.tile(x, (200, 1)), atol=1e-12)
     end = dataclasses.replace(rig, sensors=motion_of("left"))
     assert simulated(end, np.full(200, 0.01), np.full(200, 0.0))[0, 0] == 0.01
+
+
+def test_friction_of_a_driven_damper_has_the_sign_of_its_velocity():
+    """Nothing can stick where both ends are prescribed."""
+    x = 0.02 * np.sin(9.0 * T)
+    rig = Description(
+        name="rubbing",
+        nodes=(Node(id="m", mass_kg=0.7),),
+        elements=(Spring(id="k1", between=(BASE, "m"), stiffness_n_per_m=300.0),),
+        effects=(RUB,),
+        inputs=(Input(channel="x", kind="imposed_displacement", node="m", unit="m"),),
+        sensors=(
+            Sensor(channel="f", quantity="force", element="k1", unit="kN"),
+            Sensor(channel="base", quantity="force", node=BASE, unit="N"),
+        ),
+    )
+    plant = Plant.of(rig)
+    name = ("effect", 0, "friction_n")
+    told, slopes = plant.sensitivities(plant.values, x[:, None], RATE, [name])
+    wanted = 300.0 * x + 3.0 * np.sign(np.cos(9.0 * T))
+    turning = np.abs(np.cos(9.0 * T)) < 1e-3
+    np.testing.assert_allclose(told[~turning, 0], 1e-3 * wanted[~turning], atol=1e-9)
+    np.testing.assert_allclose(told[~turning, 1], -wanted[~turning], atol=1e-9)
+    np.testing.assert_allclose(
+        slopes[~turning, 1, 0], -np.sign(np.cos(9.0 * T))[~turning], atol=1e-6
+    )

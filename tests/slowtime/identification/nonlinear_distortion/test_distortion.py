@@ -1,4 +1,4 @@
-"""Distortion of static nonlinearities with known harmonics, of noise of known size, of Duffing."""
+"""Distortion of static nonlinearities with known harmonics, of known noise, of Duffing."""
 
 import os
 from pathlib import Path
@@ -199,7 +199,7 @@ def test_what_does_not_repeat_is_refused():
 
 
 def test_a_record_without_a_whole_period_is_refused():
-    with pytest.raises(ValueError, match="not one period of 1024.*--transient"):
+    with pytest.raises(ValueError, match=r"not one period of 1024.*--transient"):
         realisation_of(np.zeros(1100), np.zeros(1100), RATE, N, 100)
 
 
