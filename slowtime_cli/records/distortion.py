@@ -172,9 +172,10 @@ def _sentence(found: Sequence[Distortion], modes: Sequence[Resonance | None]) ->
     first, last = modes[0], modes[-1]
     if len(found) > 1 and first is not None and last is not None:
         said.append(
-            f"From level {found[0].level:.4g} to {strongest.level:.4g} the frequency goes from "
-            f"{first.frequency_hz:.5g} ± {first.frequency_sd_hz:.2g} to {last.frequency_hz:.5g} "
-            f"± {last.frequency_sd_hz:.2g} Hz, the damping ratio from {100 * first.damping:.3g} "
+            f"From level {found[0].level:.4g} to {strongest.level:.4g} the frequency goes "
+            f"from {first.frequency_hz:.5g} ± {first.frequency_sd_hz:.2g} to "
+            f"{last.frequency_hz:.5g} ± {last.frequency_sd_hz:.2g} Hz, the damping ratio "
+            f"from {100 * first.damping:.3g} "
             f"± {100 * first.damping_sd:.2g} to {100 * last.damping:.3g} ± "
             f"{100 * last.damping_sd:.2g} %."
         )
@@ -262,8 +263,8 @@ def _decay(text: str, law: DecayLaw) -> Plain:
 def _decay_sentence(text: str, law: DecayLaw) -> str:
     return (
         f"{text}: the damping ratio {law.trend} ({100 * law.damping[0]:.3g} % at "
-        f"{law.amplitude[0]:.3g}, {100 * law.damping[-1]:.3g} % at {law.amplitude[-1]:.3g}), by "
-        f"{' and '.join(law.terms)} damping."
+        f"{law.amplitude[0]:.3g}, {100 * law.damping[-1]:.3g} % at "
+        f"{law.amplitude[-1]:.3g}), by {' and '.join(law.terms)} damping."
     )
 
 
