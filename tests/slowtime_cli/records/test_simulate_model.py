@@ -238,7 +238,8 @@ def test_a_model_without_inputs_decays_freely_from_its_start(run, tmp_path, text
 
 def test_a_velocity_is_a_start_too(run, tmp_path, model, record):
     done = run(
-        "simulate", "--model", model, "--input", record, "--initial", "m1=0,0.5", "--out", "a.npz"
+        "simulate", "--model", model, "--input", record, "--initial", "m1=0,0.5",
+        "--out", "a.npz",
     )  # fmt: skip
     assert done.status == 0, done.err
     run("simulate", "--model", model, "--input", record, "--out", "b.npz")
