@@ -184,7 +184,7 @@ def test_a_duffing_oscillator_stiffens_with_level_and_is_odd():
     moved = np.array([np.fft.irfft(r.output.mean(axis=0)) * count for r in given[3:]])
     ratio = np.mean(moved**4) / np.mean(moved**2)
     assert high.frequency_hz == pytest.approx(3.0 * np.sqrt(1 + 40 * ratio), rel=0.03)
-    assert strong.symmetry == "odd"
+    assert "odd" in strong.symmetry
 
 
 def test_a_period_is_found_in_noise():
