@@ -110,6 +110,10 @@ VERBS = {
         "models.effects:effects",
         "List the effects that diagnose may name and a model file may hold.",
     ),
+    "distortion": Verb(
+        "records.distortion:distortion",
+        "Measure nonlinear distortion, or damping against amplitude.",
+    ),
     "merge": Verb(
         "records.merge:merge",
         "Merge the modes of several set-ups of sensors.",

@@ -37,6 +37,9 @@ EXAMPLES: dict[str, str] = {
     "slowtime import record.csv --rate-hz 100 --out record.mcap",
     "identify": f"{_RECORD} && slowtime identify tower.mcap",
     "simulate": _RECORD,
+    "distortion": """awk 'BEGIN {print "t_s,angle"; for (i = 0; i < 2000; i++) print i / 50 """
+    """"," exp(-i / 800) * cos(i / 7)}' > swing.csv && """
+    "slowtime distortion swing.csv --decay --output angle",
     "publish": "slowtime publish --to - --seconds 2",
     "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
     """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """

@@ -76,6 +76,8 @@ def _struck(trial: Trial) -> bool:
 
 def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
     """Refuse a rate at which not even the slowest vibration could be followed."""
+    if not model.dofs:
+        return
     frequency = undamped_modes(assemble(model)).frequency_hz
     own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
     if len(own) and trial.rate_hz < 2 * own[0]:

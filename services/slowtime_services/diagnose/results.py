@@ -19,7 +19,8 @@ PAGE, SURFACE = "report.html", "surface.npz"
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
-    ``holdout.npz`` is there only where a record was held out, ``surface.npz`` where a force was
+    ``holdout.npz`` is there only where a record was held out and run freely, which one of
+    imposed motion is not, ``surface.npz`` where a force was
     recovered. What was there before is replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -30,7 +31,7 @@ def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> N
         f"# {document.verdict}\n{words}\n{model_text(diagnosis.augmented)}", encoding="utf-8"
     )
     write_report(out / PAGE, diagnosis, document)
-    if diagnosis.gap.on == "holdout":
+    if diagnosis.gap.on == "holdout" and diagnosis.traces:
         write_runs(out / HOLDOUT, diagnosis)
     else:
         (out / HOLDOUT).unlink(missing_ok=True)
