@@ -159,9 +159,7 @@ class ModelSensor(Part):
 
 
 class ModelSupport(Part):
-    """A point that elements end at and that an input moves; it goes with the base where none
-    does.
-    """
+    """A point that elements end at and that an input moves, or that goes with the base."""
 
     id: Id
 

@@ -31,7 +31,7 @@ FALLING_P_VALUE = 1e-3
 of random motion fall in one record of a thousand, and hardly ever without rising in between."""
 MANY_PARTS = 12
 """[1] Equal parts of a record whose strengths are compared. Source: judgement; random motion
-falls through so many with a probability of one in 12!, or of a few thousand where it is slow."""
+falls through so many with a probability of one in 12!, or in a few thousand if it is slow."""
 FEW_PARTS = 4
 """[1] The same of a record whose modes beat. Source: as above, with `MAX_RATIO_OF_FEW`."""
 MIN_PART_SAMPLES = 16
