@@ -151,7 +151,11 @@ def test_the_errors_of_a_resonance_are_as_told():
 
 
 def test_a_duffing_oscillator_stiffens_with_level_and_is_odd():
-    """Integrated by scipy, from rest through three periods; the last is analysed."""
+    """Integrated by scipy, from rest through six periods; the last two are analysed.
+
+    Driven twice as hard, two of the three realisations settle on motions that are not symmetric
+    though the spring is, and have even lines.
+    """
     rate, count = 64.0, 512
     lines = np.array([k for k in range(9, 61, 2) if k % 8 != 1])
     natural, zeta = 2 * np.pi * 3.0, 0.05
@@ -168,12 +172,12 @@ def test_a_duffing_oscillator_stiffens_with_level_and_is_odd():
             restoring = natural**2 * x[0] * (1 + 40.0 * x[0] ** 2)
             return [x[1], push(t) - restoring - 2 * zeta * natural * x[1]]
 
-        times = np.arange(4 * count) / rate
+        times = np.arange(8 * count) / rate
         told = solve_ivp(rates, (0, times[-1]), [0, 0], t_eval=times, rtol=1e-7, atol=1e-9)
-        noise = 1e-3 * told.y[0].std() * np.random.default_rng(seed).standard_normal(4 * count)
-        return realisation_of(np.tile(wave, 4), told.y[0] + noise, rate, count, 2 * count)
+        noise = 1e-3 * told.y[0].std() * np.random.default_rng(seed).standard_normal(8 * count)
+        return realisation_of(np.tile(wave, 8), told.y[0] + noise, rate, count, 6 * count)
 
-    given = [run(seed, rms) for rms in (1.0, 12.0) for seed in (0, 1, 2)]
+    given = [run(seed, rms) for rms in (1.0, 6.0) for seed in (0, 1, 2)]
     weak, strong = (distortion_of(group) for group in sort_by_level(given))
     low = fit_resonance(weak.frequency_hz, weak.response, weak.total_sd)
     high = fit_resonance(strong.frequency_hz, strong.response, strong.total_sd)
@@ -184,7 +188,7 @@ def test_a_duffing_oscillator_stiffens_with_level_and_is_odd():
     moved = np.array([np.fft.irfft(r.output.mean(axis=0)) * count for r in given[3:]])
     ratio = np.mean(moved**4) / np.mean(moved**2)
     assert high.frequency_hz == pytest.approx(3.0 * np.sqrt(1 + 40 * ratio), rel=0.03)
-    assert "odd" in strong.symmetry
+    assert strong.symmetry == "odd"
 
 
 def test_a_period_is_found_in_noise():
