@@ -40,6 +40,8 @@ class Design:
     """Effect-to-noise that the case has at least."""
     excitation: str = ""
     """Of all records, where cases differ in that alone; drawn for each where not given."""
+    rig_seed: int = 0
+    """Of what such cases share."""
 
 
 def groups_of(count: int, rng: np.random.Generator, only: str | None = None) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from .drafts import Draft, Drawer, Parameters, Surroundings, draw_sign, scaled
 from .outside.draws import OUTSIDE_DRAWERS
 
+
 def draft(name: str, rng: np.random.Generator, here: Surroundings) -> Draft:
     """Draw an effect's parameters."""
     sketch = DRAWERS[name](rng, here)
@@ -202,18 +203,14 @@ def _clock(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 def _maxwell(rng: np.random.Generator, here: Surroundings) -> Draft:
     tau = rng.uniform(0.3, 3.0) / (2 * np.pi * here.frequencies_hz[0])
-    return Draft(
-        lambda s: {"km_n_per_m": s * here.stiffness, "relaxation_s": tau}, 0.02, 1.5
-    )
+    return Draft(lambda s: {"km_n_per_m": s * here.stiffness, "relaxation_s": tau}, 0.02, 1.5)
 
 
 def _power_law(rng: np.random.Generator, here: Surroundings) -> Draft:
     power = float(rng.choice([0.5, 0.65, 1.5, 3.0]))
     v0 = float(rng.uniform(0.8, 2.5)) * here.speed
     size = here.damping * v0
-    return Draft(
-        lambda s: {"force_n": s * size, "v0_m_per_s": v0, "power": power}, 0.02, 60.0
-    )
+    return Draft(lambda s: {"force_n": s * size, "v0_m_per_s": v0, "power": power}, 0.02, 60.0)
 
 
 def _impact(rng: np.random.Generator, here: Surroundings) -> Draft:

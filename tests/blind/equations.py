@@ -90,7 +90,12 @@ class System:
         state = ", ".join(names)
         lines = [f"def rates(t, mode, {state}):", *(f"    {line}" for line in body)]
         if held:
-            lines += ["    d = mode", "    if mode:", f"        fr = mode*({held['most']})", "    else:"]
+            lines += [
+                "    d = mode",
+                "    if mode:",
+                f"        fr = mode*({held['most']})",
+                "    else:",
+            ]
             lines += [
                 f"        fr = {held['hold']}",
                 *(f"    {line}" for line in held["apply"]),
@@ -132,11 +137,11 @@ class System:
                     lines.append(f"h{number} = z{len(inner) + number}")
                 for rate in placed.law.rates:
                     inner.append(f"r{len(inner)}")
-                    lines.append(f"{inner[-1]} = {_filled(rate, placed.parameters)}")
+                    lines.append(f"{inner[-1]} = {filled(rate, placed.parameters)}")
                 if placed.law.force:
-                    terms.append(_filled(placed.law.force, placed.parameters))
+                    terms.append(filled(placed.law.force, placed.parameters))
                 if placed.law.grip:
-                    held = {"most": _filled(placed.law.grip, placed.parameters), "ends": (a, b)}
+                    held = {"most": filled(placed.law.grip, placed.parameters), "ends": (a, b)}
                     lines += ["we = abs(v)", "ee = e"]
             name = f"F_{element.id}"
             lines.append(f"{name} = {' + '.join(terms)}")
@@ -181,7 +186,7 @@ class System:
             # A body that rolls moves with the node by a part of its mass, and turns by the rest.
             turning, mass = placed.law.inertia, p["mass_kg"]
             lines += [f"e = z{len(inner)}", f"v = z{len(inner) + 1}"]
-            lines.append(f"pull = ({_filled(placed.law.force, p)})/{1 + turning!r}")
+            lines.append(f"pull = ({filled(placed.law.force, p)})/{1 + turning!r}")
             net[i].append("pull")
             masses[i] += mass * turning / (1 + turning)
             inner += [f"z{len(inner) + 1}", "hidden"]
@@ -195,7 +200,7 @@ def _is_body(placed: Placed) -> bool:
     return placed.law.where == "node" and not named
 
 
-def _filled(text: str, parameters: dict[str, float]) -> str:
+def filled(text: str, parameters: dict[str, float]) -> str:
     for name in sorted(parameters, key=len, reverse=True):
         text = _replaced(text, name, f"({parameters[name]!r})")
     return text

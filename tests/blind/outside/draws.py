@@ -162,9 +162,7 @@ def _viscous_stop(rng: np.random.Generator, here: Surroundings) -> Draft:
 def _exponential(rng: np.random.Generator, here: Surroundings) -> Draft:
     e0 = draw_sign(rng) * float(rng.uniform(1.5, 3.0)) * here.elongation
     size = 0.2 * here.stiffness * abs(e0)
-    return Draft(
-        lambda s: {"force_n": s * size * float(np.sign(e0)), "e0_m": e0}, 0.02, 5.0
-    )
+    return Draft(lambda s: {"force_n": s * size * float(np.sign(e0)), "e0_m": e0}, 0.02, 5.0)
 
 
 def _cusp(rng: np.random.Generator, here: Surroundings) -> Draft:

@@ -41,7 +41,9 @@ def verdict_row(
     kin = LAWS[truth["effects"][0]["effect"]].kin
     over = _error_over_floor(sealed, result)
     lies = [name for name in row["named"] if FAMILIES.get(name, name) not in kin]
-    sure = [name for name, p in zip(row["named"], _probabilities(row), strict=True) if p >= SURE]
+    sure = [
+        name for name, p in zip(row["named"], _probabilities(row), strict=True) if p >= SURE
+    ]
     return row | {
         "error_over_floor": over,
         "said": _said(row, report or {}, kin, over),
@@ -74,7 +76,9 @@ def _likeness(report: dict[str, Any]) -> str:
     """Return the sentence that says what an unknown force is like; empty where none does."""
     if report.get("resembles"):
         return str(report["resembles"])
-    said = [note for note in report.get("notes") or [] if any(w in note.lower() for w in LIKENESS)]
+    said = [
+        note for note in report.get("notes") or [] if any(w in note.lower() for w in LIKENESS)
+    ]
     return " ".join(said) if report.get("verdict") in OPEN else ""
 
 
