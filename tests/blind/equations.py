@@ -183,7 +183,7 @@ class System:
             net[i].append("pull")
             inner += [y, "hidden"]
         else:
-            # A body that rolls moves with the node by a part of its mass, and turns by the rest.
+            # A body that rolls moves with the node by a part of its mass and turns by the rest.
             turning, mass = placed.law.inertia, p["mass_kg"]
             lines += [f"e = z{len(inner)}", f"v = z{len(inner) + 1}"]
             lines.append(f"pull = ({filled(placed.law.force, p)})/{1 + turning!r}")

@@ -151,7 +151,7 @@ class World:
         return Taken(times, inputs, outputs, clean, seen)
 
     def linear_scale(self, plan: Plan) -> tuple[Array, Array, Array]:
-        """Elongations, their rates, and outputs of the linear rig under a plan, from its start."""
+        """Elongations, their rates, and outputs of the linear rig, from the start of a plan."""
         rng = np.random.default_rng(plan.seed)
         _, forces, base = self.with_effects()._signals(plan, rng)
         start = self._start(2 * self.rig.size, plan, rng)

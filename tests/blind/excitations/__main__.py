@@ -2,7 +2,8 @@
 
 import sys
 
-from ..battery import Battery, run_battery
+from tests.blind.battery import Battery, run_battery
+
 from . import cases, verdicts
 
 EXCITATIONS = Battery(

@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from ..cases import Case, Unfit, strong_enough, surroundings, truth_of
-from ..design import Design, draw_place, draw_world
-from ..drafts import Draft
-from ..draws import draft
-from ..law import Placed
-from ..laws import LAWS
-from ..motion import Diverged
-from ..running import Drawn
-from ..unexplained import unexplained
-from ..world import Plan, World, whole_samples
+from tests.blind.cases import Case, Unfit, strong_enough, surroundings, truth_of
+from tests.blind.design import Design, draw_place, draw_world
+from tests.blind.drafts import Draft
+from tests.blind.draws import draft
+from tests.blind.law import Placed
+from tests.blind.laws import LAWS
+from tests.blind.motion import Diverged
+from tests.blind.running import Drawn
+from tests.blind.unexplained import unexplained
+from tests.blind.world import Plan, World, whole_samples
+
 from . import imposed
 
 EXCITATIONS = (

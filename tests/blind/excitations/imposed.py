@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import odeint
 
-from ..cases import Case, Unfit, strong_enough, truth_of
-from ..design import Design
-from ..drafts import Draft
-from ..equations import filled
-from ..law import Placed
-from ..laws import LAWS
-from ..outside.operators import OPERATORS
-from ..rig import BASE, Element, Rig
-from ..sensing import Sensor
-from ..signals import Signal, excitation, knot_rate
-from ..unexplained import Seen
-from ..world import Plan, Taken, World
+from tests.blind.cases import Case, Unfit, strong_enough, truth_of
+from tests.blind.design import Design
+from tests.blind.drafts import Draft
+from tests.blind.equations import filled
+from tests.blind.law import Placed
+from tests.blind.laws import LAWS
+from tests.blind.outside.operators import OPERATORS
+from tests.blind.rig import BASE, Element, Rig
+from tests.blind.sensing import Sensor
+from tests.blind.signals import Signal, excitation, knot_rate
+from tests.blind.unexplained import Seen
+from tests.blind.world import Plan, Taken, World
 
 Array = NDArray[np.float64]
 RATE_HZ = 200.0
@@ -142,7 +142,13 @@ def law_force(placed: Placed, signal: Signal, times: Array) -> Array:
 
         size = float(np.abs(e).max())
         inner = odeint(
-            rates, np.zeros(len(texts)), times, rtol=1e-7, atol=1e-8 * size, mxstep=5000
+            rates,
+            np.zeros(len(texts)),
+            times,
+            rtol=1e-7,
+            atol=1e-8 * size,
+            mxstep=5000,
+            hmax=float(np.diff(times).max()),
         )
     text = law.force or f"(1.0 if v > 0 else -1.0)*({law.grip})"
     code = compile(filled(text, placed.parameters), "<force>", "eval")
@@ -152,7 +158,8 @@ def law_force(placed: Placed, signal: Signal, times: Array) -> Array:
             eval(
                 code,
                 space,
-                {"e": e, "v": v, "w": abs(v)} | {f"h{i}": x for i, x in enumerate(h)},
+                {"e": e, "v": v, "w": abs(v), "d": 1.0 if v > 0 else -1.0}
+                | {f"h{i}": x for i, x in enumerate(h)},
             )
             for e, v, h in rows
         ]

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from ..answers import SILENT
-from ..tables import Row, leaves, rate
+from tests.blind.answers import SILENT
+from tests.blind.tables import Row, leaves, rate
 
 UNMEASURED = ("ambient",)
-"""Excitations that nobody measures: spectra are all that there is, and no effect can be named."""
+"""Excitations that nobody measures: there are but spectra, and no effect can be named."""
 
 
 def excitation_row(

@@ -1,8 +1,9 @@
-"""Diagnose laws that are in no list: ``python -m tests.blind.outside --cases 64 --seed 1``."""
+"""Diagnose laws that are in no list: ``python -m tests.blind.outside --cases 64``."""
 
 import sys
 
-from ..battery import Battery, run_battery
+from tests.blind.battery import Battery, run_battery
+
 from . import cases, verdicts
 
 OUTSIDE = Battery(

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from .. import cases as hidden
-from ..cases import Case
-from ..design import Design, draw_design
-from ..laws import UNLISTED
-from ..running import Drawn
-from ..world import World
+from tests.blind import cases as hidden
+from tests.blind.cases import Case
+from tests.blind.design import Design, draw_design
+from tests.blind.laws import UNLISTED
+from tests.blind.running import Drawn
+from tests.blind.world import World
 
 LEAST_DB = 10.0
 """[dB] Effect-to-noise that every case has at least: the law is there to be seen."""

@@ -1,14 +1,15 @@
 """Numbers for the laws that are in no list, of natural size for the motion at their place."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
-from ..drafts import Draft, Drawer, Surroundings, draw_sign, scaled
+from tests.blind.drafts import Draft, Drawer, Surroundings, draw_sign, scaled
+
 from .laws import PLAYS, YIELDS
 
 
-def _named(name: str, values: Sequence[float]) -> dict[str, float]:
+def _named(name: str, values: Iterable[float]) -> dict[str, float]:
     return {name.format(i): float(value) for i, value in enumerate(values)}
 
 
@@ -100,7 +101,8 @@ def _asymmetric_stribeck(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 def _by_place_and_speed(rng: np.random.Generator, here: Surroundings) -> Draft:
     shape = {
-        "share": float(rng.uniform(0.5, 0.9)), "length_m": float(rng.uniform(0.3, 0.8)) * here.elongation,
+        "share": float(rng.uniform(0.5, 0.9)),
+        "length_m": float(rng.uniform(0.3, 0.8)) * here.elongation,
         "v0_m_per_s": float(rng.uniform(0.5, 2.0)) * here.speed,
     }  # fmt: skip
     return Draft(lambda s: {"friction_n": s * _friction(here)} | shape, 0.02, 10.0)

@@ -58,7 +58,7 @@ FAMILIES: dict[str, str] = {
 """Family of each effect that a report may name."""
 
 REASONS: dict[str, str] = {
-    "prandtl_ishlinskii": "a sum of yielding springs; one of them is Jenkins' or Bouc and Wen's",
+    "prandtl_ishlinskii": "a sum of yielding springs, each as Jenkins' or Bouc and Wen's",
     "preisach": "a sum of plays, each with memory of the path as in Bouc and Wen's spring",
     "asymmetric_hysteresis": "Bouc and Wen's spring with another yield to either side",
     "softening_by_peak": "the secant stiffness falls with amplitude, and is lost with time",

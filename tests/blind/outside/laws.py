@@ -4,7 +4,7 @@
 term of this one; `families` gives the reasons.
 """
 
-from ..law import Law
+from tests.blind.law import Law
 
 YIELDS, PLAYS = 5, 4
 """Stops of the Prandtl-Ishlinskii law, plays of the Preisach law."""
@@ -20,13 +20,14 @@ HYSTERESIS = (
     ),
     Law(
         "preisach", "distributed hysteresis",
-        force="force_n*(" + " + ".join(f"tanh(h{i}/s{i}_m)" for i in range(PLAYS))
+        force="-force_n*(" + " + ".join(f"tanh(h{i}/s{i}_m)" for i in range(PLAYS))
         + f")/{PLAYS}.0",
         rates=tuple(f"play_rate(e, v, h{i}, y{i}_m)" for i in range(PLAYS)),
         kin=("hysteresis", "friction"),
     ),
     Law("asymmetric_hysteresis", "asymmetric hysteresis", force="kh_n_per_m*(h0 - e)",
-        rates=("v*(1.0 - abs(h0)/(zp_m if h0 > 0.0 else zm_m)*(1.0 + copysign(1.0, v*h0))/2.0)",),
+        rates=("v*(1.0 - abs(h0)/(zp_m if h0 > 0.0 else zm_m)"
+        "*(1.0 + copysign(1.0, v*h0))/2.0)",),
         kin=("hysteresis", "friction", "asymmetric stiffness")),
     Law("softening_by_peak", "damage", force="-dk_n_per_m*e*(1.0 - exp(-h0/peak_m))",
         rates=("peak_rate(e, v, h0, peak_m)",),
@@ -37,7 +38,8 @@ HYSTERESIS = (
     Law("hardening_hysteresis", "combined", force="-dk_n_per_m*es_m*tanh(e/es_m)"
         " + k5_n_per_m5*e**5 + kh_n_per_m*(h0 - e) + c2_n_s2_per_m2*abs(v)*v",
         rates=("stop_rate(v, h0, y_m)",),
-        kin=("hysteresis", "friction", "softening", "hardening", "polynomial stiffness", "drag")),
+        kin=("hysteresis", "friction", "softening", "hardening", "polynomial stiffness",
+             "drag")),
     Law("heating_softening", "thermal softening", force="-dk_n_per_m*e*tanh(h0)",
         rates=("(v/v0_m_per_s)**2/tau_s - h0/tau_s",),
         kin=("softening", "time-varying", "linear stiffness")),
@@ -51,8 +53,8 @@ FRICTION = (
     Law("asymmetric_friction", "friction by direction", grip="friction_n*(1.0 + share*d)",
         kin=("friction",)),
     Law("asymmetric_stribeck", "friction by direction",
-        grip="(friction_n + (static_n - friction_n)*exp(-w/(vp_m_per_s if d > 0 else vm_m_per_s)))"
-        "*(1.0 + share*d)", kin=("friction",)),
+        grip="(friction_n + (static_n - friction_n)"
+        "*exp(-w/(vp_m_per_s if d > 0 else vm_m_per_s)))*(1.0 + share*d)", kin=("friction",)),
     Law("friction_by_place_and_speed", "position-dependent friction",
         grip="friction_n*(1.0 + share*sin(e/length_m))/(1.0 + w/v0_m_per_s)",
         kin=("friction",)),

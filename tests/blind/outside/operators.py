@@ -2,9 +2,8 @@
 
 import math
 
-
 ROUNDED = 0.02
-"""[share of its reach] Over which an operator goes from one branch into the other. Source: a
+"""[share of its reach] Over which an operator goes from one branch to the other. Source: a
 decision: no integrator can follow a rate that jumps where its own state meets a bound."""
 
 
@@ -25,7 +24,7 @@ def stop_rate(v: float, h: float, reach: float) -> float:
 
 
 def play_rate(e: float, v: float, h: float, reach: float) -> float:
-    """Rate of a play operator: of a body that is pushed once the play to either side is used."""
+    """Rate of a play operator: of a body that is pushed once the play to that side is used."""
     ahead = e - h if v > 0.0 else h - e
     return v * _ramp((ahead / reach - 1.0) / ROUNDED + 1.0)
 

@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..answers import OPEN, SILENT
-from ..laws import LAWS
-from ..tables import Row, leaves, rate
+from tests.blind.answers import OPEN, SILENT
+from tests.blind.laws import LAWS
+from tests.blind.tables import Row, leaves, rate
+
 from .families import FAMILIES
 
 SURE = 0.9
 """[probability] From which a name is sure. Source: as in the other tables of hidden cases."""
 MOST_OVER_FLOOR = 2.0
-"""[1] Error on the held-out record over its noise that is wanted at most. Source: the target."""
+"""[1] Error on the held-out record over its noise, wanted at most. Source: a decision."""
 AT_THE_FLOOR = 1.1
 """[1] The same, up to which a related law does all that the true one would. Source: errors of
 the size of the noise's half would make it 1.12."""

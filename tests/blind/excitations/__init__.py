@@ -1,1 +1,0 @@
-"""The same rigs with the same effects, excited in every way that is usual in a laboratory."""
