@@ -34,6 +34,8 @@ KINDS = (
     "stiffness_loss", "gap_one_sided",
 )  # fmt: skip
 LEAST_DB, MOST_DB = 10.0, 42.0
+SHARED_S = (25.0, 45.0)
+"""[s] Shortest and longest record, where the excitation asks for no other."""
 SECONDS = {"release": (8.0, 16.0), "ambient": (60.0, 90.0), "imposed": (10.0, 20.0)}
 """[s] Lengths of records; of the others as of any case."""
 PULLED = 4.0
@@ -67,7 +69,7 @@ def draw_design(kind: str, way: str, rig_seed: int) -> Design:
         "listed", (kind,), size=int(rng.choice([1, 2, 3], p=[0.4, 0.2, 0.4])), drive="force",
         mode=str(rng.choice(["states", "accelerations"])), snr_db=int(rng.choice([30, 40])),
         stiffness_sd=float(rng.choice([0.01, 0.03])), at_rest=way != "release", coloured=False,
-        target_db=float(rng.uniform(14.0, 24.0)), seconds=SECONDS.get(way, (25.0, 45.0)),
+        target_db=float(rng.uniform(14.0, 24.0)), seconds=SECONDS.get(way, SHARED_S),
         least_db=LEAST_DB, excitation=way, rig_seed=rig_seed,
     )  # fmt: skip
 
@@ -92,7 +94,8 @@ def _shared(
 ) -> tuple[World, list[Plan], int, str, Draft]:
     """Draw what all excitations share: the rig, its sensors, and the effect at its place."""
     (kind,) = design.kinds
-    world, plans, held = draw_world(design, rng)
+    alike = dataclasses.replace(design, at_rest=True, seconds=SHARED_S)
+    world, plans, held = draw_world(alike, rng)
     world = dataclasses.replace(world, noise_follows=False)
     middle = dataclasses.replace(
         next(p for p in plans if p.level == 1.0), excitation="random", lead_s=0.0, kick=0.0

@@ -19,7 +19,7 @@ MOST_OVER_FLOOR = 2.0
 AT_THE_FLOOR = 1.1
 """[1] The same, up to which a related law does all that the true one would. Source: errors of
 the size of the noise's half would make it 1.12."""
-LIKENESS = ("most like", "resembles", "nearest:")
+LIKENESS = ("most like", "resembles")
 """Words with which a report says what an unknown force is like."""
 
 
