@@ -183,15 +183,16 @@ def test_a_stop_and_a_play_of_one_reach_share_the_elongation():
     assert 0.68 < np.abs(stop).max() <= 0.7 + 1e-6
 
 
-def test_friction_with_age_settles_at_its_logarithm_of_speed():
+@pytest.mark.parametrize("speed", [3e-4, 1e-2])
+def test_friction_with_age_settles_at_its_logarithm_of_speed(speed):
     p = (0.6, 0.04, 0.07, 1e-3, 2e-4)
-    for speed in (3e-4, 1e-2):
-        aged = solve_ivp(
-            lambda t, h, v=speed: [renewal_rate(v, float(h[0]), p)],
-            (0, 20 * p[4] / speed), [0.0], method="LSODA", rtol=1e-9, atol=1e-12,
-        )  # fmt: skip
-        settled = rate_and_state(speed, float(aged.y[0, -1]), p)
-        assert settled == pytest.approx(0.6 + (0.04 - 0.07) * np.log(speed / p[3]), rel=1e-4)
+
+    def ageing(t, h):
+        return [renewal_rate(speed, float(h[0]), p)]
+
+    aged = solve_ivp(ageing, (0, 20 * p[4] / speed), [0.0], "LSODA", rtol=1e-9, atol=1e-12)
+    settled = rate_and_state(speed, float(aged.y[0, -1]), p)
+    assert settled == pytest.approx(0.6 + (0.04 - 0.07) * np.log(speed / p[3]), rel=1e-4)
 
 
 def test_a_peak_is_kept_and_softens_for_good():

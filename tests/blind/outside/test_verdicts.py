@@ -1,6 +1,7 @@
 """Answers about laws that are in no list: sorted, and the sure of a wrong family found."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def row_of(verdict, named=(), undecided=(), probability=0.95, error=1.0, tmp=Non
     return verdict_row(truth, {"verdict": verdict, "notes": list(notes)}, row, tmp, tmp)
 
 
-ANSWERS = [
+ANSWERS: list[tuple[dict[str, Any], str, bool]] = [
     ({"verdict": "unknown_effect"}, "unknown", False),
     ({"verdict": "unknown_effect", "notes": [LIKE]}, "resembling", False),
     ({"verdict": "missing_effect", "named": ["bouc_wen_general"]}, "related name at the noise",
