@@ -15,6 +15,10 @@ from .files import CASES, SEALED
 from .running import RESULTS, Builder, Drawn, Trial, diagnose, is_written, run_one, write_one
 from .tables import Row
 
+TIMEOUT_S = 1800.0
+"""[s] After which a diagnosis is ended. Source: one takes up to four minutes of processor time,
+and a machine may be shared."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Battery:
@@ -113,7 +117,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="folder, else var/blind/NAME-SEED")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--timeout", type=float, default=600.0, help="seconds a case")
+    parser.add_argument("--timeout", type=float, default=TIMEOUT_S, help="seconds a case")
     parser.add_argument("--command", help="run instead of `slowtime diagnose`")
     parser.add_argument("--score-only", action="store_true", help="diagnose nothing")
     return parser
