@@ -116,11 +116,22 @@ class Effect(Part):
 
 
 class ModelInput(Part):
-    """A measured force on a node, or the measured acceleration of the base."""
+    """A measured force on a node, or the measured motion of the base or of a support."""
 
     channel: Id
-    kind: Literal["force", "base_acceleration"]
-    node: Id | None = None
+    kind: Literal[
+        "force",
+        "base_acceleration",
+        "base_velocity",
+        "base_displacement",
+        "imposed_acceleration",
+        "imposed_velocity",
+        "imposed_displacement",
+    ]
+    node: Id | None = Field(
+        default=None,
+        description="On which a force acts; the support or driven node of an imposed motion.",
+    )
     unit: Unit
     hold: Literal["band_limited", "first", "zero"] | None = Field(
         default=None,
@@ -133,13 +144,32 @@ class ModelSensor(Part):
     """What one channel measures."""
 
     channel: Id
-    quantity: Literal["acceleration", "velocity", "displacement"]
-    node: Id
+    quantity: Literal["acceleration", "velocity", "displacement", "force"]
+    node: Id | None = Field(
+        default=None,
+        description="Whose motion it measures; of a force, the base, the support or the driven "
+        "node on which it acts from outside.",
+    )
+    element: Id | None = Field(default=None, description="Of a force in a spring element.")
     frame: Literal["absolute", "relative_to_base"] = "absolute"
     unit: Unit
     noise_sd: NotNegative | None = Field(
         default=None, description="Of white noise, in the unit of the channel."
     )
+
+
+class ModelSupport(Part):
+    """A point that elements end at and that an input moves, or that goes with the base."""
+
+    id: Id
+
+
+class ModelStart(Part):
+    """Motion of a node when a simulation begins, against the base."""
+
+    node: Id
+    displacement_m: Number = 0.0
+    velocity_m_per_s: Number = 0.0
 
 
 class ModelTolerance(Part):
@@ -163,10 +193,18 @@ class ModelFile(Part):
         description="rad makes every length an angle, force a torque, mass an inertia.",
     )
     nodes: tuple[Node, ...]
+    supports: Annotated[
+        tuple[ModelSupport, ...],
+        Field(description="Points beside the base that elements end at and inputs move."),
+    ] = ()
     elements: tuple[Element, ...] = ()
     effects: tuple[Annotated[Effect, Plain], ...] = ()
     inputs: Annotated[
         tuple[ModelInput, ...], Field(description="None listed: ambient, unmeasured.")
     ] = ()
     sensors: tuple[ModelSensor, ...] = ()
+    initial: Annotated[
+        tuple[ModelStart, ...],
+        Field(description="Start of a simulation; at rest where nothing is said."),
+    ] = ()
     tolerance: ModelTolerance | None = None

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.imposed_motion.records import is_imposed
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
@@ -48,8 +49,8 @@ def refuse_nonsense(
         Saying which channel, by how much, and what it looks like.
     """
     model = campaign.description
-    if campaign.ambient:
-        return
+    if campaign.ambient or is_imposed(model, campaign.trials):
+        return  # of imposed motion, force and motion are compared directly
     plant = Plant.of(model, kinds=kinds)
     for trial, name in zip(campaign.trials, names, strict=True):
         if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:
@@ -75,6 +76,8 @@ def _struck(trial: Trial) -> bool:
 
 def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
     """Refuse a rate at which not even the slowest vibration could be followed."""
+    if not model.dofs:
+        return
     frequency = undamped_modes(assemble(model)).frequency_hz
     own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
     if len(own) and trial.rate_hz < 2 * own[0]:

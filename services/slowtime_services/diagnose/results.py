@@ -19,9 +19,9 @@ PAGE, SURFACE = "report.html", "surface.npz"
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
-    ``holdout.npz`` is there only where a record was held out and free runs were made of it, as
-    they are not where motion was imposed; ``surface.npz`` where a force was recovered. What was
-    there before is replaced.
+    ``holdout.npz`` is there only where a record was held out and run freely, which one of
+    imposed motion is not, ``surface.npz`` where a force was
+    recovered. What was there before is replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document.plain(), indent=1, allow_nan=False, ensure_ascii=False)

@@ -199,7 +199,7 @@ def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:
     -------
     In the unit of the parameter; None where no value is simpler than others.
     """
-    if name[0] != "effect":
+    if len(name) != 3:
         return None
     effect = fit.plant.effects[int(name[1])]
     natural = fit.plant.kinds[effect.kind].parameter(str(name[2])).natural

@@ -11,7 +11,7 @@ from slowtime.discrepancy.diagnosis import Experiment
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input, Sensor, assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.dynamics.units import Quantity, UnitOfCoordinate, unit_factor
+from slowtime.dynamics.units import UnitOfCoordinate, unit_factor
 
 SIMULATED_S = 12.0
 """[s] Length of the records that are simulated. Source: judgement; no study is recorded."""
@@ -111,7 +111,7 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
 
 
 def _si_factor(entry: Input, description: Description) -> float:
-    quantity: Quantity = "force" if entry.kind == "force" else "acceleration"
+    quantity = entry.quantity
     return unit_factor(entry.unit, quantity, description.unit_of_coordinate)
 
 

@@ -166,7 +166,7 @@ def separations(
 
 
 def _strongest(trials: Sequence[Trial]) -> int:
-    """Number of the record whose inputs are the largest, or its motion where nothing drives."""
+    """Give the number of the record with the largest inputs, or motion where there are none."""
     driven = any(trial.inputs.any() for trial in trials)
     sizes = [(t.inputs if driven else t.measured).var(axis=0).sum() for t in trials]
     return int(np.argmax(sizes))

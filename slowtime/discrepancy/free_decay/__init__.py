@@ -1,1 +1,1 @@
-"""Diagnosis of free decays: which spring and which damping a structure has together."""
+"""Recognition of free decays, and what has to be left out of them."""

@@ -2,10 +2,10 @@
 
 A constant error of a force moves a structure that stands by a little, and one that floats away:
 its free run is not to be had without. And a free decay is symmetric about its position of rest,
-which is seldom where the displacement sensor reads zero: without that offset, a stop or a
-stiffness on one side seems to be missing. So each input of a structure that floats, and each
-displacement sensor of a free decay, has an offset, fitted with all else from the beginning as
-initial states are, and told of where it is seen.
+which is seldom where a displacement sensor or a gyroscope reads zero: without that offset, a
+stop or a stiffness on one side seems to be missing. So each input of a structure that floats,
+and each sensor of displacement or velocity in a free decay, has an offset, fitted with all else
+from the beginning as initial states are, and told of where it is seen.
 """
 
 import dataclasses
@@ -70,7 +70,7 @@ def _of_sensors(
     return tuple(
         {"effect": SENSOR_OFFSET, "sensor": sensor.channel, "bias": 0.0}
         for sensor in description.sensors
-        if sensor.quantity == "displacement" and sensor.channel not in has
+        if sensor.quantity in ("displacement", "velocity") and sensor.channel not in has
     )
 
 

@@ -64,6 +64,9 @@ stand. Source: judgement; no study is recorded."""
 NOISE_ERROR_RATIO = 1.01
 """[1] Of the error on a held-out record to that of noise alone, up to which the record is
 explained. Source: judgement; no study is recorded."""
+MAX_CONSTANT_RATIO = 3.0
+"""[1] Of a fitted mass or stiffness to the stated one, either way, beyond which the model is
+another structure's. Source: judgement; drawings are off by tens of per cent."""
 SINGLE_LAW_ERROR_SHARE = 0.1
 """[share of the error of the refitted model] To which one law must reduce it, where noise is so
 low that no law explains the record within it. Source: judgement; no study is recorded."""
@@ -304,7 +307,7 @@ def _answers(
     assert found.localized is not None
     alike = bool(found.localized.groups[0].twins)
     sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
-    sure = temper_unexplained(sure, found.first, found.last)
+    sure = temper_unexplained(sure, found)
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     return _once([*sure, *faults])
 
@@ -515,11 +518,35 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
         far = _still_left(found) > UNEXPLAINED_SHARE
         place, but = (first if far else rest).best_structural, "leaves more than the noise"
         near = "" if far else near
+    impossible = _impossible_constants(found)
+    if impossible:
+        return (
+            f"The constants of the model cannot be those of the structure: {impossible}. "
+            "Correct the model first; what is missing, and where, cannot be told with it."
+        )
     return (
         f"Something is missing at {place} that is none of the effects known here; "
         "its force is drawn as it was recovered."
         + (f" The nearest, {near}, {but}." if near else "")
     )
+
+
+def _impossible_constants(found: Hypothesis) -> str:
+    """Name the masses and stiffnesses that a refit moved by a factor beyond belief."""
+    last = found.last
+    names = [name for name in last.prior.names if name[0] in ("mass", "stiffness")]
+    told = []
+    for name in names:
+        at = last.prior.names.index(name)
+        stated, fitted = float(last.prior.mean[at]), float(last.free[at])
+        pull = abs(last.pulls.get(name, 0.0))
+        ratio = fitted / stated if stated else 1.0
+        if pull > LIMITS.moved_tolerances and not (
+            1 / MAX_CONSTANT_RATIO < ratio < MAX_CONSTANT_RATIO
+        ):
+            unit = last.plant.entries[name].unit
+            told.append(f"{name[0]} of {name[1]} {fitted:.3g} {unit}, stated {stated:.3g}")
+    return "; ".join(told)
 
 
 def _closing(kept: FreeRunResult, evaluation: Evaluation) -> str:

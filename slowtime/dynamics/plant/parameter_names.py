@@ -65,9 +65,14 @@ def names_of(
         add("damping", spring.id, spring.damping_n_s_per_m)
     for beam in beams:
         add("damping", beam.id, beam.damping_s, "s")
+    felt = {sensor.node for sensor in description.sensors if sensor.quantity == "force"}
     for node in description.nodes:
         if node.mass_kg:
             add("mass", node.id, node.mass_kg)
+            if node.id in description.moved and node.id not in felt:
+                # Its motion is imposed, and nothing measured depends on its mass.
+                known = dataclasses.replace(found["mass", node.id], sd=0.0, fitted=False)
+                found["mass", node.id] = known
     for beam in beams:
         if beam.mass_kg_per_m:
             add("mass", beam.id, beam.mass_kg_per_m, "kg/m")

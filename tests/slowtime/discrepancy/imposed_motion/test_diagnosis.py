@@ -42,6 +42,13 @@ def slider(e, limit, reach, play=0.0):
     return np.array(found)
 
 
+DRIVEN = dataclasses.replace(
+    RIG,
+    inputs=(Input(channel="x", kind="imposed_displacement", node="m1", unit="mm"),),
+    sensors=(Sensor(channel="f", quantity="force", node="m1", unit="kN"),),
+)
+
+
 LAWS = {
     "coulomb": lambda e, v: 3.0 * np.sign(v),
     "quadratic_damping": lambda e, v: 4.0 * np.abs(v) * v,
@@ -116,3 +123,68 @@ def test_inertia_is_taken_off_the_force_and_the_rate_is_that_of_the_motion():
     inner = slice(20, -20)
     np.testing.assert_allclose(found.motion.v[inner], v[inner], atol=2e-3 * np.abs(v).max())
     np.testing.assert_allclose(found.motion.e, e)
+
+
+def exchanged(one, unit_x=1e3, unit_f=1e-3):
+    """The same record with the motion as input [mm] and the force as output [kN]."""
+    return Trial(inputs=unit_x * one.outputs, outputs=unit_f * one.inputs, rate_hz=RATE)
+
+
+def test_the_motion_as_input_gives_the_answer_that_the_force_as_input_gives():
+    law = LAWS["quadratic_damping"]
+    given = trial(law, 1), trial(law, 2)
+    one = diagnose(Campaign(description=RIG, trials=given[:1], holdout=given[1:]))
+    turned = [exchanged(record) for record in given]
+    other = diagnose(
+        Campaign(description=DRIVEN, trials=tuple(turned[:1]), holdout=tuple(turned[1:]))
+    )
+    assert [a.effect.kind for a in other.effects] == [a.effect.kind for a in one.effects]
+    for name, number in one.effects[0].numbers.items():
+        assert other.effects[0].numbers[name].value == pytest.approx(number.value, rel=1e-3)
+    assert other.gap.augmented == pytest.approx(one.gap.augmented, rel=1e-3)
+
+
+def test_a_motion_that_is_imposed_is_so_however_heavy_the_node():
+    heavy = dataclasses.replace(
+        DRIVEN, nodes=(dataclasses.replace(DRIVEN.nodes[0], mass_kg=5.0),)
+    )
+    e, _ = motion(1)
+    acceleration = np.gradient(np.gradient(e)) * RATE**2
+    force = K * e + 5.0 * acceleration
+    record = Trial(inputs=1e3 * e[:, None], outputs=1e-3 * force[:, None], rate_hz=RATE)
+    assert is_imposed(heavy, [record])
+    rig = rig_of(heavy)
+    assert rig is not None
+    # Polynomials over six hundredths of a period flatten the acceleration of the fastest tone.
+    left = force_record(rig, record).force - K * e
+    assert left[50:-50].std() < 0.04 * (5.0 * acceleration).std()
+
+
+@pytest.mark.parametrize(
+    ("sensor", "sign"), [({"element": "k1"}, 1.0), ({"node": "base"}, -1.0)], ids=str
+)
+def test_a_force_in_the_spring_and_a_reaction_of_the_base_have_no_inertia(sensor, sign):
+    described = dataclasses.replace(
+        DRIVEN, sensors=(Sensor(channel="f", quantity="force", unit="N", **sensor),)
+    )
+    e, _ = motion(1)
+    record = Trial(inputs=1e3 * e[:, None], outputs=sign * K * e[:, None], rate_hz=RATE)
+    rig = rig_of(described)
+    assert rig is not None
+    np.testing.assert_allclose(force_record(rig, record).force, K * e, rtol=1e-12)
+
+
+def test_an_imposed_velocity_is_integrated_about_its_mean():
+    described = dataclasses.replace(
+        DRIVEN,
+        inputs=(Input(channel="v", kind="imposed_velocity", node="m1", unit="m/s"),),
+        sensors=(Sensor(channel="f", quantity="force", node="m1", unit="N"),),
+    )
+    e, v = motion(1)
+    rig = rig_of(described)
+    assert rig is not None
+    record = force_record(
+        rig, Trial(inputs=(v - v.mean())[:, None], outputs=K * e[:, None], rate_hz=RATE)
+    )
+    assert np.std(record.motion.e - (e - e.mean())) < 0.05 * np.std(e)
+    np.testing.assert_array_equal(record.motion.v, v - v.mean())

@@ -38,7 +38,7 @@ class Combination:
     place
         The element.
     fits
-        Of the model as given, and after each law.
+        Of the model as given, and after each effect that all have, and after each law.
     fitted
         The last fit with its log evidence; None without any law.
     """
@@ -74,7 +74,7 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
 
 
 def fit_combinations(
-    first: Fit,
+    base: Sequence[Fit],
     trials: Sequence[Trial],
     place: Place,
     kinds: Mapping[str, Kind],
@@ -84,8 +84,8 @@ def fit_combinations(
 
     Parameters
     ----------
-    first
-        Fit of the model as given.
+    base
+        Fits of the model as given, and after each effect that all combinations have.
     place
         The element.
     kinds
@@ -97,7 +97,7 @@ def fit_combinations(
     -------
     Those whose fit did not break down, until the budget is used up.
     """
-    found = {frozenset[str](): Combination((), place, (first,))}
+    found = {frozenset[str](): Combination((), place, tuple(base))}
     located: dict[Laws, Localization] = {}
     for laws in law_sets(tuple(kinds)):
         parents = [found[laws - {law}] for law in laws if laws - {law} in found]

@@ -1,0 +1,137 @@
+"""What a description declares of its channels, supports and start."""
+
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from slowtime.dynamics.units import Quantity
+
+Where = tuple[str | int, ...]
+
+InputKind = Literal[
+    "force",
+    "base_acceleration",
+    "base_velocity",
+    "base_displacement",
+    "imposed_acceleration",
+    "imposed_velocity",
+    "imposed_displacement",
+]
+
+INPUT_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "force": "force",
+        "base_acceleration": "acceleration",
+        "base_velocity": "velocity",
+        "base_displacement": "displacement",
+        "imposed_acceleration": "acceleration",
+        "imposed_velocity": "velocity",
+        "imposed_displacement": "displacement",
+    }
+)
+"""What an input of each kind measures."""
+BASE_KINDS = ("base_acceleration", "base_velocity", "base_displacement")
+"""Kinds of input that move the base, and so name no node."""
+IMPOSED_KINDS = ("imposed_acceleration", "imposed_velocity", "imposed_displacement")
+"""Kinds of input that move a support, or a node that is driven."""
+DISPLACED = ("displacement", "velocity")
+"""Quantities of imposed motion that must be smooth between samples, for they are
+differentiated."""
+
+
+class DescriptionError(ValueError):
+    """A description that contradicts itself; `where` is the way to the fault in it."""
+
+    def __init__(self, where: Where, sentence: str) -> None:
+        super().__init__(sentence)
+        self.where = where
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Input:
+    """A measured force on a node, or the measured motion of the base or of a support.
+
+    Parameters
+    ----------
+    kind
+        ``force``; ``base_acceleration``, ``base_velocity``, ``base_displacement``; or
+        ``imposed_acceleration``, ``imposed_velocity``, ``imposed_displacement`` of a support,
+        or of a node that an actuator drives. Motion is that in space.
+    node
+        On which a force acts, or which is moved: a node or a support. None for the base.
+    hold
+        What it does between samples: the band-limited signal through them, straight lines
+        (``"first"``) or steps (``"zero"``); None where that is not known. An imposed
+        displacement or velocity is band-limited where nothing is said, for it is
+        differentiated.
+    """
+
+    channel: str
+    kind: InputKind
+    unit: str
+    node: str | None = None
+    hold: Literal["band_limited", "first", "zero"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.hold is None and INPUT_QUANTITIES.get(self.kind) in DISPLACED:
+            object.__setattr__(self, "hold", "band_limited")
+
+    @property
+    def quantity(self) -> Quantity:
+        """What it measures: force, displacement, velocity or acceleration."""
+        return INPUT_QUANTITIES[self.kind]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """What one channel measures: the motion of a node, or a force.
+
+    Parameters
+    ----------
+    quantity
+        ``displacement``, ``velocity`` or ``acceleration`` of a node or a support, or
+        ``force``.
+    node
+        Whose motion is measured. Of a force: the base, a support or a driven node, on which
+        it acts from outside, positive along its displacement.
+    element
+        Of a force in a spring element: stiffness, damping and effects together, positive
+        where the element is drawn out.
+    frame
+        Of motion: in space, or against the base.
+    noise_sd
+        Of white noise, in the unit of the channel; None where it is not known.
+    """
+
+    channel: str
+    quantity: Quantity
+    node: str = ""
+    unit: str
+    element: str | None = None
+    frame: Literal["absolute", "relative_to_base"] = "absolute"
+    noise_sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Support:
+    """A point that elements end at and that moves as an input says, else with the base."""
+
+    id: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Start:
+    """Motion of a node when a simulation begins, against the base.
+
+    Parameters
+    ----------
+    node
+        A node, or a node of a beam with `ROTATION` after its name.
+    displacement_m, velocity_m_per_s
+        At the first sample [m], [m/s]; [rad], [rad/s] of an angle.
+    """
+
+    node: str
+    displacement_m: float = 0.0
+    velocity_m_per_s: float = 0.0
