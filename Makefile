@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates figures docs pictures clean help
+.PHONY: demo test test-long test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -36,6 +36,12 @@ blind: .venv/dev  ## diagnose and score hundreds of hidden effects; N=300 SEED=1
 
 blind-pairs: .venv/dev  ## diagnose undecidable pairs, before and after the proposed experiment
 	$(BIN)/python -m tests.blind pairs --cases $(or $(N),28) --seed $(or $(SEED),1) --out var/blind/pairs-$(or $(SEED),1)
+
+blind-outside: .venv/dev  ## diagnose laws that are in no list; SEED=1 CASES=64 JOBS=1, goes on where it ended
+	$(BIN)/python -m tests.blind.outside --seed $(or $(SEED),1) --cases $(or $(CASES),64) --jobs $(or $(JOBS),1)
+
+blind-excitations: .venv/dev  ## diagnose the same effects by eight excitations; SEED=1 CASES=60 JOBS=1
+	$(BIN)/python -m tests.blind.excitations --seed $(or $(SEED),1) --cases $(or $(CASES),60) --jobs $(or $(JOBS),1)
 
 peers: .venv-peers/ready  ## other tools to compare with, in an environment of their own
 

@@ -53,6 +53,14 @@ def test_the_augmented_model_reads_back_with_its_effect(out):
     assert effect["k3_n_per_m3"] == pytest.approx(CUBIC["k3_n_per_m3"], rel=0.02)
 
 
+def test_a_diagnosis_without_free_runs_is_written_without_them(tmp_path, answer):
+    imposed = dataclasses.replace(answer[0], traces=())
+    write_results(tmp_path, answer[0], answer[1])
+    write_results(tmp_path, imposed, answer[1])
+    assert (tmp_path / "report.json").exists()
+    assert not (tmp_path / "holdout.npz").exists()
+
+
 def test_free_runs_on_what_was_held_out_are_whole(out, answer):
     trace = answer[0].traces[0]
     with np.load(out / "holdout.npz") as runs:
