@@ -1,0 +1,165 @@
+"""Free runs of many laws at once, each from the state that fits the first samples best."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.signal
+
+from benchmarks.real_rigs.pieces import Array, Piece
+
+from .laws import Law, terms_at
+from .task import Rig, head_of
+
+STEP = 0.2
+"""[rad] Phase of the highest frequency in one step of the integrator. Source: fourth-order
+Runge–Kutta then errs by less than 1e-5 of the amplitude a period."""
+ROUNDS = 5
+"""[1] Of Gauss and Newton for an initial state. Source: a choice; changes are small by then."""
+STEPS = np.array([1.0, 0.5, 0.2, 0.05])
+"""[1] Shares of a step that are tried. Source: a choice."""
+LOST = 1e4
+"""[scatters of the output] At which a run has diverged. Source: a choice."""
+
+
+@dataclasses.dataclass(eq=False)
+class FreeRuns:
+    """One piece of a record, on which laws are run.
+
+    Parameters
+    ----------
+    rig
+        Masses, elements and sensors.
+    piece
+        Of the record.
+    force
+        On each node [time, node].
+    measured
+        By the sensors [time, sensor].
+    """
+
+    rig: Rig
+    piece: Piece
+    force: Array
+    measured: Array
+
+    def __post_init__(self) -> None:
+        rates = np.abs(np.linalg.eigvals(self.rig.rates())).max()
+        self.fine = max(int(np.ceil(rates / (STEP * self.piece.rate_hz))), 1)
+        padded = np.concatenate([self.force, self.force[-1:]])
+        if self.fine > 1:
+            padded = scipy.signal.resample_poly(padded, self.fine, 1, axis=0, padtype="line")
+        self.steps = padded
+        base = np.zeros(len(self.force))
+        if self.rig.shaken is not None:
+            base = self.piece.channels[self.rig.inputs[self.rig.shaken]]
+        self.base = base
+        self.scatter = self.measured.std(axis=0)
+
+    def from_best_states(self, laws: Sequence[Law], starts: Array) -> list[Array]:
+        """Run each law from the state that fits the first samples best.
+
+        Parameters
+        ----------
+        laws
+            To be run.
+        starts
+            Where the search of each begins [law, state].
+
+        Returns
+        -------
+        Outputs [time, sensor] of each.
+        """
+        count, head = len(laws), head_of(len(self.force))
+        coefficients = np.array([law.coefficients for law in laws])
+        nominal = np.array([law.nominal for law in laws])
+        batch = _Batch(coefficients, nominal, laws[0].slip)
+        sizes = np.abs(starts).max(axis=0) + 1e-6
+        sizes[: self.rig.size] = sizes[: self.rig.size].max()
+        sizes[self.rig.size :] = sizes[self.rig.size :].max()
+        for _ in range(ROUNDS):
+            starts = self._better(batch, starts, 1e-4 * sizes, head)
+        runs = self.run(batch, starts, len(self.force))
+        return [runs[i] for i in range(count)]
+
+    def _better(self, batch: "_Batch", starts: Array, nudge: Array, head: int) -> Array:
+        """Take one step of Gauss and Newton for all laws, no longer than helps."""
+        count, states = starts.shape
+        tried = np.concatenate([starts[:, None], starts[:, None] + np.diag(nudge)], axis=1)
+        runs = self._flat(batch, tried, head)
+        now = (self.measured[:head] - runs[:, 0]) / self.scatter
+        change = (runs[:, 1:] - runs[:, :1]) / self.scatter
+        steps = np.zeros_like(starts)
+        for i in range(count):
+            matrix = change[i].reshape(states, -1).T
+            if np.isfinite(matrix).all() and np.isfinite(now[i]).all():
+                solved = np.linalg.lstsq(matrix, now[i].ravel(), rcond=1e-8)[0]
+                steps[i] = solved * nudge
+        tried = starts[:, None] + steps[:, None] * np.append(STEPS, 0.0)[:, None]
+        left = (self._flat(batch, tried, head) - self.measured[:head]) / self.scatter
+        cost = np.nan_to_num(np.mean(left**2, axis=(2, 3)), nan=np.inf)
+        return np.asarray(tried[np.arange(count), cost.argmin(axis=1)])
+
+    def _flat(self, batch: "_Batch", tried: Array, count: int) -> Array:
+        """Run every start of every law [law, start, time, sensor]."""
+        laws, starts, states = tried.shape
+        runs = self.run(batch.repeated(starts), tried.reshape(-1, states), count)
+        return runs.reshape(laws, starts, *runs.shape[1:])
+
+    def run(self, batch: "_Batch", starts: Array, count: int) -> Array:
+        """Integrate laws from states by Runge and Kutta [law, time, sensor]."""
+        rig, n = self.rig, self.rig.size
+        x, v = starts[:, :n].copy(), starts[:, n:].copy()
+        h = 1.0 / (self.piece.rate_hz * self.fine)
+        out = np.empty((count, len(starts), len(rig.sensors)))
+        for row in range(count):
+            at = row * self.fine
+            a = batch.acceleration(rig, x, v, self.steps[at])
+            out[row] = self._heard(x, v, a, row)
+            for i in range(at, at + self.fine):
+                f = self.steps[i], (self.steps[i] + self.steps[i + 1]) / 2, self.steps[i + 1]
+                a1 = a if i == at else batch.acceleration(rig, x, v, f[0])
+                v2, a2 = v + h / 2 * a1, None
+                a2 = batch.acceleration(rig, x + h / 2 * v, v2, f[1])
+                v3 = v + h / 2 * a2
+                a3 = batch.acceleration(rig, x + h / 2 * v2, v3, f[1])
+                v4 = v + h * a3
+                a4 = batch.acceleration(rig, x + h * v3, v4, f[2])
+                x = x + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
+                v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            lost = ~np.isfinite(x).all(axis=1) | ~np.isfinite(v).all(axis=1)
+            lost |= (np.abs(x) > 1e6).any(axis=1)
+            x[lost], v[lost] = np.nan, np.nan
+        return np.moveaxis(out, 0, 1)
+
+    def _heard(self, x: Array, v: Array, a: Array, row: int) -> Array:
+        columns = []
+        for sensor in self.rig.sensors:
+            of = {"displacement": x, "velocity": v, "acceleration": a}
+            values = of[sensor["quantity"]][:, self.rig.node_of(sensor)]
+            columns.append(values + self.base[row] * self.rig.is_shaken(sensor))
+        return np.stack(columns, axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Batch:
+    """Several laws: coefficients [law, element, term, node], share of the nominal model."""
+
+    coefficients: Array
+    nominal: Array
+    slip: Array
+
+    def repeated(self, times: int) -> "_Batch":
+        return _Batch(
+            np.repeat(self.coefficients, times, axis=0),
+            np.repeat(self.nominal, times),
+            self.slip,
+        )
+
+    def acceleration(self, rig: Rig, x: Array, v: Array, force: Array) -> Array:
+        e, rate = x @ rig.to.T, v @ rig.to.T
+        laws, elements, terms, nodes = self.coefficients.shape
+        values = terms_at(e, rate, self.slip).reshape(laws, 1, elements * terms)
+        taken = (values @ self.coefficients.reshape(laws, elements * terms, nodes))[:, 0]
+        linear = (e * rig.stiffness + rate * rig.damping) @ rig.to
+        return np.asarray((force - taken - self.nominal[:, None] * linear) / rig.masses)
