@@ -68,8 +68,8 @@ def run_all(
             continue
         told = running.run(contestant, folder)
         print(
-            f"{one.name}: {contestant.title} took {told['cpu_seconds']:.0f} s of processor time, "
-            f"load {told['load']:.1f}, exit {told['exit']}",
+            f"{one.name}: {contestant.title} took {told['cpu_seconds']:.0f} s of processor "
+            f"time, load {told['load']:.1f}, exit {told['exit']}",
             flush=True,
         )
 

@@ -15,8 +15,8 @@ from .pieces import Array, Piece, Pieces
 SILVERBOX_HZ = 610.35
 """[Hz] Rate of the Silverbox record. Source: its README (10 MHz / 2¹⁴)."""
 DRIVER_GAIN = 10.0
-"""[1/s²] Torque on the disc, per unit inertia, by radian of the driver: one of two equal springs,
-which together give ω0² = 20 1/s². Source: the README of the measurements."""
+"""[1/s²] Torque on the disc, per unit inertia, by radian of the driver: one of two equal
+springs, which together give ω0² = 20 1/s². Source: the README of the measurements."""
 TOWER_FACTORS = {
     "a5": (2, -9.8),
     "a4": (3, 2.0),
@@ -26,7 +26,7 @@ TOWER_FACTORS = {
 }
 """Column and factor [m/s² per V] of each floor. Source: the authors' `run.m`."""
 DAMPER_KG = 1500.0
-"""[kg] Moving mass of the tower's hybrid mass damper. Source: the README of the measurements."""
+"""[kg] Moving mass of the tower's hybrid mass damper. Source: README of the measurements."""
 FRAME_BAND_HZ = (1.0, 2.0, 36.0, 44.0)
 """[Hz] From where to where the pulse on the frame rises and falls: its three modes lie between
 6 and 27 Hz, and bending of the floors above. Source: the measured peaks."""
@@ -40,7 +40,7 @@ def _table(path: Path) -> Array:
 
 
 def emps(data: Path) -> Pieces:
-    """Closed loop to learn from; the one with pulses of force held out."""
+    """Learn from the closed loop; the one with pulses of force is held out."""
 
     def piece(name: str) -> Piece:
         told = scipy.io.loadmat(data / "emps" / name)
@@ -65,7 +65,7 @@ def silverbox(data: Path) -> Pieces:
 
 
 def silverbox_both(data: Path) -> Pieces:
-    """A multisine and half of the noise to learn from; the louder half, and another multisine."""
+    """Learn from a multisine and some noise; louder noise and a multisine are held out."""
     whole = _silverbox(data)
     return Pieces(
         (whole.part(66.5, 76.5), whole.part(22.0, 32.0)),
@@ -104,7 +104,7 @@ def disc_magnet(data: Path) -> Pieces:
 
 
 def disc_driven(data: Path) -> Pieces:
-    """Runs of the motor at five speeds; the torque is that of the driven spring."""
+    """Learn from three speeds of the motor; the torque is that of the driven spring."""
     runs = {i: _disc(data, f"driven_{i}") for i in (8, 10, 14, 22, 25)}
     return Pieces((runs[8], runs[14], runs[22]), (runs[10], runs[25]))
 
@@ -156,12 +156,12 @@ def pendulum(data: Path) -> Pieces:
 
 
 def pendulum_zeros(data: Path) -> Pieces:
-    """The same, with a torque of zero as input."""
+    """Add a torque of zero as input."""
     return _with_zeros(pendulum(data), "torque")
 
 
 def pendulum_end(data: Path) -> Pieces:
-    """The same to learn from; the last cycles of another swing, until the arm sticks."""
+    """Learn from the same; the last cycles of another swing, until the arm sticks."""
     table = _table(data / "single_pendulum/small_swing_end_1kHz.csv")
     end = Piece(1000.0, {"angle": table[:, 1] - np.pi}).every(10)
     return Pieces(pendulum(data).learn, (end.part(0, 10),))
@@ -262,7 +262,7 @@ def _case(data: Path, name: str, renamed: dict[str, str]) -> Piece:
 
 
 def loop(data: Path) -> Pieces:
-    """Published benchmark of hysteresis, another excitation held out."""
+    """Return a published benchmark of hysteresis, another excitation held out."""
     roles = {"u": "u", "y": "y"}
     return Pieces(
         (_case(data, "loop_learn.npz", roles),), (_case(data, "loop_judge.npz", roles),)
@@ -276,7 +276,7 @@ def rub(data: Path) -> Pieces:
 
 
 def rub_beside_spring(data: Path) -> Pieces:
-    """The same with the force of a known spring, 3 N/m, added."""
+    """Add the force of a known spring, 3 N/m, to that of the band."""
 
     def stiffer(piece: Piece) -> Piece:
         return piece.with_channel("force", piece.channels["force"] + 3.0 * piece.channels["x"])
@@ -286,7 +286,7 @@ def rub_beside_spring(data: Path) -> Pieces:
 
 
 def mount(data: Path) -> Pieces:
-    """A store on a shaken rail at three levels."""
+    """Return the records of a store on a shaken rail at three levels."""
     one, two, three = (
         _case(data, f"{n}.npz", {"rail": "rail", "store": "store"})
         for n in ("one", "two", "three")
@@ -303,5 +303,5 @@ def swing(data: Path) -> Pieces:
 
 
 def swing_zeros(data: Path) -> Pieces:
-    """The same, with a torque of zero as input."""
+    """Add a torque of zero as input."""
     return _with_zeros(swing(data), "torque")

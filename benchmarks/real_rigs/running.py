@@ -22,9 +22,12 @@ LIMIT_S = 1500.0
 ONE_THREAD = {
     name: "1"
     for name in (
-        "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "OMP_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "MKL_NUM_THREADS",
     )
-} | {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"}  # fmt: skip
+} | {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,9 +96,13 @@ def run(contestant: Contestant, folder: Path, limit_s: float = LIMIT_S) -> dict[
     begun = time.monotonic()
     with (result / "log.txt").open("wb") as log:
         process = subprocess.Popen(
-            [python, "-m", *contestant.module, *words], cwd=folder, stdin=subprocess.DEVNULL,
-            stdout=log, stderr=subprocess.STDOUT, env=_environment(),
-        )  # fmt: skip
+            [python, "-m", *contestant.module, *words],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=_environment(),
+        )
         late = threading.Timer(limit_s, process.kill)
         late.start()
         _, status, usage = os.wait4(process.pid, 0)

@@ -28,9 +28,9 @@ HIDDEN = 6
 MORE_STATES = (0, 2)
 """[1] States beside those of the nominal model that are tried. Source: a choice."""
 TRIAL, FINAL = (200, 300), (300, 1000)
-"""[1] Iterations of Adam and then of L-BFGS, to choose the number of states, and to train on all
-records from there. Source: 1000 and 1000 in the documentation; fewer of Adam, as the linear part
-begins near its end."""
+"""[1] Iterations of Adam and then of L-BFGS, to choose the number of states, and to train on
+all records from there. Source: 1000 and 1000 in the documentation; fewer of Adam, as the linear
+part begins near its end."""
 PENALTY = 1e-4
 """[1] On parameters and initial states. Source: the documentation's example."""
 SAMPLES_A_PERIOD = 20.0
@@ -130,9 +130,11 @@ class BlackBox:
         d = feed * self.u_scale[1] / self.y_scale[1][:, None]
         extra = 0.5 * np.eye(more)
         return (
-            scipy.linalg.block_diag(a, extra), np.vstack([b, np.zeros((more, width))]),
-            np.hstack([c, np.zeros((len(c), more))]), d,
-        )  # fmt: skip
+            scipy.linalg.block_diag(a, extra),
+            np.vstack([b, np.zeros((more, width))]),
+            np.hstack([c, np.zeros((len(c), more))]),
+            d,
+        )
 
     def _state_sizes(self, rows: Array) -> Array:
         """Guess the scatter of displacements and velocities from that of the outputs."""

@@ -9,8 +9,16 @@ from benchmarks.real_rigs.pieces import Array
 from .task import Rig
 
 NAMES = (
-    "1", "e{0}", "v{0}", "e{0}^2", "e{0}^3", "|v{0}|v{0}", "sign(v{0})", "e{0}^2*v{0}", "sin(e{0})",
-)  # fmt: skip
+    "1",
+    "e{0}",
+    "v{0}",
+    "e{0}^2",
+    "e{0}^3",
+    "|v{0}|v{0}",
+    "sign(v{0})",
+    "e{0}^2*v{0}",
+    "sin(e{0})",
+)
 """Elongation e and rate v of an element, from 1."""
 LIBRARIES = {
     "polynomial": frozenset(NAMES) - {"sin(e{0})"},
@@ -31,8 +39,16 @@ class States:
 def terms_at(e: Array, v: Array, slip: Array) -> Array:
     """Return every term of every element [..., element, term]."""
     columns = (
-        np.ones_like(e), e, v, e**2, e**3, np.abs(v) * v, np.tanh(v / slip), e**2 * v, np.sin(e),
-    )  # fmt: skip
+        np.ones_like(e),
+        e,
+        v,
+        e**2,
+        e**3,
+        np.abs(v) * v,
+        np.tanh(v / slip),
+        e**2 * v,
+        np.sin(e),
+    )
     return np.stack(columns, axis=-1)
 
 

@@ -1,10 +1,10 @@
 """PySINDy on a rig, set up as well as we can: what is left of the equations of motion.
 
 Motion is smoothed and differentiated by PySINDy's `SmoothedFiniteDifference`; the equation of
-each node is regressed by its `STLSQ` on terms of the elements that end there. Smoothing, library,
-threshold, and whether the nominal model is taken off first, are chosen by free runs on records
-that are left out, or on the last part of the only one. A free run begins from the state that fits the first
-samples best.
+each node is regressed by its `STLSQ` on terms of the elements that end there. Smoothing,
+library, threshold, and whether the nominal model is taken off first, are chosen by free
+runs on records that are left out, or on the last part of the only one. A free run begins from
+the state that fits the first samples best.
 """
 
 import dataclasses

@@ -116,13 +116,16 @@ def read_rig(path: Path) -> Rig:
         else:
             push[:, column], shaken = -masses, column
     return Rig(
-        masses=masses, to=to, push=push, shaken=shaken,
+        masses=masses,
+        to=to,
+        push=push,
+        shaken=shaken,
         stiffness=np.array([float(e["stiffness_n_per_m"]) for e in told["elements"]]),
         damping=np.array([float(e["damping_n_s_per_m"]) for e in told["elements"]]),
         angular=told.get("unit_of_coordinate", "m") == "rad",
         inputs=tuple(entry["channel"] for entry in inputs),
         sensors=tuple(s | {"place": nodes[s["node"]]} for s in told["sensors"]),
-    )  # fmt: skip
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

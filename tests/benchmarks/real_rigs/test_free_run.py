@@ -1,0 +1,113 @@
+"""Free runs of the other tools, by closed form and another integrator."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+from benchmarks.real_rigs.peers.free_run import FreeRuns
+from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, Law, terms_at
+from benchmarks.real_rigs.peers.task import folds, head_of, read_rig, read_task
+from benchmarks.real_rigs.pieces import Piece, Pieces
+from benchmarks.real_rigs.sets import MODELS
+
+RATE = 50.0
+DISC = read_rig(MODELS / "torsion_disc.yaml")
+SLIP = np.array([0.02])
+
+
+def law(**coefficients):
+    values = np.zeros((1, len(NAMES), 1))
+    for name, value in coefficients.items():
+        values[0, NAMES.index({"friction": "sign(v{0})", "cubic": "e{0}^3"}[name]), 0] = value
+    return Law(values, 1.0, SLIP)
+
+
+def piece_of(angle):
+    return Piece(RATE, {"angle": angle})
+
+
+def told(friction=0.0, cubic=0.0, start=(3.0, 0.0), seconds=6.0):
+    def rates(_, y):
+        slip = friction * np.tanh(y[1] / SLIP[0])
+        return [y[1], -20.0 * y[0] - 0.1 * y[1] - cubic * y[0] ** 3 - slip]
+
+    times = np.arange(int(seconds * RATE)) / RATE
+    solved = scipy.integrate.solve_ivp(
+        rates, (0, seconds), start, "LSODA", times, rtol=1e-9, atol=1e-10
+    )
+    return solved.y[0]
+
+
+@pytest.mark.parametrize("unknown", [{"cubic": 0.5}, {"friction": 1.0}, {}])
+def test_laws_run_as_another_integrator_runs_them_from_a_state_that_is_found(unknown):
+    angle = told(**unknown)
+    runs = FreeRuns(DISC, piece_of(angle), np.zeros((len(angle), 1)), angle[:, None])
+    found, other = runs.from_best_states(
+        [law(**unknown), law(friction=4.0)], np.array([[2.6, 1.0], [2.6, 1.0]])
+    )
+    assert np.abs(found[:, 0] - angle).max() < 0.02 * np.abs(angle).max()
+    assert np.abs(other[:, 0] - angle).max() > 0.2
+
+
+def test_an_input_drives_a_run():
+    rig = read_rig(MODELS / "torsion_disc_input.yaml")
+    times = np.arange(400) / RATE
+    torque = 3.0 * np.sin(2.0 * times)
+
+    def rates(t, y):
+        return [y[1], -20.0 * y[0] - 0.1 * y[1] + 3.0 * np.sin(2.0 * t)]
+
+    solved = scipy.integrate.solve_ivp(rates, (0, 8), [0.0, 0.0], "LSODA", times, rtol=1e-9)
+    angle = solved.y[0][:, None]
+    piece = Piece(RATE, {"angle": angle[:, 0], "torque": torque})
+    runs = FreeRuns(rig, piece, torque[:, None] @ rig.push.T, angle)
+    (found,) = runs.from_best_states([law()], np.zeros((1, 2)))
+    np.testing.assert_allclose(found, angle, atol=2e-3 * np.abs(angle).max())
+
+
+def test_rigs_have_the_natural_frequencies_of_the_model():
+    frame = read_rig(MODELS / "three_storey.yaml")
+    hertz = np.sort(np.abs(np.linalg.eigvals(frame.rates())))[::2] / (2 * np.pi)
+    # Of three equal storeys: 2 sqrt(k/m) sin((2j - 1) pi / 14).
+    known = np.sqrt(52500 / 5.201) / np.pi * np.sin(np.array([1, 3, 5]) * np.pi / 14)
+    np.testing.assert_allclose(hertz, known, rtol=1e-3)
+
+
+def test_a_shaken_rig_measures_the_motion_of_its_base():
+    rig = read_rig(MODELS / "mount.yaml")
+    state, feed = rig.output_rows()
+    np.testing.assert_allclose(state, [[-165000 / 80, -70 / 80]])
+    # Relative acceleration -rail, and the rail on top: nothing passes at once.
+    np.testing.assert_allclose(feed, [[0.0]])
+
+
+def test_terms_are_what_their_names_say():
+    e, v = np.array([2.0]), np.array([-3.0])
+    values = dict(zip(NAMES, terms_at(e, v, SLIP)[0], strict=True))
+    assert values["|v{0}|v{0}"] == -9.0
+    assert values["e{0}^2*v{0}"] == -12.0
+    assert values["sign(v{0})"] == -1.0
+    assert values["sin(e{0})"] == np.sin(2.0)
+    assert all(terms <= set(NAMES) for terms in LIBRARIES.values())
+
+
+def test_settings_are_chosen_on_what_was_left_out(tmp_path):
+    for learn in ((2.0,), (2.0, 3.0)):
+        pieces = [piece_of(told(start=(size, 0.0))) for size in learn]
+        Pieces(tuple(pieces), (pieces[0],)).write(tmp_path)
+        (tmp_path / "model.yaml").write_text((MODELS / "torsion_disc.yaml").read_text())
+        (tmp_path / "facts.json").write_text(json.dumps({"imposed": False}))
+        files = [str(tmp_path / f"learn_{i + 1}.npz") for i in range(len(learn))]
+        task = read_task([
+            str(tmp_path / "model.yaml"), *files, "--holdout", str(tmp_path / "judge_1.npz"),
+            "--out", str(tmp_path / "out"),
+        ])  # fmt: skip
+        split = folds(task, 100)
+        assert len(split) == len(learn)
+        for taught, judged in split:
+            assert max(len(piece) for piece in judged) <= 100
+            assert not {id(piece) for piece in taught} & {id(piece) for piece in judged}
+    assert head_of(1000) == 200
+    assert head_of(50) == 50
