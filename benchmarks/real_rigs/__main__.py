@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from . import running
-from .running import CONTESTANTS, is_done, prepare
+from .running import CONTESTANTS, KNOWN, SLOWTIME, is_done, prepare
 from .sets import ROOT, RealSet, chosen
 
 OUT, PAGE = ROOT / "var/real", ROOT / "docs/real_rigs.md"
@@ -61,7 +61,9 @@ def run_all(
             continue
         if is_done(contestant, folder) and not refresh:
             continue
-        if contestant.peer and one.same_as is not None:
+        if contestant is not SLOWTIME and one.same_as is not None:
+            continue
+        if contestant is KNOWN and not one.law:
             continue
         if contestant.peer and not running.PEERS.exists():
             print(f"{one.name}: {contestant.title} is not installed; run `make real`.")

@@ -57,7 +57,11 @@ SINDY = Contestant("pysindy", "PySINDy", ("benchmarks.real_rigs.peers.sindy",), 
 BLACK_BOX = Contestant(
     "jax_sysid", "jax-sysid", ("benchmarks.real_rigs.peers.black_box",), peer=True
 )
-CONTESTANTS = (SLOWTIME, SINDY, BLACK_BOX)
+KNOWN = Contestant(
+    "known_law", "known law, fitted", ("benchmarks.real_rigs.peers.known_law",), peer=False
+)
+CONTESTANTS = (SLOWTIME, SINDY, BLACK_BOX, KNOWN)
+"""The last is told the answer: it shows what can be reached."""
 
 
 def prepare(one: RealSet, data: Path, out: Path) -> Path:
@@ -74,7 +78,7 @@ def prepare(one: RealSet, data: Path, out: Path) -> Path:
         stale.unlink()
     pieces.write(folder)
     shutil.copy(one.model, folder / MODEL)
-    (folder / FACTS).write_text(json.dumps({"imposed": one.imposed}) + "\n")
+    (folder / FACTS).write_text(json.dumps({"imposed": one.imposed, "law": one.law}) + "\n")
     return folder
 
 

@@ -44,6 +44,9 @@ class RealSet:
     same_as
         Set of the same records, but for a channel of zeros or a known force: the other tools
         are not run again.
+    law
+        Terms of the known law (`peers.laws.NAMES`, ``gain``, ``offset``), where it is made of
+        such terms: it is fitted for comparison.
     reference_nrmse
         Error of the same kind on the same hold-out, where the source gives one [1].
     """
@@ -60,6 +63,7 @@ class RealSet:
     reference: str = ""
     reference_nrmse: float | None = None
     same_as: str | None = None
+    law: tuple[str, ...] = ()
 
     @property
     def imposed(self) -> bool:
@@ -99,6 +103,10 @@ DAMPER_NEEDED = (
 ARM_SOURCE = "dynamicslab/MultiArm-Pendulum @ e99a7e13, arXiv 2205.06231, MIT"
 WHEEL_SOURCE = "moorepants/resonance @ f7f85508, MIT"
 ARM_ALLOWED = OFFSETS | {"drag", "viscous_damping"}
+EMPS_LAW = ("1", "v{0}", "sign(v{0})", "gain")
+CUBIC_LAW = ("e{0}", "v{0}", "e{0}^3", "gain", "offset")
+DISC_LAW = ("1", "e{0}", "v{0}", "e{0}^3", "sign(v{0})")
+ARM_LAW = ("1", "sin(e{0})", "v{0}", "|v{0}|v{0}", "sign(v{0})")
 CASES = "an anonymous record among the project's shared cases; kept out of the repository"
 
 SETS: tuple[RealSet, ...] = (
@@ -112,6 +120,7 @@ SETS: tuple[RealSet, ...] = (
         "dry friction of 20.39 N and an offset of 3.165 N beside M = 95.1 kg, Fv = 203.5 N s/m",
         (FRICTION, frozenset({"input_bias"})),
         reference="the published model leaves 4.3 % of the force (no free run)",
+        law=EMPS_LAW,
     ),
     RealSet(
         "silverbox",
@@ -124,6 +133,7 @@ SETS: tuple[RealSet, ...] = (
         (frozenset({"cubic_hardening"}),),
         reference="free run of the fitted cubic law: 2.5 mV, 4.7 %; linear: 13.4 mV, 25 %",
         reference_nrmse=2.5e-3 / 0.0529,
+        law=CUBIC_LAW,
     ),
     RealSet(
         "silverbox_both",
@@ -134,6 +144,7 @@ SETS: tuple[RealSet, ...] = (
         "learns from 10 s of each; louder noise and another multisine are held out",
         SILVERBOX_KNOWN,
         (frozenset({"cubic_hardening"}),),
+        law=CUBIC_LAW,
     ),
     RealSet(
         "disc_free",
@@ -147,6 +158,7 @@ SETS: tuple[RealSet, ...] = (
         OFFSETS | {"hardening", "viscous_damping"},
         "fitted to runs 9 and 10 themselves, friction alone leaves 5 %, with hardening 2–3 %, "
         "viscous damping alone 10–11 %",
+        law=DISC_LAW,
     ),
     RealSet(
         "disc_free_zeros",
@@ -171,6 +183,7 @@ SETS: tuple[RealSet, ...] = (
         "dry friction of 1.4 1/s² and viscous damping of 0.17 1/s together",
         (FRICTION,),
         OFFSETS | {"hardening", "viscous_damping"},
+        law=DISC_LAW,
     ),
     RealSet(
         "disc_driven",
@@ -183,6 +196,7 @@ SETS: tuple[RealSet, ...] = (
         (FRICTION,),
         OFFSETS | {"hardening", "viscous_damping", "input_gain"},
         "fits of the force reach R² of 0.992–0.9995",
+        law=(*DISC_LAW, "gain"),
     ),
     RealSet(
         "damper_off",
@@ -232,6 +246,7 @@ SETS: tuple[RealSet, ...] = (
         ARM_ALLOWED,
         "sine, friction and quadratic drag leave 0.12–0.31 %; sine and viscous 0.33–1.4 %",
         0.0031,
+        law=ARM_LAW,
     ),
     RealSet(
         "pendulum_zeros",
@@ -256,6 +271,7 @@ SETS: tuple[RealSet, ...] = (
         "the sine of the angle, and dry friction in which the arm sticks",
         (SINE, FRICTION),
         ARM_ALLOWED,
+        law=ARM_LAW,
     ),
     RealSet(
         "ship",
@@ -268,6 +284,7 @@ SETS: tuple[RealSet, ...] = (
         "damping that grows with amplitude above a linear floor (linear and quadratic)",
         (frozenset({"drag", "damping by elongation"}),),
         OFFSETS | {"viscous_damping"},
+        law=("e{0}", "v{0}", "|v{0}|v{0}"),
     ),
     RealSet(
         "wheel_radial",
@@ -280,6 +297,7 @@ SETS: tuple[RealSet, ...] = (
         (),
         reference="a linear fit leaves 0.5 %",
         reference_nrmse=0.005,
+        law=("e{0}", "v{0}"),
     ),
     RealSet(
         "wheel_axial",
@@ -292,6 +310,7 @@ SETS: tuple[RealSet, ...] = (
         (),
         reference="a linear fit leaves 1.8 %",
         reference_nrmse=0.018,
+        law=("e{0}", "v{0}", "offset"),
     ),
     RealSet(
         "frame",
@@ -367,6 +386,7 @@ SETS: tuple[RealSet, ...] = (
         "the sine of the angle; viscous against quadratic drag is undecided",
         (SINE,),
         ARM_ALLOWED,
+        law=("1", "sin(e{0})", "v{0}", "|v{0}|v{0}"),
     ),
     RealSet(
         "swing_zeros",

@@ -20,8 +20,7 @@ from jax_sysid.models import Model
 
 from benchmarks.real_rigs.pieces import Array, Piece
 
-from .sindy import mean_frequency
-from .task import Task, errors, folds, head_of, read_task, write_answer
+from .task import Task, errors, folds, head_of, mean_frequency, read_task, write_answer
 
 HIDDEN = 6
 """[neurons] Of each network. Source: five in the documentation's examples."""
@@ -219,9 +218,9 @@ def _factors(number: int) -> list[int]:
     return [*found, number] if number > 1 else found
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Answer on one set."""
-    task = read_task()
+    task = read_task(arguments)
     box = BlackBox(task)
     best: tuple[float, list[Array]] | None = None
     learn, judge = folds(task, sys.maxsize)[-1]

@@ -71,9 +71,7 @@ class FreeRuns:
         Outputs [time, sensor] of each.
         """
         count, head = len(laws), head_of(len(self.force))
-        coefficients = np.array([law.coefficients for law in laws])
-        nominal = np.array([law.nominal for law in laws])
-        batch = _Batch(coefficients, nominal, laws[0].slip)
+        batch = _Batch.of(laws)
         sizes = np.abs(starts).max(axis=0) + 1e-6
         sizes[: self.rig.size] = sizes[: self.rig.size].max()
         sizes[self.rig.size :] = sizes[self.rig.size :].max()
@@ -81,6 +79,10 @@ class FreeRuns:
             starts = self._better(batch, starts, 1e-4 * sizes, head)
         runs = self.run(batch, starts, len(self.force))
         return [runs[i] for i in range(count)]
+
+    def run_laws(self, laws: Sequence[Law], starts: Array, count: int) -> Array:
+        """Run each law from its state [law, time, sensor], for some samples."""
+        return self.run(_Batch.of(laws), starts, count)
 
     def _better(self, batch: "_Batch", starts: Array, nudge: Array, head: int) -> Array:
         """Take one step of Gauss and Newton for all laws, no longer than helps."""
@@ -148,12 +150,23 @@ class _Batch:
     coefficients: Array
     nominal: Array
     slip: Array
+    gain: Array
+
+    @classmethod
+    def of(cls, laws: Sequence[Law]) -> "_Batch":
+        return cls(
+            np.array([law.coefficients for law in laws]),
+            np.array([law.nominal for law in laws]),
+            laws[0].slip,
+            np.array([law.gain for law in laws])[:, None],
+        )
 
     def repeated(self, times: int) -> "_Batch":
         return _Batch(
             np.repeat(self.coefficients, times, axis=0),
             np.repeat(self.nominal, times),
             self.slip,
+            np.repeat(self.gain, times, axis=0),
         )
 
     def acceleration(self, rig: Rig, x: Array, v: Array, force: Array) -> Array:
@@ -162,4 +175,6 @@ class _Batch:
         values = terms_at(e, rate, self.slip).reshape(laws, 1, elements * terms)
         taken = (values @ self.coefficients.reshape(laws, elements * terms, nodes))[:, 0]
         linear = (e * rig.stiffness + rate * rig.damping) @ rig.to
-        return np.asarray((force - taken - self.nominal[:, None] * linear) / rig.masses)
+        return np.asarray(
+            (self.gain * force - taken - self.nominal[:, None] * linear) / rig.masses
+        )

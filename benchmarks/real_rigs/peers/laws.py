@@ -69,11 +69,14 @@ class Law:
         1 where the nominal springs and dampers act as well, else 0.
     slip
         Rate of each element at which dry friction turns over.
+    gain
+        On the measured force.
     """
 
     coefficients: Array
     nominal: float
     slip: Array
+    gain: float = 1.0
 
     def force(self, states: States, rig: Rig) -> Array:
         """Return the force along a motion [time, node]."""

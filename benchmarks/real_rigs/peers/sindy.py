@@ -20,7 +20,7 @@ from benchmarks.real_rigs.pieces import Array, Piece
 
 from .free_run import FreeRuns
 from .laws import LIBRARIES, NAMES, Law, States, term_values
-from .task import Rig, Task, errors, folds, read_task, write_answer
+from .task import Rig, Task, errors, folds, mean_frequency, read_task, write_answer
 
 WINDOWS = (0.1, 0.25, 0.5)
 """[periods of the motion] Smoothing that is tried. Source: a choice about 0.2, above which a
@@ -91,14 +91,6 @@ def _integral(values: Array, rate_hz: float) -> Array:
     gain = (lines / low) ** 8 / (1.0 + (lines / low) ** 8)
     spectrum = np.fft.rfft(padded) * gain / (2j * np.pi * np.maximum(lines, 1e-9))
     return np.asarray(np.fft.irfft(spectrum, len(padded))[len(values) : 2 * len(values)])
-
-
-def mean_frequency(values: Array, rate_hz: float) -> float:
-    """Return the mean frequency of a series, weighted by its power [Hz]."""
-    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
-    lines = np.fft.rfftfreq(len(values), 1.0 / rate_hz)
-    least = 1.0 / (len(values) / rate_hz)
-    return max(float((lines * power).sum() / max(power.sum(), 1e-300)), least)
 
 
 def regress(
@@ -196,11 +188,11 @@ def equation(task: Task, law: Law) -> str:
     return "; ".join(rows)
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Answer on one set."""
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
-    task = read_task()
+    task = read_task(arguments)
     setting, score = choose(task)
     (law,) = laws_of(task, task.learn, [setting])
     runs = [runs_of(task, piece, [law], [setting])[0] for piece in task.judge]

@@ -130,12 +130,17 @@ def read_rig(path: Path) -> Rig:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Task:
-    """A model, pieces to learn from, pieces held out, and where to answer."""
+    """A model, pieces to learn from, pieces held out, and where to answer.
+
+    `imposed` says that motion is imposed and the force foretold; `law` are the terms of the
+    known law, for the one tool that is told them.
+    """
 
     rig: Rig
     learn: tuple[Piece, ...]
     judge: tuple[Piece, ...]
     imposed: bool
+    law: tuple[str, ...]
     out: Path
 
     def inputs(self, piece: Piece) -> Array:
@@ -168,6 +173,7 @@ def read_task(arguments: Sequence[str] | None = None) -> Task:
         learn=tuple(map(read_piece, given.files[1:])),
         judge=tuple(map(read_piece, given.holdout)),
         imposed=bool(facts["imposed"]),
+        law=tuple(facts["law"]),
         out=given.out,
     )
 
@@ -197,6 +203,14 @@ def folds(task: Task, most: int) -> list[tuple[list[Piece], list[Piece]]]:
 
 def _first(piece: Piece, most: int) -> Piece:
     return piece.part(0, min(len(piece), most) / piece.rate_hz)
+
+
+def mean_frequency(values: Array, rate_hz: float) -> float:
+    """Return the mean frequency of a series, weighted by its power [Hz]."""
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    lines = np.fft.rfftfreq(len(values), 1.0 / rate_hz)
+    least = 1.0 / (len(values) / rate_hz)
+    return max(float((lines * power).sum() / max(power.sum(), 1e-300)), least)
 
 
 def head_of(count: int) -> int:

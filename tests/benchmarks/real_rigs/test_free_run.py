@@ -1,16 +1,18 @@
 """Free runs of the other tools, by closed form and another integrator."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 import scipy.integrate
 
+from benchmarks.real_rigs.peers import known_law
 from benchmarks.real_rigs.peers.free_run import FreeRuns
 from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, Law, terms_at
 from benchmarks.real_rigs.peers.task import folds, head_of, read_rig, read_task
 from benchmarks.real_rigs.pieces import Piece, Pieces
-from benchmarks.real_rigs.sets import MODELS
+from benchmarks.real_rigs.sets import MODELS, SETS
 
 RATE = 50.0
 DISC = read_rig(MODELS / "torsion_disc.yaml")
@@ -93,21 +95,54 @@ def test_terms_are_what_their_names_say():
     assert all(terms <= set(NAMES) for terms in LIBRARIES.values())
 
 
+def arguments(folder, pieces, model="torsion_disc.yaml", law=()):
+    """Write a set, and return what a tool is given."""
+    pieces.write(folder)
+    (folder / "model.yaml").write_text((MODELS / model).read_text())
+    (folder / "facts.json").write_text(json.dumps({"imposed": False, "law": law}))
+    learn = [str(folder / f"learn_{i + 1}.npz") for i in range(len(pieces.learn))]
+    judge = ["--holdout", str(folder / "judge_1.npz"), "--out", str(folder / "out")]
+    return [str(folder / "model.yaml"), *learn, *judge]
+
+
 def test_settings_are_chosen_on_what_was_left_out(tmp_path):
-    for learn in ((2.0,), (2.0, 3.0)):
-        pieces = [piece_of(told(start=(size, 0.0))) for size in learn]
-        Pieces(tuple(pieces), (pieces[0],)).write(tmp_path)
-        (tmp_path / "model.yaml").write_text((MODELS / "torsion_disc.yaml").read_text())
-        (tmp_path / "facts.json").write_text(json.dumps({"imposed": False}))
-        files = [str(tmp_path / f"learn_{i + 1}.npz") for i in range(len(learn))]
-        task = read_task([
-            str(tmp_path / "model.yaml"), *files, "--holdout", str(tmp_path / "judge_1.npz"),
-            "--out", str(tmp_path / "out"),
-        ])  # fmt: skip
+    for sizes in ((2.0,), (2.0, 3.0)):
+        pieces = tuple(piece_of(told(start=(size, 0.0))) for size in sizes)
+        task = read_task(arguments(tmp_path, Pieces(pieces, pieces[:1])))
         split = folds(task, 100)
-        assert len(split) == len(learn)
+        assert len(split) == len(sizes)
         for taught, judged in split:
             assert max(len(piece) for piece in judged) <= 100
             assert not {id(piece) for piece in taught} & {id(piece) for piece in judged}
     assert head_of(1000) == 200
     assert head_of(50) == 50
+
+
+def test_the_known_law_is_fitted_to_its_true_numbers(tmp_path):
+    rng = np.random.default_rng(1)
+    truth = {"friction": 1.5, "cubic": 0.4}
+    learn = tuple(
+        piece_of(told(**truth, start=(size, 0.0)) + 0.01 * rng.standard_normal(300))
+        for size in (2.5, 3.5)
+    )
+    held = piece_of(told(**truth, start=(3.0, 1.0)))
+    law = ("e{0}", "v{0}", "e{0}^3", "sign(v{0})", "offset")
+    known_law.main(arguments(tmp_path, Pieces(learn, (held,)), law=law))
+    answer = json.loads((tmp_path / "out/answer.json").read_text())["readable"]
+    numbers = [float(n) for n in re.findall(r"[-+]\d[\d.e-]*(?= )", answer + " ")]
+    np.testing.assert_allclose(numbers, [20.0, 0.1, 0.4, 1.5, 0.0], rtol=0.05, atol=0.02)
+    with np.load(tmp_path / "out/holdout.npz") as runs:
+        left = np.std(runs["augmented"] - runs["measured"]) / np.std(runs["measured"])
+    assert left < 0.02
+
+
+def test_a_term_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match=r"There is no term v\. Give some of 1, e\{0\}"):
+        known_law.shape_of(("v",))
+
+
+@pytest.mark.parametrize("one", SETS, ids=lambda one: one.name)
+def test_known_laws_are_of_one_element_and_of_terms_that_exist(one):
+    if one.law:
+        assert known_law.shape_of(one.law).terms
+        assert read_rig(one.model).size == 1

@@ -126,8 +126,8 @@ def test_the_page_holds_the_sentence_the_least_error_and_who_is_ahead(emps, fold
     write_page(page, tmp_path / "out", {"rub": "rub.npz is not there"})
     text = page.read_text()
     (row,) = [line for line in text.splitlines() if line.startswith("| [emps](#emps)")]
-    cells = [cell.strip() for cell in row.split("|")[2:7]]
-    assert cells == ["50 %", "30 %", "4 %", "**2 %**", "diverged"]
+    cells = [cell.strip() for cell in row.split("|")[2:8]]
+    assert cells == ["50 %", "30 %", "4 %", "**2 %**", "diverged", "–"]
     assert f"> {SENTENCE}" in text
     assert "in: emps (PySINDy)." in text
     assert "`rub` (rub.npz is not there)" in text
@@ -150,7 +150,7 @@ def test_a_contestant_that_failed_is_told_with_its_last_words(emps, tmp_path):
     assert outcome.verdict == "failed"
     assert "ValueError: no" in outcome.row("slowtime").readable
     text = page_text([outcome], {}, "pictures")
-    assert "| – | – | – | **10 %** | – | failed |" in text
+    assert "| – | – | – | **10 %** | – | – | failed |" in text
 
 
 @pytest.mark.parametrize(
