@@ -17,6 +17,8 @@ COLOURS = {
 }
 MOST_DRAWN = 1600
 """[samples] Of a record: about those of the picture's width. Source: a choice."""
+LEAST_LEFT, MOST_LEFT = 0.02, 0.6
+"""[share of the motion] That the lower axis spans, from and to. Source: a choice."""
 INCHES, DPI = (8.0, 3.6), 80
 """[inch], [1/inch] Size of a picture; 20 to 50 kB. Source: a choice."""
 
@@ -38,16 +40,21 @@ def draw(outcome: Outcome, path: Path) -> None:
     )
     above.plot(times[shown], measured[shown], color=MEASURED, lw=2.4, label="measured")
     size = np.abs(measured[shown] - measured[shown].mean()).max()
+    largest = LEAST_LEFT * size
     for name, colour in COLOURS.items():
         row = outcome.row(name)
         if row is None or row.run is None or len(row.run) != len(outcome.record):
             continue
         run = np.clip(row.run[first, channel], -1e3 * size, 1e3 * size)
         above.plot(times[shown], run[shown], color=colour, lw=0.9, label=name)
-        below.plot(times[shown], (measured - run)[shown], color=colour, lw=0.8)
+        left = (measured - run)[shown]
+        below.plot(times[shown], left, color=colour, lw=0.8)
+        if name != REFITTED:
+            largest = max(largest, float(np.abs(left).max()))
     middle = measured[shown].mean()
     above.set_ylim(middle - 1.4 * size, middle + 1.4 * size)
-    below.set_ylim(-0.6 * size, 0.6 * size)
+    largest = min(1.1 * largest, MOST_LEFT * size)
+    below.set_ylim(-largest, largest)
     above.set_ylabel(outcome.channels[channel])
     below.set_ylabel("left")
     below.set_xlabel("time [s]")

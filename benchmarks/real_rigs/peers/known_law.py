@@ -100,7 +100,8 @@ class OutputError:
             count = max(int(share * len(run.measured)), 2)
             told = run.run_laws(laws, tried[:, first : first + 2], count)[:, :, 0]
             found.append((told + shifts[:, None] - run.measured[:count, 0]) / run.scatter[0])
-        return np.nan_to_num(np.concatenate(found, axis=1), nan=1e3, posinf=1e3, neginf=-1e3)
+        all_of = np.concatenate(found, axis=1)
+        return np.asarray(np.nan_to_num(all_of, nan=1e3, posinf=1e3, neginf=-1e3))
 
     def fit(self, values: Array) -> Array:
         """Fit all numbers from first guesses."""

@@ -9,6 +9,9 @@ from benchmarks.real_rigs.page import page_text, percent, write_page
 from benchmarks.real_rigs.pictures import MOST_DRAWN, window
 from benchmarks.real_rigs.scores import judge, outcome_of, relative_error
 from benchmarks.real_rigs.sets import chosen
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime_services.models import read_description
 
 TIMES = np.arange(3000) / 100
 MEASURED = np.sin(TIMES)[:, None]
@@ -24,7 +27,7 @@ def effect(kind, family, *rivals):
 def report(verdict, *effects, undecided=()):
     return {
         "verdict": verdict, "effects": list(effects), "sentence": SENTENCE,
-        "undecided": [{"effect": name} for name in undecided],
+        "undecided": [{"effect": name} for name in undecided], "notes": [],
     }  # fmt: skip
 
 
@@ -107,6 +110,17 @@ def test_nothing_missing_is_right_where_nothing_is():
     (frame,) = chosen(("frame",))
     assert judge(frame, report("nothing_missing")) == "as known"
     assert judge(frame, report("missing_effect", FRICTION)) == "as known, and more"
+
+
+def test_a_diagnosis_by_spectra_alone_is_no_right_answer():
+    """The words are those of the diagnosis itself: a record of noise, without an input."""
+    (wheel,) = chosen(("wheel_radial",))
+    model = read_description(wheel.model)
+    noise = np.random.default_rng(1).standard_normal((2000, 1))
+    trial = Trial(inputs=np.zeros((2000, 0)), outputs=noise, rate_hz=50.0)
+    notes = diagnose(Campaign(description=model, trials=(trial,))).notes
+    told = report("nothing_missing") | {"notes": list(notes)}
+    assert judge(wheel, told) == "no free run: only spectra were compared"
 
 
 def test_every_contestant_has_its_error_time_and_words(emps, folder):
