@@ -1,14 +1,15 @@
 """Free runs of many laws at once, each from the state that fits the first samples best."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy.signal
 
 from benchmarks.real_rigs.pieces import Array, Piece
 
-from .laws import Law, terms_at
+from .integrator import integrate
+from .laws import Law
 from .task import Rig, head_of
 
 STEP = 0.2
@@ -18,8 +19,8 @@ ROUNDS = 5
 """[1] Of Gauss and Newton for an initial state. Source: a choice; changes are small by then."""
 STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 """[1] Shares of a step that are tried. Source: a choice."""
-LOST = 1e4
-"""[scatters of the output] At which a run has diverged. Source: a choice."""
+ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+"""Derivative of the displacement by quantity of a sensor."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -110,36 +111,21 @@ class FreeRuns:
 
     def run(self, batch: "_Batch", starts: Array, count: int) -> Array:
         """Integrate laws from states by Runge and Kutta [law, time, sensor]."""
-        rig, n = self.rig, self.rig.size
-        x, v = starts[:, :n].copy(), starts[:, n:].copy()
+        rig = self.rig.to, self.rig.stiffness, self.rig.damping, self.rig.masses
         h = 1.0 / (self.piece.rate_hz * self.fine)
-        out = np.empty((count, len(starts), len(rig.sensors)))
-        for row in range(count):
-            at = row * self.fine
-            a = batch.acceleration(rig, x, v, self.steps[at])
-            out[row] = self._heard(x, v, a, row)
-            for i in range(at, at + self.fine):
-                f = self.steps[i], (self.steps[i] + self.steps[i + 1]) / 2, self.steps[i + 1]
-                a1 = a if i == at else batch.acceleration(rig, x, v, f[0])
-                v2, a2 = v + h / 2 * a1, None
-                a2 = batch.acceleration(rig, x + h / 2 * v, v2, f[1])
-                v3 = v + h / 2 * a2
-                a3 = batch.acceleration(rig, x + h / 2 * v2, v3, f[1])
-                v4 = v + h * a3
-                a4 = batch.acceleration(rig, x + h * v3, v4, f[2])
-                x = x + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
-                v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            lost = ~np.isfinite(x).all(axis=1) | ~np.isfinite(v).all(axis=1)
-            lost |= (np.abs(x) > 1e6).any(axis=1)
-            x[lost], v[lost] = np.nan, np.nan
-        return np.moveaxis(out, 0, 1)
+        return np.array(
+            [
+                self._heard(integrate(law, rig, self.steps, self.fine, h, start, count))
+                for law, start in zip(batch.laws(), starts, strict=True)
+            ]
+        )
 
-    def _heard(self, x: Array, v: Array, a: Array, row: int) -> Array:
+    def _heard(self, motion: Array) -> Array:
+        """Return what the sensors measure of a motion [quantity, time, node]."""
         columns = []
         for sensor in self.rig.sensors:
-            of = {"displacement": x, "velocity": v, "acceleration": a}
-            values = of[sensor["quantity"]][:, self.rig.node_of(sensor)]
-            columns.append(values + self.base[row] * self.rig.is_shaken(sensor))
+            values = motion[ORDERS[sensor["quantity"]], :, self.rig.node_of(sensor)]
+            columns.append(values + self.base[: len(values)] * self.rig.is_shaken(sensor))
         return np.stack(columns, axis=-1)
 
 
@@ -169,12 +155,6 @@ class _Batch:
             np.repeat(self.gain, times, axis=0),
         )
 
-    def acceleration(self, rig: Rig, x: Array, v: Array, force: Array) -> Array:
-        e, rate = x @ rig.to.T, v @ rig.to.T
-        laws, elements, terms, nodes = self.coefficients.shape
-        values = terms_at(e, rate, self.slip).reshape(laws, 1, elements * terms)
-        taken = (values @ self.coefficients.reshape(laws, elements * terms, nodes))[:, 0]
-        linear = (e * rig.stiffness + rate * rig.damping) @ rig.to
-        return np.asarray(
-            (self.gain * force - taken - self.nominal[:, None] * linear) / rig.masses
-        )
+    def laws(self) -> Iterator[tuple[Array, float, float, Array]]:
+        for one in zip(self.coefficients, self.nominal, self.gain, strict=True):
+            yield one[0], float(one[1]), float(one[2][0]), self.slip

@@ -9,7 +9,8 @@ import scipy.integrate
 
 from benchmarks.real_rigs.peers import known_law
 from benchmarks.real_rigs.peers.free_run import FreeRuns
-from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, Law, terms_at
+from benchmarks.real_rigs.peers.integrator import accelerate
+from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, Law, States, terms_at
 from benchmarks.real_rigs.peers.task import folds, head_of, read_rig, read_task
 from benchmarks.real_rigs.pieces import Piece, Pieces
 from benchmarks.real_rigs.sets import MODELS, SETS
@@ -83,6 +84,29 @@ def test_a_shaken_rig_measures_the_motion_of_its_base():
     np.testing.assert_allclose(state, [[-165000 / 80, -70 / 80]])
     # Relative acceleration -rail, and the rail on top: nothing passes at once.
     np.testing.assert_allclose(feed, [[0.0]])
+
+
+def test_the_compiled_acceleration_is_that_of_the_terms_of_the_regression():
+    """Two elements, every term: the same force, added up in two ways."""
+    rng = np.random.default_rng(1)
+    rig = read_rig(MODELS / "three_storey.yaml")
+    slip = np.array([0.1, 0.2, 0.3])
+    shape = (len(rig.to), len(NAMES), rig.size)
+    mixed = Law(rng.standard_normal(shape), 0.7, slip, 1.3)
+    x, v, force = rng.standard_normal((3, rig.size))
+    found = np.empty(rig.size)
+    numbers = (mixed.coefficients, mixed.nominal, mixed.gain, mixed.slip)
+    accelerate(numbers, (rig.to, rig.stiffness, rig.damping, rig.masses), force, x, v, found)
+    taken = mixed.force(States(x[None], v[None], v[None]), rig)[0]
+    np.testing.assert_allclose(found, (1.3 * force - taken) / rig.masses, rtol=1e-10)
+
+
+def test_a_run_that_diverges_ends_and_is_no_number():
+    angle = told()
+    runs = FreeRuns(DISC, piece_of(angle), np.zeros((len(angle), 1)), angle[:, None])
+    run = runs.run_laws([law(cubic=-50.0)], np.array([[3.0, 0.0]]), len(angle))[0, :, 0]
+    assert run[0] == 3.0
+    assert np.isnan(run[-1])
 
 
 def test_terms_are_what_their_names_say():
