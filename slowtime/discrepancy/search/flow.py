@@ -11,6 +11,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.estimation.input_hold import held_otherwise, with_holds
+from slowtime.discrepancy.free_decay.search import explain_decay
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.proposers.alternative_starts import alternative_starts
@@ -40,6 +41,10 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     first
         Fit of the model as given, its constants free within their tolerances.
     """
+    if how.decays:
+        explained = explain_decay(first, trials, how.kinds, how.monitor)
+        if explained is not None:
+            return explained
     found = Hypothesis((first,), trials)
     if how.options.quick:
         return continue_search(found, how, 0)

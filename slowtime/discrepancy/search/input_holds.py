@@ -17,7 +17,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement.input_offsets import with_offsets
+from slowtime.discrepancy.refinement.constant_offsets import with_offsets
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.plant import Plant
 
@@ -85,7 +85,7 @@ def with_best_holds(
 
 
 def _fit_as_given(campaign: Campaign, trials: tuple[Trial, ...], how: SearchSettings) -> Fit:
-    start = with_offsets(campaign.description, how.kinds)
+    start = with_offsets(campaign.description, how.kinds, decays=how.decays)
     return refit(Plant.of(start, kinds=how.kinds), trials)
 
 

@@ -37,6 +37,9 @@ class Parameter:
         False for what is chosen, as a side or a span, and not estimated.
     choices
         All values allowed, where there are few.
+    natural
+        Value that it has in the simplest form of the law, or "stiffness" for that of the
+        element; None where no value is simpler than others.
     """
 
     name: str
@@ -48,6 +51,7 @@ class Parameter:
     default: float | None = None
     fitted: bool = True
     choices: tuple[float, ...] = ()
+    natural: float | Literal["stiffness"] | None = None
 
     def refuses(self, value: float) -> str | None:
         """Explain why a value is not allowed.

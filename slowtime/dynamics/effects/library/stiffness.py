@@ -390,7 +390,12 @@ KINDS = (
         family="softening",
         where="element",
         parameters=(
-            Parameter(name="k", unit="N m/rad", meaning="torsional stiffness of gravity"),
+            Parameter(
+                name="k",
+                unit="N m/rad",
+                meaning="torsional stiffness of gravity",
+                natural="stiffness",
+            ),
         ),
         equation="k (sin e − e), e in rad",
         source="",

@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 from scipy.integrate import solve_ivp
 
-from slowtime.discrepancy.data.free_decay import (
+from slowtime.discrepancy.free_decay.records import (
     is_free_decay,
     without_standstill,
     without_tones,

@@ -10,6 +10,12 @@ from slowtime.dynamics.effects import Kind
 
 MIN_REST = 0.02
 """[share of a record] At rest at its end, from which that is cut off. Source: a decision."""
+STILL_STEPS = 2.5
+"""[steps of the sensor] From its last readings, within which a channel is at rest: what it
+tells there is its resolution. Source: judgement; half a step more than two."""
+REST_READINGS = 50
+"""[1] Part of a record whose median tells where it comes to rest: one of this many. Source: the
+share `MIN_REST` at rest from which a record is cut."""
 MIN_PEAKS = 8
 """[half cycles] That a record must hold. Source: peaks of random motion fall eight times in a
 row in one record of forty thousand."""
@@ -46,7 +52,7 @@ def without_standstill(trial: Trial) -> Trial:
     -------
     The record up to its last change, or as it is where hardly any of it is at rest.
     """
-    moving = np.flatnonzero((np.diff(trial.measured, axis=0) != 0).any(axis=1))
+    moving = np.flatnonzero((np.abs(_excursions(trial.measured)) > STILL_STEPS).any(axis=1))
     end = int(moving[-1]) + 2 if len(moving) else len(trial.outputs)
     resting = len(trial.outputs) - end
     if resting < MIN_REST * len(trial.outputs) or end < MIN_SAMPLES:
@@ -61,6 +67,17 @@ def without_tones(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
     imitates any law of its damping.
     """
     return {name: kind for name, kind in kinds.items() if kind.quadrature is None}
+
+
+def _excursions(series: Float[np.ndarray, "time sensor"]) -> Float[np.ndarray, "time sensor"]:
+    """Distances from the last readings, in the least steps between readings that differ."""
+    found = np.zeros(series.shape)
+    for sensor, column in enumerate(series.T):
+        steps = np.abs(np.diff(column))
+        least = steps[steps > 0].min(initial=np.inf)
+        rest = np.median(column[-max(len(column) // REST_READINGS, 1) :])
+        found[:, sensor] = (column - rest) / least if np.isfinite(least) else 0.0
+    return found
 
 
 def _decays(trial: Trial) -> bool:

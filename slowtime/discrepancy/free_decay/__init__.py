@@ -1,0 +1,1 @@
+"""Diagnosis of free decays: which spring and which damping a structure has together."""
