@@ -105,8 +105,11 @@ def disc_magnet(data: Path) -> Pieces:
 
 
 def disc_driven(data: Path) -> Pieces:
-    """Learn from three speeds of the motor; the torque is that of the driven spring."""
-    runs = {i: _disc(data, f"driven_{i}") for i in (8, 10, 14, 22, 25)}
+    """Learn from three speeds of the motor; the torque is that of the driven spring.
+
+    Means are taken off: incremental encoders begin at zero wherever they stand.
+    """
+    runs = {i: _disc(data, f"driven_{i}").centred() for i in (8, 10, 14, 22, 25)}
     return Pieces((runs[8], runs[14], runs[22]), (runs[10], runs[25]))
 
 

@@ -54,6 +54,10 @@ class Piece:
         """Return every so many-th sample, without a filter."""
         return Piece(self.rate_hz / stride, {n: v[::stride] for n, v in self.channels.items()})
 
+    def centred(self) -> "Piece":
+        """Return the piece without the mean of each channel."""
+        return Piece(self.rate_hz, {n: v - v.mean() for n, v in self.channels.items()})
+
     def with_channel(self, name: str, values: Array) -> "Piece":
         """Return the piece with one channel more."""
         return Piece(self.rate_hz, {**self.channels, name: values})

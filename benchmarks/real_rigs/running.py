@@ -118,6 +118,7 @@ def run(contestant: Contestant, folder: Path, limit_s: float = LIMIT_S) -> dict[
         "seconds": time.monotonic() - begun,
         "cpu_seconds": usage.ru_utime + usage.ru_stime,
         "load": os.getloadavg()[0],
+        "version": _version(),
         "last_words": (result / "log.txt").read_text(errors="replace").strip()[-300:],
     }
     (result / RUN).write_text(json.dumps(told, indent=1) + "\n")
@@ -127,6 +128,18 @@ def run(contestant: Contestant, folder: Path, limit_s: float = LIMIT_S) -> dict[
 def is_done(contestant: Contestant, folder: Path) -> bool:
     """Whether a contestant was run on a set already."""
     return (folder / contestant.name / RUN).exists()
+
+
+def _version() -> str:
+    """Return the commit that was run, so that old results can be told; empty without git."""
+    told = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.strip()
 
 
 def _environment() -> dict[str, str]:

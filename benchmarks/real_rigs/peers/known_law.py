@@ -18,10 +18,10 @@ from .free_run import FreeRuns
 from .laws import NAMES, Law, States, term_values
 from .task import Task, mean_frequency, read_task, write_answer
 
-PARTS = (0.2, 0.5, 1.0)
+PARTS = (0.1, 0.2, 0.4, 0.7, 1.0)
 """[share of a record] That are fitted one after the other. Source: a choice; a phase that is
 lost over a short part is found again over a longer one."""
-ROUNDS = 8
+ROUNDS = 25
 """[1] Of Levenberg and Marquardt for each part. Source: a choice."""
 DAMPED = np.array([0.0, 1e-4, 1e-2, 1.0, 100.0])
 """[1] Shares of the diagonal that are tried at once. Source: a choice."""

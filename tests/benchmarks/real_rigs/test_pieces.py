@@ -21,6 +21,12 @@ def test_parts_that_follow_each_other_share_no_sample_and_lose_none():
     np.testing.assert_array_equal(joined, RAMP.channels["x"])
 
 
+def test_a_centred_piece_has_no_mean_and_the_same_shape():
+    centred = RAMP.centred()
+    assert centred.channels["x"].mean() == 0
+    np.testing.assert_array_equal(np.diff(centred.channels["x"]), np.diff(RAMP.channels["x"]))
+
+
 def test_every_so_many_th_sample_keeps_the_time_of_a_sample():
     thin = RAMP.every(4)
     assert thin.rate_hz == 2.5
