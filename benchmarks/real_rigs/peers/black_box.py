@@ -26,9 +26,9 @@ HIDDEN = 6
 """[neurons] Of each network. Source: five in the documentation's examples."""
 MORE_STATES = (0, 2)
 """[1] States beside those of the nominal model that are tried. Source: a choice."""
-TRIAL, FINAL = (200, 300), (300, 1000)
+TRIAL, FINAL = (300, 600), (0, 500)
 """[1] Iterations of Adam and then of L-BFGS, to choose the number of states, and to train on
-all records from there. Source: 1000 and 1000 in the documentation; fewer of Adam, as the linear
+all records from there. Source: 1000 and 1000 in the documentation; fewer, as the linear
 part begins near its end."""
 PENALTY = 1e-4
 """[1] On parameters and initial states. Source: the documentation's example."""

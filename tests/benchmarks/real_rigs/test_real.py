@@ -6,16 +6,17 @@ from benchmarks.real_rigs.running import SLOWTIME, prepare, run
 from benchmarks.real_rigs.scores import outcome_of
 from benchmarks.real_rigs.sets import chosen
 
-RIGHT = ("as known", "as known, and more")
+RIGHT = ("as known", "as known, and more", "undecided, the known answer among what may be")
 
 
 @pytest.mark.data
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "at_most"),
     [
-        # A band that rubs with play: 14.5 % left of the force, 57 % by a spring and a damper.
-        ("rub", 0.17),
+        # The noise alone is 2.5 %; amplitudes are too small to tell the sine from a cubic.
+        pytest.param("swing", 0.04, marks=pytest.mark.long),
+        # A published Bouc-Wen law, whose numbers leave 0.03 %.
+        pytest.param("loop", 0.002, marks=pytest.mark.slow),
     ],
 )
 def test_the_known_answer_is_found_and_foretells_what_was_held_out(
