@@ -101,8 +101,12 @@ def summary(found: Sequence[Outcome]) -> str:
 
 def tally(found: Sequence[Outcome]) -> str:
     """Say in how many sets the answer is the known one, and where others are ahead."""
-    right = [o for o in found if o.verdict.startswith(("as known", "undecided, the known"))]
-    words = f"Of {len(found)} sets slowtime's answer has the known one in {len(right)}."
+    exact = [o for o in found if o.verdict == "as known"]
+    among = [o for o in found if o.verdict.startswith("undecided, the known")]
+    words = (
+        f"Of {len(found)} sets slowtime's answer is the known one in {len(exact)}; in "
+        f"{len(among)} more it is undecided, with the known answer among what may be."
+    )
     behind = [f"{o.one.name} ({o.behind})" for o in found if o.behind is not None]
     if behind:
         words += (

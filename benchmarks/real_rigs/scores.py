@@ -204,15 +204,19 @@ def judge(one: RealSet, report: dict[str, Any]) -> str:
     more = [words for words in named if not words & welcome]
     if report["verdict"] == "undecided" and all(group & rivals for group in missing):
         return "undecided, the known answer among what may be"
+    if report["verdict"] == "unknown_effect" and (missing or not one.needed):
+        return "said to be unknown"
     if not missing and not more:
         return "as known"
+    if not one.needed:
+        return "claims what is not there"
     if not missing:
         return "as known, and more"
     if len(missing) < len(one.needed):
         return "in part"
     if not named and report["verdict"] == "nothing_missing":
         return "nothing found"
-    return "said to be unknown" if named == [{"unknown"}] else "another answer"
+    return "another answer"
 
 
 def _families(kinds: set[str]) -> set[str]:

@@ -1,9 +1,9 @@
 """PySINDy on a rig, set up as well as we can: what is left of the equations of motion.
 
-Motion is smoothed and differentiated by PySINDy's `SmoothedFiniteDifference`; the equation of
-each node is regressed by its `STLSQ` on terms of the elements that end there. Smoothing,
-library, threshold, and whether the nominal model is taken off first, are chosen by free
-runs on records that are left out, or on the last part of the only one. A free run begins from
+Motion is smoothed and differentiated by PySINDy's `SmoothedFiniteDifference`, or by FFT; the
+equation of each node is regressed by its `STLSQ` on terms of the elements that end there.
+Smoothing, library, threshold, and whether the nominal model is taken off first, are chosen by
+free runs on records that are left out, or on the last part of the only one. A free run begins from
 the state that fits the first samples best.
 """
 
@@ -25,6 +25,10 @@ from .task import Rig, Task, errors, folds, mean_frequency, read_task, write_ans
 WINDOWS = (0.1, 0.25, 0.5)
 """[periods of the motion] Smoothing that is tried. Source: a choice about 0.2, above which a
 polynomial of third degree bends a sine."""
+CUTOFFS = (2.5, 5.0)
+"""[mean frequencies of the motion] Low-pass of derivatives by FFT that are tried, where samples
+are too few a period for polynomials; negative as a `Setting.window`. Source: above the third
+harmonic, and twice that."""
 THRESHOLDS = (0.3, 0.1, 0.03, 0.01, 0.003)
 """[share of the force's scatter] That a term must carry. Source: those of the blind cases."""
 MOST_TESTED = 4000
@@ -44,7 +48,8 @@ class Setting:
 def settings_of(rig: Rig) -> list[Setting]:
     """Return every setting that is tried."""
     libraries = [name for name in LIBRARIES if rig.angular or name != "sine"]
-    tried = itertools.product(WINDOWS, THRESHOLDS, libraries, (False, True))
+    smoothing = (*WINDOWS, *(-cutoff for cutoff in CUTOFFS))
+    tried = itertools.product(smoothing, THRESHOLDS, libraries, (False, True))
     return [Setting(*one) for one in tried]
 
 
@@ -69,6 +74,8 @@ def _derivatives(
     order: int, values: Array, rate_hz: float, window: float
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocity and acceleration from one of them."""
+    if window < 0:
+        return _by_spectrum(order, values, rate_hz, -window)
     length = max(int(window * rate_hz / mean_frequency(values, rate_hz)) | 1, 5)
     length = min(length, (len(values) // 4) | 1)
     smooth = ps.SmoothedFiniteDifference(
@@ -78,6 +85,29 @@ def _derivatives(
     series = {order: values}
     for higher in range(order + 1, 3):
         series[higher] = np.asarray(smooth(series[higher - 1][:, None], times)).ravel()
+    for lower in range(order - 1, -1, -1):
+        series[lower] = _integral(series[lower + 1], rate_hz)
+    return series[0], series[1], series[2]
+
+
+def _by_spectrum(
+    order: int, values: Array, rate_hz: float, cutoff: float
+) -> tuple[Array, Array, Array]:
+    """Differentiate by FFT below a cutoff, and integrate; padded by the mirror image."""
+    padded = np.concatenate(
+        [2 * values[0] - values[:0:-1], values, 2 * values[-1] - values[-2::-1]]
+    )
+    trend = np.linspace(padded[0], padded[-1], len(padded))
+    lines = np.fft.rfftfreq(len(padded), 1.0 / rate_hz)
+    gain = 1.0 / (1.0 + (lines / (cutoff * mean_frequency(values, rate_hz))) ** 16)
+    spectrum = np.fft.rfft(padded - trend) * gain
+    slope = (trend[-1] - trend[0]) / (len(trend) - 1) * rate_hz
+    inside = slice(len(values) - 1, 2 * len(values) - 1)
+    series: dict[int, Array] = {}
+    for higher in range(order, 3):
+        turned = np.fft.irfft(spectrum * (2j * np.pi * lines) ** (higher - order), len(padded))
+        rest = {0: trend, 1: np.full(len(padded), slope)}.get(higher - order, 0.0)
+        series[higher] = np.asarray(turned + rest)[inside]
     for lower in range(order - 1, -1, -1):
         series[lower] = _integral(series[lower + 1], rate_hz)
     return series[0], series[1], series[2]

@@ -109,7 +109,10 @@ def test_an_answer_is_judged_by_what_is_known(emps, told, verdict):
 def test_nothing_missing_is_right_where_nothing_is():
     (frame,) = chosen(("frame",))
     assert judge(frame, report("nothing_missing")) == "as known"
-    assert judge(frame, report("missing_effect", FRICTION)) == "as known, and more"
+    assert judge(frame, report("missing_effect", FRICTION)) == "claims what is not there"
+    assert judge(frame, report("unknown_effect")) == "said to be unknown"
+    (mount,) = chosen(("mount",))
+    assert judge(mount, report("unknown_effect")) == "as known"
 
 
 def test_a_diagnosis_by_spectra_alone_is_no_right_answer():
