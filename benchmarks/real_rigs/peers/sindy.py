@@ -3,8 +3,8 @@
 Motion is smoothed and differentiated by PySINDy's `SmoothedFiniteDifference`, or by FFT; the
 equation of each node is regressed by its `STLSQ` on terms of the elements that end there.
 Smoothing, library, threshold, and whether the nominal model is taken off first, are chosen by
-free runs on records that are left out, or on the last part of the only one. A free run begins from
-the state that fits the first samples best.
+free runs on records that are left out, or on the last part of the only one. A free run begins
+from the state that fits the first samples best.
 """
 
 import dataclasses
