@@ -71,6 +71,8 @@ class Outcome:
     def behind(self) -> str | None:
         """Name of a rival whose error is so much smaller that slowtime is behind, or None."""
         own = self.row(SLOWTIME.title)
+        if own is None:
+            return None
         rivals = [
             (row.error, row.name)
             for row in self.rows
@@ -81,7 +83,7 @@ class Outcome:
         if not rivals:
             return None
         error, name = min(rivals)
-        if own is None or own.error is None or own.error > WORSE * error:
+        if own.error is None or own.error > WORSE * error:
             return name
         return None
 
