@@ -38,7 +38,7 @@ class Combination:
     place
         The element.
     fits
-        Of the model as given, and after each effect that all have, and after each law.
+        Of the model as given, and after each law.
     fitted
         The last fit with its log evidence; None without any law.
     """
@@ -74,7 +74,7 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
 
 
 def fit_combinations(
-    base: Sequence[Fit],
+    first: Fit,
     trials: Sequence[Trial],
     place: Place,
     kinds: Mapping[str, Kind],
@@ -84,8 +84,8 @@ def fit_combinations(
 
     Parameters
     ----------
-    base
-        Fits of the model as given, and after each effect that all combinations have.
+    first
+        Fit of the model as given.
     place
         The element.
     kinds
@@ -97,7 +97,7 @@ def fit_combinations(
     -------
     Those whose fit did not break down, until the budget is used up.
     """
-    found = {frozenset[str](): Combination((), place, tuple(base))}
+    found = {frozenset[str](): Combination((), place, (first,))}
     located: dict[Laws, Localization] = {}
     for laws in law_sets(tuple(kinds)):
         parents = [found[laws - {law}] for law in laws if laws - {law} in found]

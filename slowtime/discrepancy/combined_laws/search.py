@@ -1,8 +1,7 @@
-"""Search among all combinations of simple laws, as several act together on real rigs.
+"""Search among all combinations of simple laws, for free decays.
 
-In a free decay, laws follow each other: friction ends what drag begins, and a pendulum's
-frequency rises as it calms down. On a test rig, friction, a curved spring and a gain that is
-off act at once. Of laws that are looked for one after the other, the first explains what
+In a decay, laws follow each other: friction ends what drag begins, and a pendulum's frequency
+rises as it calms down. Of laws that are looked for one after the other, the first explains what
 several cause, and the next mend that. So all combinations are fitted, and each law has the
 probability of all combinations that it is in.
 """
@@ -14,12 +13,10 @@ import numpy as np
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
-from slowtime.discrepancy.candidates.library_fit import GAIN, OFFSET
 from slowtime.discrepancy.diagnosis import NamedEffect, Rival
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
     evidence,
-    fit_candidate,
     is_significant,
     misfit,
     with_noise_of_best,
@@ -33,18 +30,13 @@ from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.comparison import explains_all
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Kind, Place
 
 from .combinations import STIFFNESSES, Combination, fit_combinations
 
 MAX_ELEMENTS = 3
 """[elements] Of a structure whose combinations are all tried. Source: a bound on computing
 time; each costs about twenty fits."""
-MAX_DRIVEN_ELEMENTS = 1
-"""[elements] The same of a structure that is driven; its fits take longer. Source: as above."""
-INPUT_ERROR_PROBABILITY = 0.99
-"""[probability] Of an error of an input without which the rest does worse. Source: a decision;
-the evidence for it is asked for where needless effects are dropped."""
 MAX_REST = 0.01
 """[share of what is missing] That the best combination leaves at most. Source: judgement: a
 tenth of the amplitude. What leaves more is looked for among all effects."""
@@ -86,16 +78,14 @@ def explain_together(
     structure has too many elements.
     """
     description = first.plant.description
-    driven = any(trial.inputs.any() for trial in trials)
-    most = MAX_DRIVEN_ELEMENTS if driven else MAX_ELEMENTS
     localized = locate(first, trials)
-    if len(description.elements) > most or localized.p_value > LIMITS.false_alarm_p_value:
+    few = len(description.elements) <= MAX_ELEMENTS
+    if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
-    base = _with_input_errors(first, trials, kinds) if driven else (first,)
     found = [
         one
         for element in description.elements
-        for one in fit_combinations(base, trials, Place("element", element.id), kinds, monitor)
+        for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
     ]
     ranked = _ranked(first, found, trials, kinds)
     if not ranked:
@@ -104,10 +94,10 @@ def explain_together(
     hypothesis = Hypothesis(
         fits=best.fits,
         trials=trials,
-        effects=(*_input_errors(best, kinds), *_answers(best, ranked, kinds)),
+        effects=tuple(_answers(best, ranked, kinds)),
         localized=localized,
         fitted=tuple(one.one.fitted for one in ranked if one.one.fitted is not None),
-        combined=not driven,
+        combined=True,
     )
     if not explains_all(hypothesis):
         hypothesis = dataclasses.replace(hypothesis, rest=locate(best.last, trials))
@@ -120,37 +110,6 @@ def explains_most(hypothesis: Hypothesis) -> bool:
     missing = misfit(first, last.noise, hypothesis.trials) - last.data
     left = misfit(last, last.noise, hypothesis.trials) - last.data
     return left < MAX_REST * missing
-
-
-def _with_input_errors(
-    first: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
-) -> tuple[Fit, ...]:
-    """Add a gain and an offset of each input that drives, none to begin with."""
-    fits = [first]
-    for channel in (entry.channel for entry in first.plant.description.inputs):
-        for effect in (
-            Effect(GAIN, Place("input", channel), {"gain": 1.0}),
-            Effect(OFFSET, Place("input", channel), {"bias": 0.0}),
-        ):
-            there = {(e.kind, e.place) for e in first.plant.effects}
-            if effect.kind in kinds and (effect.kind, effect.place) not in there:
-                named = fit_candidate(fits[-1], effect, trials, kinds, first.noise)
-                fits += [] if named is None else [named.fit]
-    return tuple(fits)
-
-
-def _input_errors(best: Combination, kinds: Mapping[str, Kind]) -> Iterator[NamedEffect]:
-    """Name the errors of inputs that every combination has; needless ones are dropped later."""
-    effects = fitted_effects(best.last)
-    given = len(best.fits[0].plant.effects)
-    for number in range(given, len(effects) - len(best.laws)):
-        effect, numbers = effects[number], numbers_of(best.last, number)
-        kind = kinds[effect.kind]
-        yield NamedEffect(
-            effect=effect, family=kind.family, numbers=numbers,
-            probability=INPUT_ERROR_PROBABILITY, rivals=(),
-            sentence=sentence_of(kind, effect.place, numbers),
-        )  # fmt: skip
 
 
 def _ranked(

@@ -15,6 +15,7 @@ from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
     NamedEffect,
+    Rival,
     Step,
     Surface,
     Suspect,
@@ -31,7 +32,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
-from slowtime.discrepancy.selection.inadequacy import temper_unexplained
+from slowtime.discrepancy.selection.inadequacy import law_probability, temper_unexplained
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
 from slowtime.discrepancy.selection.probabilities import (
     MAX_LOCAL_MINIMUM_REST,
@@ -173,6 +174,7 @@ def report(
     located = found.localized
     assert located is not None
     unknown = _is_unknown(found, evaluation, kinds)
+    found = found if unknown else _near_unknown(found)
     answers = _answers(given, found, () if unknown else found.effects, findings, kinds)
     verdict, sentence = _verdict_and_sentence(given, found, answers, kinds, unknown=unknown)
     # Constants that were bent to make up for what has no name are no better a model.
@@ -284,6 +286,22 @@ def _doubted(
     excess = evaluation.errors[-1] / evaluation.floor
     confirmed = is_confirmed_on_holdout(found.last, excess, evaluation.tests)
     return found if confirmed else doubt_laws(found, kinds)
+
+
+def _near_unknown(found: Hypothesis) -> Hypothesis:
+    """Say that laws near those found may be the true ones, where these leave much."""
+    decided = law_probability(found) >= LIMITS.decided_probability
+    if decided or found.undecided or found.final or not found.effects:
+        return found
+    share = law_probability(found)
+    return dataclasses.replace(
+        found,
+        near_unknown=True,
+        undecided=tuple(
+            Rival(a.effect.kind, a.effect.place, share * a.probability) for a in found.effects
+        ),
+        pair=tuple(found.fitted[:2]) if len(found.fitted) > 1 else None,
+    )
 
 
 def _is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
@@ -485,7 +503,12 @@ def _verdict_and_sentence(
     if unknown:
         return "unknown_effect", _unnamed(found, kinds)
     if found.undecided:
-        names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
+        together = len(found.undecided) > 1 and len(found.undecided) == len(found.effects)
+        together &= {(r.effect, r.place) for r in found.undecided} == {
+            (a.effect.kind, a.effect.place) for a in found.effects
+        }
+        word = " with " if together else " or "
+        names = word.join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
         names += ", or no more than constants that are off" if found.constants_suffice else ""
         names += ", or a law near it that is not known here" if found.near_unknown else ""
         told = f"Something is missing, and these records cannot tell which: {names}."

@@ -53,8 +53,6 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     if step.added:
         if step.added == 1:
             found = _suggest_holds(found, how)
-        if not (how.decays or explains_all(found) or found.suggested_holds):
-            together = explain_together(first, trials, how.kinds, how.monitor)
         if found.suggested_holds is None:
             found, ends = _close(found, how, step.added - 1)
             found = found if ends else continue_search(found, how, step.added)

@@ -35,6 +35,19 @@ def closed_share(found: Hypothesis) -> float:
     return math.log(before / after) / math.log(before) if before > after else 0.0
 
 
+def law_probability(found: Hypothesis) -> float:
+    """Probability that the laws found are the right ones, by what they leave unexplained.
+
+    Returns
+    -------
+    1 where what is left is near the noise, or white.
+    """
+    last = found.last
+    if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
+        return 1.0
+    return min(closed_share(found) / CLOSED_SHARE, 1.0) ** POWER
+
+
 def temper_unexplained(
     effects: Sequence[NamedEffect], found: Hypothesis
 ) -> tuple[NamedEffect, ...]:
@@ -47,10 +60,7 @@ def temper_unexplained(
     found
         The fits without effects and with all of them.
     """
-    last = found.last
-    if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
-        return tuple(effects)
-    share = min(closed_share(found) / CLOSED_SHARE, 1.0) ** POWER
+    share = law_probability(found)
     return tuple(
         dataclasses.replace(one, probability=share * one.probability) for one in effects
     )
