@@ -191,13 +191,17 @@ class Experiment:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """One record, measured and free-run, for pictures; columns are sensors."""
+    """One record, measured and free-run, for pictures; columns are sensors.
+
+    Where motion was imposed, ``of_force`` is set and the one column is the force.
+    """
 
     times_s: Float[np.ndarray, " time"]
     measured: Float[np.ndarray, "time sensor"]
     nominal: Float[np.ndarray, "time sensor"]
     refitted: Float[np.ndarray, "time sensor"]
     augmented: Float[np.ndarray, "time sensor"]
+    of_force: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

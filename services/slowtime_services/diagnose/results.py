@@ -49,13 +49,16 @@ def write_surface(path: Path, surface: Surface) -> None:
 def write_runs(path: Path, diagnosis: Diagnosis) -> None:
     """Write free runs on held-out records: `nominal` and so on, each [time, sensor].
 
+    Where motion was imposed, the one column is the force.
+
     Several records follow each other; `record` counts them from 0.
     """
-    traces = diagnosis.traces
+    traces, given = diagnosis.traces, diagnosis.nominal
+    columns = given.inputs if traces[0].of_force else given.sensors
     lengths = [len(trace.times_s) for trace in traces]
     np.savez(
         path,
-        channels=np.array([sensor.channel for sensor in diagnosis.nominal.sensors]),
+        channels=np.array([one.channel for one in columns]),
         t=np.concatenate([trace.times_s for trace in traces]),
         record=np.repeat(np.arange(len(traces)), lengths),
         measured=np.concatenate([trace.measured for trace in traces]),

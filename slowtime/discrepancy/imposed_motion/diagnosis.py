@@ -17,6 +17,7 @@ from slowtime.discrepancy.diagnosis import (
     Spectra,
     Step,
     Surface,
+    Traces,
     Verdict,
     When,
 )
@@ -247,7 +248,7 @@ def _answer(
         nominal=given,
         refitted=refitted,
         augmented=augmented,
-        traces=(),
+        traces=_traces(regression, steps, judged),
         spectra=_no_spectra(len(given.sensors)),
         surface=_surface(regression, steps),
         notes=(IMPOSED, *(() if campaign.holdout else (NO_HOLDOUT,))),
@@ -354,6 +355,24 @@ def _surface(regression: ForceRegression, steps: Sequence[ForceFit]) -> Surface:
         place=regression.place, e=e[::stride], v=v[::stride], force=rest[::stride],
         law=None if law is None else law[::stride],
     )  # fmt: skip
+
+
+def _traces(
+    regression: ForceRegression, steps: Sequence[ForceFit], judged: Sequence[ForceRecord]
+) -> tuple[Traces, ...]:
+    """Collect the measured force of each record, and that of each model."""
+    given = regression.as_given(judged)
+    return tuple(
+        Traces(
+            times_s=one.motion.times,
+            measured=one.force[:, None],
+            nominal=(one.force - left)[:, None],
+            refitted=regression.predict(steps[0], one)[:, None],
+            augmented=regression.predict(steps[-1], one)[:, None],
+            of_force=True,
+        )
+        for one, left in zip(judged, given, strict=True)
+    )
 
 
 def _no_spectra(sensors: int) -> Spectra:

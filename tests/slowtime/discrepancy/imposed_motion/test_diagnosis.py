@@ -77,6 +77,10 @@ def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     assert numbers
     assert numbers[0].value == pytest.approx(true, rel=0.1)
     assert found.gap.augmented < 0.3 * found.gap.refitted_nominal
+    (trace,) = found.traces
+    assert trace.of_force
+    left = np.std(trace.measured - trace.augmented) / np.std(trace.measured)
+    assert left == pytest.approx(found.gap.augmented, rel=0.02)
 
 
 def test_a_spring_and_a_damper_lack_nothing():
