@@ -507,7 +507,7 @@ class _LeastSquares:
     def _spread(
         self, values: Float[np.ndarray, " free"], left: Series
     ) -> Float[np.ndarray, " free"] | None:
-        """Return standard deviations, for as many samples as are independent; None if not finite."""
+        """Return standard deviations, by the independent samples; None if not finite."""
         if not len(values):
             return np.zeros(0)
         kept, base = left[self.kept], self._residual(values)

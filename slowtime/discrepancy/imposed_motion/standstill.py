@@ -45,13 +45,16 @@ def informative(motion: Motion) -> Bool[np.ndarray, " time"]:
 
     Returns
     -------
-    False in standstills, and up to `FORGOTTEN_PATH` after the first move. All are True where
-    that would leave less than a third of them.
+    False in standstills, up to `FORGOTTEN_PATH` after the first move, and next to a reversal,
+    where the sign of the rate is within its error and friction jumps. All are True where that
+    would leave less than a third of them.
     """
     span = float(np.ptp(motion.e))
     moving = ~_still(motion.e)
     path = np.cumsum(np.abs(np.diff(motion.e, prepend=motion.e[0])) * moving)
-    kept = moving & (path >= FORGOTTEN_PATH * span)
+    way = np.sign(np.pad(motion.v, 1, mode="edge"))
+    turns = (way[:-2] != way[1:-1]) | (way[1:-1] != way[2:])
+    kept = moving & (path >= FORGOTTEN_PATH * span) & ~turns
     if 3 * np.count_nonzero(kept) < len(kept):
         return np.ones(len(kept), dtype=bool)
     return np.asarray(kept)
