@@ -1,5 +1,6 @@
 """Honest certainty: what is left counts once per loop, held-out records can refute a law."""
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from slowtime.discrepancy.imposed_motion.selection import (
 )
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from tests.slowtime.discrepancy.imposed_motion.rigs import RATE, RIG, C, K
 
@@ -157,11 +160,6 @@ def test_a_measured_damper_follows_dahl_or_is_undecided_with_it(number, best):
 
 def without_claims():
     """The rig, with no stiffness and a damping of which little is known."""
-    import dataclasses
-
-    from slowtime.dynamics.builders import chain
-    from slowtime.dynamics.description import Tolerance
-
     plain = chain([1e-3], [0.0], dampings_n_s_per_m=[2000.0])
     return dataclasses.replace(
         plain, inputs=RIG.inputs, sensors=RIG.sensors, tolerance=Tolerance(damping=0.5)
