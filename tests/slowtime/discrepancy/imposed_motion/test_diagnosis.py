@@ -9,16 +9,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.imposed_motion.records import force_record, is_imposed, rig_of
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Tolerance
-
-RATE = 100.0
-K, C = 50.0, 2.0
-RIG = dataclasses.replace(
-    chain([1e-3], [K], dampings_n_s_per_m=[C]),
-    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-    tolerance=Tolerance(stiffness=0.1, damping=0.3),
-)
+from tests.slowtime.discrepancy.imposed_motion.rigs import RATE, RIG, C, K
 
 
 def motion(seed, seconds=30.0):
