@@ -29,8 +29,11 @@ spring with a peak of five times its root mean square needs ten."""
 
 
 @compiled
-def spline(share: float, intervals: int, coefficients: Any, first: int) -> float:
-    """Evaluate a cubic B-spline with equal intervals.
+def spline(share: float, intervals: int, differences: Any, first: int) -> float:
+    """Evaluate a cubic B-spline with equal intervals, given differences of its coefficients.
+
+    Independent priors of the differences make a smooth curve, which stays level where no
+    record determines it (P-splines).
 
     Parameters
     ----------
@@ -38,8 +41,9 @@ def spline(share: float, intervals: int, coefficients: Any, first: int) -> float
         Share of the range that lies below [1], within [0, 1].
     intervals
         Number of intervals; there are three coefficients more.
-    coefficients, first
-        Array with the coefficients, and the index of the first one.
+    differences, first
+        Array with the first coefficient and the difference of each later one to that before,
+        and the index of the first one.
 
     Returns
     -------
@@ -48,21 +52,24 @@ def spline(share: float, intervals: int, coefficients: Any, first: int) -> float
     References
     ----------
     .. [1] C. de Boor, "A Practical Guide to Splines", Springer (2001), ch. IX.
+    .. [2] P. H. C. Eilers and B. D. Marx, "Flexible smoothing with B-splines and penalties",
+       Stat. Sci. 11 (1996).
     """
     at = share * intervals
     cell = min(max(int(at), 0), intervals - 1)
     u = at - cell
     r = 1.0 - u
+    level = 0.0
+    for k in range(cell + 1):
+        level += differences[first + k]
     i = first + cell
-    return float(
-        (
-            r * r * r * coefficients[i]
-            + (3.0 * u * u * u - 6.0 * u * u + 4.0) * coefficients[i + 1]
-            + (3.0 * r * r * r - 6.0 * r * r + 4.0) * coefficients[i + 2]
-            + u * u * u * coefficients[i + 3]
-        )
-        / 6.0
-    )
+    one = differences[i + 1]
+    two = one + differences[i + 2]
+    three = two + differences[i + 3]
+    bent = (3.0 * u * u * u - 6.0 * u * u + 4.0) * one
+    bent += (3.0 * r * r * r - 6.0 * r * r + 4.0) * two
+    bent += u * u * u * three
+    return float(level + bent / 6.0)
 
 
 @compiled
@@ -105,7 +112,7 @@ def curve(
         Array with the coefficients, and the index of the first one: of `FINE` intervals for the
         elongation, of `SPEED` for its rate.
     """
-    intervals = 10 if first == 11 else 8
+    intervals = 10 if first == 10 else 8
     held = min(max(value, low), high)
     at_edge = spline(warped(held, low, high, centre, dense), intervals, p, first)
     if held == value:
@@ -131,8 +138,8 @@ def static(e: float, v: float, p: Any) -> float:
     at = warped(min(max(e, p[4]), p[5]), p[4], p[5], p[2], p[3])
     return float(
         p[9] * x
-        + p[10] * y
-        + curve(e, p[4], p[5], p[2], p[3], p, 11)
+        + p[23] * y
+        + curve(e, p[4], p[5], p[2], p[3], p, 10)
         + curve(v, -p[7], p[7], 0.0, p[6], p, 24)
         + spline(at, 5, p, 35) * s
         + spline(at, 5, p, 43) * y
@@ -163,15 +170,14 @@ def time_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 TERMS = (
-    ("linear", (("x_n", "x"), ("y_n", "y"))),
-    ("position", tuple((f"g{i + 1}_n", f"B{i + 1}(e)") for i in range(FINE + 3))),
-    ("speed", tuple((f"h{i + 1}_n", f"B{i + 1}(v)") for i in range(SPEED + 3))),
-    ("friction", tuple((f"mu{i + 1}_n", f"s B{i + 1}(e)") for i in range(COARSE + 3))),
-    ("damping", tuple((f"ga{i + 1}_n", f"y B{i + 1}(e)") for i in range(COARSE + 3))),
+    ("position", (("x_n", "x"), *((f"g{i + 1}_n", f"C{i + 1}(e)") for i in range(FINE + 3)))),
+    ("speed", (("y_n", "y"), *((f"h{i + 1}_n", f"C{i + 1}(v)") for i in range(SPEED + 3)))),
+    ("friction", tuple((f"mu{i + 1}_n", f"s C{i + 1}(e)") for i in range(COARSE + 3))),
+    ("damping", tuple((f"ga{i + 1}_n", f"y C{i + 1}(e)") for i in range(COARSE + 3))),
     ("side", (("q_n", "q"), ("qy_n", "q y"))),
 )
 """Groups of coefficients [N]: name of the group, names of its coefficients, and the term that
-each stands before."""
+each stands before; Ck is the sum of the B-splines from the k-th on."""
 MEMORY_TERMS = (
     ("path", (("w_n", "w"), ("xw_n", "x w"))),
     ("time", (("r_n", "r"), ("xr_n", "x r"))),

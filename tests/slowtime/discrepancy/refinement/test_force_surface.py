@@ -39,15 +39,19 @@ def outside(name, law, **values):
 
 
 def records(kind, effect, *, count=3, seconds=20.0, level=12.0):
-    """Records of one mass, the last of which is held out."""
+    """Records of one mass, the last of which, of less motion, is held out."""
     rng = np.random.default_rng(8)
     effects = () if effect is None else (effect.entry(),)
     known = KINDS if kind is None else {**KINDS, kind.name: kind}
     plant = Plant.of(dataclasses.replace(ONE, effects=effects), kinds=known)
     found = []
-    for _ in range(count):
+    for number in range(count):
         push = rng.standard_normal(int(seconds * RATE))
-        push = level * np.convolve(push, np.hanning(25) / 5, "same")[:, None]
+        push = (
+            level
+            * (0.8 if number == count - 1 else 1.0)
+            * np.convolve(push, np.hanning(25) / 5, "same")[:, None]
+        )
         clean = plant.simulate(plant.values, push, RATE)
         noise = NOISE * clean.std() * rng.standard_normal(clean.shape)
         found.append(Trial(inputs=push, outputs=clean + noise, rate_hz=RATE))
