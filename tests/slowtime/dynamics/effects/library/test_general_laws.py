@@ -1,4 +1,4 @@
-"""Laws that contain simple ones: their differential equations, and the laws that they become."""
+"""Laws that contain simple ones: their differential equations, and what they become."""
 
 import numpy as np
 import pytest
