@@ -40,6 +40,9 @@ class Parameter:
     natural
         Value that it has in the simplest form of the law, or "stiffness" for that of the
         element; None where no value is simpler than others.
+    spread
+        Name of the parameter that holds the standard deviation of its prior; nothing is known
+        about it where empty.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Parameter:
     fitted: bool = True
     choices: tuple[float, ...] = ()
     natural: float | Literal["stiffness"] | None = None
+    spread: str = ""
 
     def refuses(self, value: float) -> str | None:
         """Explain why a value is not allowed.

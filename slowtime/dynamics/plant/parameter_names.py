@@ -37,7 +37,7 @@ def names_of(
     """Every number of a description, in order: stiffness, damping, mass, effects.
 
     Where a description has no tolerance, nothing is claimed and the standard deviation is
-    infinite; so it is of the parameters of effects.
+    infinite; so it is of the parameters of effects, but for those with a spread of their own.
     """
     found: dict[Name, Entry] = {}
     angle = description.unit_of_coordinate == "rad"
@@ -78,9 +78,9 @@ def names_of(
             add("mass", beam.id, beam.mass_kg_per_m, "kg/m")
     for i, effect in enumerate(effects):
         kind = kinds[effect.kind]
-        for parameter, value in zip(
-            kind.parameters, kind.values(effect.parameters).tolist(), strict=True
-        ):
+        values = kind.values(effect.parameters).tolist()
+        known = dict(zip(kind.names, values, strict=True))
+        for parameter, value in zip(kind.parameters, values, strict=True):
             low, high = (
                 max(parameter.low, lowest(description, effect.place, kind)),
                 parameter.high,
@@ -88,7 +88,12 @@ def names_of(
             if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
                 low, high = sorted((value / FARTHEST, value * FARTHEST))
             found["effect", i, parameter.name] = Entry(
-                value, parameter.unit, math.inf, low, high, parameter.fitted
+                value,
+                parameter.unit,
+                known.get(parameter.spread, math.inf),
+                low,
+                high,
+                parameter.fitted,
             )
     return found
 

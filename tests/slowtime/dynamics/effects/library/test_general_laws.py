@@ -217,11 +217,3 @@ def test_every_general_law_names_laws_that_exist_and_share_its_place():
             assert KINDS[name].where == kind.where
         assert kind.name not in kind.contains
         assert kind.source
-
-
-def test_a_surface_is_constant_beyond_what_was_measured():
-    kind = KINDS["measured_force"]
-    scales = {"memory_m": 1e-3, "e0_m": 1e-3, "v0_m_per_s": 1e3}
-    found = force_along(kind, scales | {"x3_n": 5.0, "x2_n": 1.0}, SEEN)
-    x = np.clip(SEEN.e / 1e-3, -1, 1)
-    np.testing.assert_allclose(found, 5.0 * x**3 + x**2, atol=1e-12)
