@@ -9,6 +9,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.imposed_motion.records import force_record, is_imposed, rig_of
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor
 from tests.slowtime.discrepancy.imposed_motion.rigs import RATE, RIG, C, K
 
 
