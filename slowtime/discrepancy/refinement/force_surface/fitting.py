@@ -136,7 +136,7 @@ def _free_names(plant: Plant, found: Regression) -> tuple[Name, ...]:
     return tuple(
         name
         for name in prior_of(plant).names
-        if name[:2] != ("effect", number) or name[2] in found.coefficients
+        if name[:2] != ("effect", number) or name[-1] in found.coefficients
     )
 
 
