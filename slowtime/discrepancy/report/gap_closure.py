@@ -168,9 +168,9 @@ def describe_gap_closure(
         f"A force surface was measured at {closed.place} instead ({effect.kind}): with it the "
         f"augmented model closes {share:.0f} % of what the refitted one leaves. It was "
         f"measured from {own['low_m']:.2g} to {own['high_m']:.2g} {unit} and up to "
-        f"{own['high_m_per_s']:.2g} {unit}/s, with a standard deviation of {sds[0]:.2g} at "
-        f"rest and {sds[1]:.2g} at the edge (N, or N m); beyond that it goes straight on, "
-        "which no record shows."
+        f"{own['high_m_per_s']:.2g} {unit}/s, with a standard deviation of "
+        f"{sds[0]:.2g} at rest and {sds[1]:.2g} at the edge (N, or N m); beyond that "
+        "it goes straight on, which no record shows."
     )
     if not closed.finished:
         text += " Its fit was cut by the budget of work; --patience does not change that."

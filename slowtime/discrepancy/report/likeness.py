@@ -121,7 +121,11 @@ def _laws(
     place: Place, found: Hypothesis, kinds: Mapping[str, Kind]
 ) -> Iterator[tuple[Kind, Mapping[str, float]]]:
     """Laws at a place that hang on its motion alone."""
-    every = [one.effect for one in (*found.tried, *found.fitted, *found.nested)]
+    every = [
+        *(one.effect for one in found.tried),
+        *(one.effect for one in found.fitted),
+        *(one.effect for one in found.nested),
+    ]
     for effect in every:
         kind = kinds[effect.kind]
         is_force = isinstance(kind.action, Law | Friction | Hidden)

@@ -23,9 +23,8 @@ from .scales import blocks_of, fixed_scales
 KIND, WITH_MEMORY = "measured_force", "measured_force_with_memory"
 MAX_WORK = 1.5e9
 """[units of work] That the fit of a surface may cost, beside the budget of the search
-(`slowtime.dynamics.work`). Source: a decision: about a minute of the reference machine, as
-the derivatives of a law of some twenty coefficients, which are not counted, cost six times the
-steps that are."""
+(`slowtime.dynamics.work`). Source: a decision: about a minute, as derivatives of a law of some
+twenty coefficients, which are not counted, took nine times the counted steps in one profile."""
 HORIZONS = (0.05, 0.15, 0.4)
 """[share of each record] Fitted one after the other, before the whole. Source: judgement; from
 the regression on the recovered force, a free run keeps its phase for as long."""
@@ -136,7 +135,7 @@ def _free_names(plant: Plant, found: Regression) -> tuple[Name, ...]:
     return tuple(
         name
         for name in prior_of(plant).names
-        if name[:2] != ("effect", number) or name[2] in found.coefficients
+        if name[:2] != ("effect", number) or name[-1] in found.coefficients
     )
 
 

@@ -24,8 +24,8 @@ from slowtime.dynamics.effects.compilation import compiled
 from slowtime.dynamics.effects.kind import Kind, Law, Parameter
 
 FINE, COARSE, SPEED = 10, 5, 8
-"""[intervals] Of the splines g; mu and gamma; h. Source: measured on cases outside the list; a
-spring with a peak of five times its root mean square needs ten."""
+"""[intervals] Of the splines g; mu and gamma; h. Source: judgement; no
+study is recorded."""
 
 
 @compiled
