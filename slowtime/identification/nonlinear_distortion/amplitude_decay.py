@@ -290,13 +290,13 @@ def _fit(size: Values, terms: tuple[int, ...]) -> scipy.optimize.OptimizeResult:
         given = parameters * scale
         coefficients = np.zeros(3)
         coefficients[list(terms)] = given[1:]
-        return _followed(given[0], coefficients, len(size)) - size
+        return np.asarray(_followed(given[0], coefficients, len(size)) - size)
 
     found = scipy.optimize.least_squares(
         residual, start, bounds=(0.0, [np.inf] + [MAX_DECREMENT] * len(terms))
     )
     found.x = found.x * scale
-    found.jac = found.jac / scale
+    found.jac = np.asarray(found.jac) / scale
     return found
 
 

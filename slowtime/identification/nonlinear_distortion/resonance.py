@@ -69,8 +69,8 @@ def fit_resonance(
     wide = frequency_hz[size > size[peak] / np.sqrt(2)]
     near = wide[np.abs(wide - centre) < 0.3 * centre]
     half = max(float(np.ptp(near)), 2 * float(np.median(np.diff(frequency_hz))))
-    band = np.abs(frequency_hz - centre) <= WIDTH * half
-    if band.sum() < MIN_LINES:
+    band = np.flatnonzero(np.abs(frequency_hz - centre) <= WIDTH * half)
+    if len(band) < MIN_LINES:
         band = np.argsort(np.abs(frequency_hz - centre))[:MIN_LINES]
     omega, seen = 2 * np.pi * frequency_hz[band], response[band]
     known = None if sd is None or not np.isfinite(sd[kept][band]).all() else sd[kept][band]
@@ -94,7 +94,8 @@ def fit_resonance(
     scale = float(found.cost * 2 / max(spare, 1))
     if known is not None:
         scale = max(scale, 0.5)
-    covariance = scale * np.linalg.pinv(found.jac.T @ found.jac)
+    slopes = np.asarray(found.jac)
+    covariance = scale * np.linalg.pinv(slopes.T @ slopes)
     errors = np.sqrt(np.diag(covariance))
     return Resonance(
         float(found.x[0]), float(errors[0]), float(abs(found.x[1])), float(errors[1])
