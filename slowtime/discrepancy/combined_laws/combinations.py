@@ -128,8 +128,9 @@ def _grown(
     none = Effect(law, parent.place, dict.fromkeys(kind.names, 0.0))
     start = found[0] if found else none if len(kind.names) == 1 else None
     best: FittedCandidate | None = None
-    for share in START_SHARES if start and kind.strength else ():
-        assert start is not None
+    if start is None or kind.strength is None:
+        return None
+    for share in START_SHARES:
         size = share * start.parameters[kind.strength]
         weak = dataclasses.replace(start, parameters={**start.parameters, kind.strength: size})
         named = fit_candidate(parent.last, weak, trials, kinds, parent.last.noise)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.discrepancy.diagnosis import Experiment
 from slowtime.dynamics.effects import Motion
@@ -107,7 +108,7 @@ def _triangle(motion: Motion, factor: float) -> Motion:
     return Motion(e=reach * (1 - 4 * way), v=v, a=np.zeros(SAMPLES), times=times)
 
 
-def _beyond_line(force: Series, motion: Motion) -> Series:
+def _beyond_line(force: Series, motion: Motion) -> Float[np.ndarray, " later"]:
     """Take off what a spring, a damper and a constant can follow; the first half settles."""
     later = slice(len(force) // 2, None)
     line = np.stack([motion.e, motion.v, np.ones(len(force))], axis=1)[later]

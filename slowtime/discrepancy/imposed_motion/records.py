@@ -175,7 +175,7 @@ def _integrated(
     """Integrate a motion by the trapezoidal rule, each time about its mean."""
     for _ in range(times):
         rate = rate - rate.mean()
-        rate = scipy.integrate.cumulative_trapezoid(rate, dx=1 / rate_hz, initial=0.0)
+        rate = np.asarray(scipy.integrate.cumulative_trapezoid(rate, dx=1 / rate_hz, initial=0))
     return np.asarray(rate - rate.mean())
 
 

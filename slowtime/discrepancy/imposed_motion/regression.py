@@ -435,7 +435,7 @@ class _LeastSquares:
                     self._residual,
                     inside,
                     bounds=(self.low, self.high),
-                    diff_step=DIFFERENCE_STEP,
+                    diff_step=np.full(len(inside), DIFFERENCE_STEP),
                     max_nfev=MAX_EVALUATIONS if level is None else VALIDATION_EVALUATIONS,
                 ).x
             left = self._left(values)[0][self.kept]

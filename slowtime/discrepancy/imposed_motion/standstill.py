@@ -62,7 +62,7 @@ def informative(motion: Motion) -> Bool[np.ndarray, " time"]:
 
 def _still(e: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
     """Mask the samples of a standstill, its whole window included."""
-    rising = np.count_nonzero(np.diff(np.sign(e - np.median(e))) > 0)
+    rising = int(np.count_nonzero(np.diff(np.sign(e - np.median(e))) > 0))
     window = max(int(STILL_PERIODS * len(e) / max(rising, 1)), MIN_STILL) | 1
     window = min(window, len(e) // 4 | 1)
     reach = scipy.ndimage.maximum_filter1d(e, window) - scipy.ndimage.minimum_filter1d(

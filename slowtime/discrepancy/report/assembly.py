@@ -343,8 +343,8 @@ def _answers(
     """Give effects, less sure where they are many, and faults that screening found."""
     assert found.localized is not None
     alike = bool(found.localized.groups[0].twins)
-    sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
-    sure = temper_unexplained(sure, found)
+    several = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
+    sure = temper_unexplained(several, found)
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     return _once([*sure, *faults])
 

@@ -45,7 +45,7 @@ def law_probability(found: Hypothesis) -> float:
     last = found.last
     if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
         return 1.0
-    return min(closed_share(found) / CLOSED_SHARE, 1.0) ** POWER
+    return float(min(closed_share(found) / CLOSED_SHARE, 1.0) ** POWER)
 
 
 def temper_unexplained(

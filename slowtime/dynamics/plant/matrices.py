@@ -186,7 +186,7 @@ class Matrices:
         return found
 
     def _measure(
-        self, whole: Triple, values: Mapping[Name, float], inner: Mapping[int, Triple]
+        self, whole: Triple, values: Mapping[Name, float], inner: Mapping[int, np.ndarray]
     ) -> None:
         """Write the rows of the force sensors, in place.
 
@@ -195,7 +195,7 @@ class Matrices:
         values
             Of the constants whose share is wanted.
         inner
-            By number of a hidden effect: the forces in its own coordinates.
+            By number of a hidden effect: the forces in its own coordinates (3, own, own).
         """
         first = whole.shape[1] - len(self.gauges)
         for k, gauge in enumerate(self.gauges):

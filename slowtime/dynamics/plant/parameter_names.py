@@ -71,8 +71,9 @@ def names_of(
             add("mass", node.id, node.mass_kg)
             if node.id in description.moved and node.id not in felt:
                 # Its motion is imposed, and nothing measured depends on its mass.
-                known = dataclasses.replace(found["mass", node.id], sd=0.0, fitted=False)
-                found["mass", node.id] = known
+                found["mass", node.id] = dataclasses.replace(
+                    found["mass", node.id], sd=0.0, fitted=False
+                )
     for beam in beams:
         if beam.mass_kg_per_m:
             add("mass", beam.id, beam.mass_kg_per_m, "kg/m")

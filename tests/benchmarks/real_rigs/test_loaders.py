@@ -1,5 +1,7 @@
 """Loaders: facts of made inputs, and every real set where its files are."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -29,7 +31,7 @@ def test_pulse_responses_are_those_that_the_structure_gives():
     lines = np.arange(1, 4097) / 32
     s = 2j * np.pi * lines[:, None, None]
     flexibility = np.linalg.inv(s**2 * MASS + s * DAMPING + STIFFNESS)
-    response = (s**2 * flexibility)[:, :, 1]
+    response: Any = (s**2 * flexibility)[:, :, 1]
     piece = pulse_response(lines, response, 1)
     assert len(piece) == FRAME_S * piece.rate_hz
     assert not piece.channels["f1"].any()
@@ -76,7 +78,7 @@ def test_pieces_have_the_channels_of_their_model_and_share_nothing(one, data):
     except OSError as error:
         pytest.skip(f"{error.filename} is not there; set SLOWTIME_DATA to where it is")
     model = read_description(one.model)
-    wanted = {channel.channel for channel in (*model.inputs, *model.sensors)}
+    wanted = {one.channel for one in model.inputs} | {one.channel for one in model.sensors}
     assert pieces.learn
     assert pieces.judge
     for piece in (*pieces.learn, *pieces.judge):

@@ -128,13 +128,17 @@ def test_a_diagnosis_by_spectra_alone_is_no_right_answer():
 
 def test_every_contestant_has_its_error_time_and_words(emps, folder):
     outcome = outcome_of(emps, folder)
+    assert outcome is not None
     found = {row.name: (row.error, row.cpu_s) for row in outcome.rows}
     assert found["model as written"] == (pytest.approx(0.5, rel=0.01), None)
     assert found["model refitted"] == (pytest.approx(0.3, rel=0.01), None)
     assert found["slowtime"] == (pytest.approx(0.04, rel=0.01), 12.0)
     assert found["PySINDy"] == (pytest.approx(0.02, rel=0.01), 12.0)
-    assert outcome.row("slowtime").readable == "yes: coulomb, input_bias"
-    assert outcome.row("jax-sysid").readable.startswith("no: ")
+    ours, matrices = outcome.row("slowtime"), outcome.row("jax-sysid")
+    assert ours is not None
+    assert matrices is not None
+    assert ours.readable == "yes: coulomb, input_bias"
+    assert matrices.readable.startswith("no: ")
     assert outcome.behind == "PySINDy"
 
 
@@ -164,8 +168,11 @@ def test_a_contestant_that_failed_is_told_with_its_last_words(emps, tmp_path):
     write_result(folder, "slowtime", {}, exit_=2)
     write_result(folder, "pysindy", {"augmented": 0.1})
     outcome = outcome_of(emps, folder)
+    assert outcome is not None
     assert outcome.verdict == "failed"
-    assert "ValueError: no" in outcome.row("slowtime").readable
+    ours = outcome.row("slowtime")
+    assert ours is not None
+    assert "ValueError: no" in ours.readable
     text = page_text([outcome], {}, "pictures")
     assert "| – | – | – | **10 %** | – | – | failed |" in text
 

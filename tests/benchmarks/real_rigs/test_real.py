@@ -32,5 +32,9 @@ def test_the_known_answer_is_found_and_foretells_what_was_held_out(
     outcome = outcome_of(one, folder)
     assert outcome is not None
     assert outcome.verdict in RIGHT, outcome.sentence
-    error = outcome.row("slowtime").error
-    assert error <= at_most < outcome.row("model refitted").error
+    found, refitted = outcome.row("slowtime"), outcome.row("model refitted")
+    assert found is not None
+    assert found.error is not None
+    assert refitted is not None
+    assert refitted.error is not None
+    assert found.error <= at_most < refitted.error

@@ -7,6 +7,7 @@ import pytest
 import scipy.signal as sps
 
 from slowtime.dynamics.builders import beam, chain
+from slowtime.dynamics.channels.declarations import Quantity
 from slowtime.dynamics.description import (
     DescriptionError,
     Input,
@@ -20,15 +21,16 @@ from slowtime_services.models import model_text, run_model
 from slowtime_services.models.model_reader import parse_model
 
 RATE = 100.0
+QUANTITIES: tuple[tuple[Quantity, str], ...] = (
+    ("displacement", "m"),
+    ("velocity", "m/s"),
+    ("acceleration", "m/s^2"),
+)
 PAIR = dataclasses.replace(
     chain([2.0, 1.0], [300.0, 200.0], dampings_n_s_per_m=[3.0, 0.5]),
     sensors=tuple(
         Sensor(channel=f"{quantity[0]}{node}", quantity=quantity, node=node, unit=unit)
-        for quantity, unit in (
-            ("displacement", "m"),
-            ("velocity", "m/s"),
-            ("acceleration", "m/s^2"),
-        )
+        for quantity, unit in QUANTITIES
         for node in ("m1", "m2")
     ),
     initial=(

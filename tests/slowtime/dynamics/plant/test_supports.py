@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from slowtime.dynamics.channels.declarations import InputKind, Quantity
 from slowtime.dynamics.description import (
     BASE,
     Description,
@@ -62,10 +63,14 @@ def pair(*effects, first="left", last="right", **changes):
 
 
 def imposed(node, quantity="displacement", **changes):
-    units = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+    kinds: dict[str, tuple[InputKind, str]] = {
+        "displacement": ("imposed_displacement", "m"),
+        "velocity": ("imposed_velocity", "m/s"),
+        "acceleration": ("imposed_acceleration", "m/s^2"),
+    }
+    kind, unit = kinds[quantity]
     return Input(
-        channel=f"{quantity} of {node}", kind=f"imposed_{quantity}", node=node,
-        unit=units[quantity], **changes,
+        channel=f"{quantity} of {node}", kind=kind, node=node, unit=unit, **changes,
     )  # fmt: skip
 
 
@@ -100,12 +105,13 @@ def test_a_base_may_be_moved_by_displacement_velocity_or_acceleration():
     moved = rested(2)
     velocity = make_interp_spline(T, moved, k=7).derivative()(T)
     acceleration = make_interp_spline(T, moved, k=7).derivative(2)(T)
-    seen = []
-    for kind, unit, series in (
+    drives: tuple[tuple[InputKind, str, np.ndarray], ...] = (
         ("base_displacement", "m", moved),
         ("base_velocity", "m/s", velocity),
         ("base_acceleration", "m/s^2", acceleration),
-    ):
+    )
+    seen = []
+    for kind, unit, series in drives:
         rig = pair(
             first=BASE, last=BASE, inputs=(Input(channel="b", kind=kind, unit=unit),),
             sensors=motion_of("m1", "m2", frame="relative_to_base"),
@@ -198,9 +204,10 @@ def test_reactions_balance_inertia_and_are_the_forces_of_the_end_elements(effect
 def test_supports_do_the_work_that_is_stored_and_lost():
     """Energy balance of a linear pair: integral of reaction times velocity."""
     ends = ("left", "right", "m1", "m2")
+    quantities: tuple[tuple[Quantity, str], ...] = (("displacement", "m"), ("velocity", "m/s"))
     moving = tuple(
         Sensor(channel=f"{q} {n}", quantity=q, node=n, unit=unit)
-        for q, unit in (("displacement", "m"), ("velocity", "m/s"))
+        for q, unit in quantities
         for n in ends
     )
     rig = pair(inputs=(imposed("left"), imposed("right")), sensors=(*FORCES[2:4], *moving))

@@ -104,12 +104,12 @@ def test_the_noise_is_the_known_one_within_its_chi2_interval():
     known = noise**2 / N / periods / realisations / inputs**2
     ratio = found.noise_sd**2 / known
     freedom = 2 * (periods - 1) * realisations * len(ODD)
-    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], freedom) / freedom
+    low, high = scipy.stats.chi2.ppf(np.array([0.0005, 0.9995]), freedom) / freedom
     assert low < ratio.mean() < high
     # Without distortion, realisations scatter as the noise of each says.
     share = (found.total_sd**2 / found.noise_sd**2).mean()
     freedom = 2 * (realisations - 1) * len(ODD)
-    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], freedom) / freedom
+    low, high = scipy.stats.chi2.ppf(np.array([0.0005, 0.9995]), freedom) / freedom
     assert 0.9 * low < share < 1.1 * high
 
 

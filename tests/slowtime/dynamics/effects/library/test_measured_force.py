@@ -122,7 +122,7 @@ def test_a_model_file_keeps_a_surface_and_the_simulator_runs_it(effect, tmp_path
     again = read_description(tmp_path / "model.yaml")
     push = np.random.default_rng(4).standard_normal((300, 1))
     runs = [(p := Plant.of(d)).simulate(p.values, push, 200.0) for d in (model, again)]
-    np.testing.assert_array_equal(*runs)
+    np.testing.assert_array_equal(runs[0], runs[1])
     bare = Plant.of(dataclasses.replace(model, effects=()))
     assert np.std(runs[0] - bare.simulate(bare.values, push, 200.0)) > 0.01 * np.std(runs[0])
 
