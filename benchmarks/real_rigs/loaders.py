@@ -5,6 +5,7 @@ file: which column is which channel, factors to SI units, where a decay begins.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -216,7 +217,7 @@ def tower(data: Path) -> Pieces:
     return Pieces((piece("wn_01.dat"),), (piece("wn_02.dat"),))
 
 
-def pulse_response(frequency_hz: Array, response: Array, place: int) -> Piece:
+def pulse_response(frequency_hz: Array, response: Any, place: int) -> Piece:
     """Return what a band-limited pulse on one floor does, by the inverse FFT of its FRFs.
 
     Parameters

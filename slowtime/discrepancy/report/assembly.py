@@ -66,6 +66,9 @@ stand. Source: judgement; no study is recorded."""
 NOISE_ERROR_RATIO = 1.01
 """[1] Of the error on a held-out record to that of noise alone, up to which the record is
 explained. Source: judgement; no study is recorded."""
+MIN_LAW_PROBABILITY = 0.5
+"""[probability] Of laws compared in all combinations, below which the effect is unknown.
+Source: even odds."""
 MAX_CONSTANT_RATIO = 3.0
 """[1] Of a fitted mass or stiffness to the stated one, either way, beyond which the model is
 another structure's. Source: judgement; drawings are off by tens of per cent."""
@@ -325,6 +328,9 @@ def _near_unknown(found: Hypothesis) -> Hypothesis:
 
 def _is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
     """Whether something is missing that is none of the effects known here."""
+    if found.combined and found.effects:
+        # Sets of simple laws are right or wrong by what they leave, however exact the sensor.
+        return law_probability(found) < MIN_LAW_PROBABILITY
     if found.refuted_at is not None or found.link is not None:
         return True
     # Which of two it is matters once one of them could be right.

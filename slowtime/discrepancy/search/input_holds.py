@@ -38,6 +38,8 @@ def search_with_holds(
     stated = how.stated
     assert stated is not None
     first = _fit_as_given(campaign, trials, how)
+    if how.decays:  # nothing acts between samples either
+        return campaign, search(first, trials, dataclasses.replace(how, stated=None))
     monitor("looking at what inputs do between samples", 0.08)
     holds = found_holds(first, trials, kinds)
     if holds is not None:
@@ -73,7 +75,7 @@ def with_best_holds(
 
     What is left is noise under either; parameters are not the same.
     """
-    settled = found.final or found.holds is not None or not found.effects
+    settled = how.decays or found.final or found.holds is not None or not found.effects
     if settled or not found.fits_whole_records:
         return campaign, found
     holds = held_better(found.last, found.trials, how.kinds, stated)

@@ -78,7 +78,7 @@ def test_pieces_have_the_channels_of_their_model_and_share_nothing(one, data):
     except OSError as error:
         pytest.skip(f"{error.filename} is not there; set SLOWTIME_DATA to where it is")
     model = read_description(one.model)
-    wanted = {one.channel for one in model.inputs} | {one.channel for one in model.sensors}
+    wanted = {each.channel for each in model.inputs} | {each.channel for each in model.sensors}
     assert pieces.learn
     assert pieces.judge
     for piece in (*pieces.learn, *pieces.judge):

@@ -1,6 +1,7 @@
 """Scores and the page, from results that are made."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_a_diagnosis_by_spectra_alone_is_no_right_answer():
 def test_every_contestant_has_its_error_time_and_words(emps, folder):
     outcome = outcome_of(emps, folder)
     assert outcome is not None
-    found = {row.name: (row.error, row.cpu_s) for row in outcome.rows}
+    found: dict[str, Any] = {row.name: (row.error, row.cpu_s) for row in outcome.rows}
     assert found["model as written"] == (pytest.approx(0.5, rel=0.01), None)
     assert found["model refitted"] == (pytest.approx(0.3, rel=0.01), None)
     assert found["slowtime"] == (pytest.approx(0.04, rel=0.01), 12.0)

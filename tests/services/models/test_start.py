@@ -7,7 +7,6 @@ import pytest
 import scipy.signal as sps
 
 from slowtime.dynamics.builders import beam, chain
-from slowtime.dynamics.channels.declarations import Quantity
 from slowtime.dynamics.description import (
     DescriptionError,
     Input,
@@ -17,6 +16,7 @@ from slowtime.dynamics.description import (
     assemble,
 )
 from slowtime.dynamics.structure import state_matrix
+from slowtime.dynamics.units import Quantity
 from slowtime_services.models import model_text, run_model
 from slowtime_services.models.model_reader import parse_model
 

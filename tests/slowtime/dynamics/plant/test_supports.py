@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from slowtime.dynamics.channels.declarations import InputKind, Quantity
+from slowtime.dynamics.channels import InputKind
 from slowtime.dynamics.description import (
     BASE,
     Description,
@@ -21,6 +21,7 @@ from slowtime.dynamics.description import (
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.plant.imposed import driven_by
 from slowtime.dynamics.plant.sensing import base_of
+from slowtime.dynamics.units import Quantity
 
 RATE = 200.0
 T = np.arange(800) / RATE
