@@ -32,13 +32,16 @@ FOLDS = 4
 a cycle or more, and the last one is the split in time."""
 SHORTLIST = 8
 """[laws] That are cross-validated, of those fitted. Source: judgement."""
-ALONE, PAIRED = 14, 5
-"""[laws] That are fitted, alone and beside another: those which, unfitted, leave least. Source:
-judgement."""
+ALONE = 14
+"""[laws] That are fitted alone: those which, unfitted, leave least. Source: judgement."""
+PAIRED = 5
+"""[laws] That are fitted beside another, likewise. Source: judgement."""
 FIRST = 2
 """[laws] Of different groups that others are fitted beside. Source: judgement."""
-STARTS, PAIRED_STARTS = 2, 1
-"""[shapes] From which a law is fitted, alone and beside another. Source: judgement."""
+STARTS = 2
+"""[shapes] From which a law is fitted alone. Source: judgement."""
+PAIRED_STARTS = 1
+"""[shapes] From which a law is fitted beside another. Source: judgement."""
 MIN_GAIN = 0.1
 """[share of the root mean square] By which a law has to reduce what is left. Source: a
 decision: less is within what differentiated motion and a drifting transducer leave."""

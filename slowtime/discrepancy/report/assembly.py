@@ -178,12 +178,99 @@ def report(
     monitor
         Of the budget; where given, and the effect is unknown, a force surface closes the gap.
     """
-    given, last = campaign.description, found.last
+    given = campaign.description
     evaluation = _evaluate(campaign, trials, found, kinds)
-    nominal, steps = evaluation.nominal, evaluation.steps
-    found = _doubted(found, evaluation, kinds)
-    located = found.localized
+    judged = _judge(given, found, evaluation, findings, kinds)
+    found, verdict, sentence = judged.found, judged.verdict, judged.sentence
+    last, located = found.last, found.localized
     assert located is not None
+    kept = _kept_model(judged, evaluation, trials, kinds, monitor)
+    doubted = bool(found.pair) and not judged.unknown
+    experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
+    if experiment is not None:
+        sentence += f" What would decide: {experiment.sentence}"
+    white_p_value = chi2_p_value(last)
+    named = found.effects or judged.unknown
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence + _closing(kept.result, evaluation),
+        effects=judged.answers,
+        undecided=found.undecided if verdict == "undecided" else (),
+        experiment=experiment,
+        nothing_probability=_nothing(found, located),
+        moved={} if kept.useless else moved_of(last) | renumbered(last, given),
+        where=_suspects(located),
+        when=_when(located) if found.effects else When((), (), ""),
+        findings=findings,
+        gap=_gap(found, evaluation, kept.result, kept.closed),
+        chi2_per_datum=last.chi2_per_datum,
+        residual_white=white_p_value > LIMITS.white_p_value,
+        white_p_value=white_p_value,
+        nominal=given,
+        refitted=_described(found.first),
+        augmented=given if kept.useless else saying_holds(_described(kept.fit)),
+        traces=traces_of(
+            evaluation.tests, evaluation.nominal.runs, evaluation.steps[0].runs,
+            kept.result.runs,
+        ),
+        spectra=spectra_of(
+            evaluation.tests, evaluation.steps[0].runs, kept.result.runs, evaluation.noise
+        ),
+        surface=_surface(found, kinds, unknown=judged.unknown) if named else None,
+        notes=_notes(given, judged, kept, evaluation, kinds),
+    )  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Judgement:
+    """What a hypothesis says, after what was not fitted has been looked at.
+
+    Parameters
+    ----------
+    found
+        The hypothesis, with the doubts that arose.
+    unknown
+        Whether something is missing that is none of the effects known here.
+    answers
+        Effects and faults of sensors, each with its probability.
+    """
+
+    found: Hypothesis
+    unknown: bool
+    answers: tuple[NamedEffect, ...]
+    verdict: Verdict
+    sentence: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class KeptModel:
+    """The model that is adopted, and its free run on what was not fitted.
+
+    Parameters
+    ----------
+    closed
+        A force surface that closes the gap, where the effect is unknown and one does.
+    why_open
+        Why none does.
+    useless
+        Whether the model as given does better than the fitted one, and is kept.
+    """
+
+    fit: Fit
+    result: FreeRunResult
+    closed: ClosedGap | None
+    why_open: str | None
+    useless: bool
+
+
+def _judge(
+    given: Description,
+    found: Hypothesis,
+    evaluation: Evaluation,
+    findings: Sequence[Finding],
+    kinds: Mapping[str, Kind],
+) -> Judgement:
+    found = _doubted(found, evaluation, kinds)
     unknown = _is_unknown(found, evaluation, kinds)
     found = found if unknown else _near_unknown(found)
     answers = _answers(given, found, () if unknown else found.effects, findings, kinds)
@@ -191,60 +278,58 @@ def report(
     verdict, sentence = _verdict_and_sentence(
         given, found, answers, nearest, kinds, unknown=unknown
     )
+    return Judgement(
+        found=found, unknown=unknown, answers=tuple(answers), verdict=verdict,
+        sentence=sentence,
+    )  # fmt: skip
+
+
+def _kept_model(
+    judged: Judgement,
+    evaluation: Evaluation,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    monitor: Monitor | None,
+) -> KeptModel:
+    """Close the gap by a force surface where the effect is unknown, or keep what there is."""
+    found, unknown = judged.found, judged.unknown
     # Constants that were bent to make up for what has no name are no better a model.
     useless = unknown and evaluation.last_is_worse
-    kept = nominal if useless else steps[-1]
+    result = evaluation.nominal if useless else evaluation.steps[-1]
     closed = (
-        _closed(found, trials, evaluation, kept, kinds, monitor)
+        _closed(found, trials, evaluation, result, kinds, monitor)
         if unknown and monitor
         else None
     )
-    not_closed = closed if isinstance(closed, str) else None
-    closed = closed if isinstance(closed, ClosedGap) else None
-    if closed is not None:
-        kept, useless = closed.result, False
-    augmented = last if closed is None else closed.fit
-    experiment = (
-        propose_experiment(found.pair, trials, kinds) if found.pair and not unknown else None
+    if isinstance(closed, ClosedGap):
+        return KeptModel(
+            fit=closed.fit, result=closed.result, closed=closed, why_open=None, useless=False
+        )
+    return KeptModel(
+        fit=found.last, result=result, closed=None, why_open=closed, useless=useless
     )
-    if experiment is not None:
-        sentence += f" What would decide: {experiment.sentence}"
-    white_p_value = chi2_p_value(last)
-    return Diagnosis(
-        verdict=verdict,
-        sentence=sentence + _closing(kept, evaluation),
-        effects=tuple(answers),
-        undecided=found.undecided if verdict == "undecided" else (),
-        experiment=experiment,
-        nothing_probability=_nothing(found, located),
-        moved={} if useless else moved_of(last) | renumbered(last, given),
-        where=_suspects(located),
-        when=_when(located) if found.effects else When((), (), ""),
-        findings=findings,
-        gap=_gap(found, evaluation, kept, closed),
-        chi2_per_datum=last.chi2_per_datum,
-        residual_white=white_p_value > LIMITS.white_p_value,
-        white_p_value=white_p_value,
-        nominal=given,
-        refitted=_described(found.first),
-        augmented=given if useless else saying_holds(_described(augmented)),
-        traces=traces_of(evaluation.tests, nominal.runs, steps[0].runs, kept.runs),
-        spectra=spectra_of(evaluation.tests, steps[0].runs, kept.runs, evaluation.noise),
-        surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
-        notes=(
-            *_notes_on_records(given, evaluation, useless=useless),
-            *((HURRIED,) if found.exhausted else ()),
-            *_notes_on_effects(found, evaluation, kinds, unknown=unknown),
-            *(
-                (describe_gap_closure(closed, evaluation.errors[0], found, kinds),)
-                if closed is not None
-                else ()
-            ),
-            *((not_closed,) if not_closed is not None else ()),
-            *(_far(last) if verdict == "nothing_missing" else ()),
-            *_note_on_noise(found, evaluation, kinds, unknown=unknown),
-        ),
-    )
+
+
+def _notes(
+    given: Description,
+    judged: Judgement,
+    kept: KeptModel,
+    evaluation: Evaluation,
+    kinds: Mapping[str, Kind],
+) -> tuple[str, ...]:
+    """Collect what limits the diagnosis."""
+    found, unknown = judged.found, judged.unknown
+    notes = [*_notes_on_records(given, evaluation, useless=kept.useless)]
+    if found.exhausted:
+        notes.append(HURRIED)
+    notes += _notes_on_effects(found, evaluation, kinds, unknown=unknown)
+    if kept.closed is not None:
+        notes.append(describe_gap_closure(kept.closed, evaluation.errors[0], found, kinds))
+    if kept.why_open is not None:
+        notes.append(kept.why_open)
+    if judged.verdict == "nothing_missing":
+        notes += _far(found.last)
+    return (*notes, *_note_on_noise(found, evaluation, kinds, unknown=unknown))
 
 
 def _closed(
