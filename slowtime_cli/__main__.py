@@ -108,7 +108,7 @@ VERBS = {
     ),
     "effects": Verb(
         "models.effects:effects",
-        "List the effects that diagnose may name and a model file may hold.",
+        "List the effects that a model may lack or hold.",
     ),
     "distortion": Verb(
         "records.distortion:distortion",

@@ -49,8 +49,11 @@ def refuse_nonsense(
         Saying which channel, by how much, and what it looks like.
     """
     model = campaign.description
-    if campaign.ambient or is_imposed(model, campaign.trials):
-        return  # of imposed motion, force and motion are compared directly
+    if campaign.ambient:
+        return
+    imposed = is_imposed(model, campaign.trials)
+    if imposed and all(entry.kind.startswith("imposed_") for entry in model.inputs):
+        return  # force and motion are compared directly, at any rate
     plant = Plant.of(model, kinds=kinds)
     for trial, name in zip(campaign.trials, names, strict=True):
         if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:
@@ -63,7 +66,8 @@ def refuse_nonsense(
                 f"Remove the input from the model if it was not measured. {ANYWAY}"
             )
         _refuse_slow(model, trial, name)
-        _refuse_sizes(model, trial, plant, name)
+        if not imposed:
+            _refuse_sizes(model, trial, plant, name)
     refuse_swaps(campaign, plant, " and ".join(dict.fromkeys(names)), ANYWAY)
 
 

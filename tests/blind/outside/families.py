@@ -45,6 +45,7 @@ FAMILIES: dict[str, str] = {
     "harmonic_force": "tonal input",
     "base_motion": "random input",
     "measured_force": "measured force",
+    "measured_force_with_memory": "measured force",
     "input_gain": "input",
     "input_delay": "input",
     "input_bias": "input",
