@@ -115,7 +115,7 @@ def curve(
     intervals = 10 if first == 10 else 8
     held = min(max(value, low), high)
     at_edge = spline(warped(held, low, high, centre, dense), intervals, p, first)
-    if held == value:
+    if held == value or high <= low:
         return float(at_edge)
     back = math.copysign(0.2 * (high - low) / 2.0, value - held)
     inside = spline(warped(held - back, low, high, centre, dense), intervals, p, first)
