@@ -73,11 +73,16 @@ def _meaning(parameter: Parameter) -> str:
 def _markdown(known: Mapping[str, Kind]) -> Iterator[str]:
     yield "# Effects"
     yield ""
-    yield "What `slowtime diagnose` may name, and what a model file may hold under `effects:`."
-    yield "`slowtime effects` lists them, `slowtime effects NAME` describes one; you may add"
-    yield "[effects of your own](tutorials/own_effect.md). e is the elongation of an element, v"
-    yield "its rate, z an internal state, t the campaign time."
+    yield "`slowtime diagnose` may name these effects, and a model file may hold them under"
+    yield "`effects:`. `slowtime effects` lists them, `slowtime effects NAME` describes one;"
+    yield "you may add [effects of your own](tutorials/own_effect.md)."
     yield "This page is written by `slowtime effects --markdown`."
+    yield ""
+    yield "Symbols: e is the elongation of an element (of a node, its displacement), v its"
+    yield "rate, z and w are internal states, a dot is a rate of change, (…)₊ is the positive"
+    yield "part, and t is the campaign time, on the clock that all records of a diagnosis"
+    yield "share. Other symbols stand for the parameters listed. On a rotation read rad for m,"
+    yield "and N m for N."
     for where, kinds in _by_place(known):
         yield from ("", f"## At {_article(where)}")
         for kind in kinds:

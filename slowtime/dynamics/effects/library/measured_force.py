@@ -1,4 +1,4 @@
-r"""Force surfaces that were estimated from records, where no law with a name explains them.
+r"""Force surfaces estimated from records, for forces that no law of the catalogue explains.
 
 With the position :math:`x = e/e_1` and the speed :math:`y = v/v_1` over the largest that were
 measured, a direction :math:`s = \tanh(v/v_s)` and a side
@@ -11,9 +11,9 @@ measured, a direction :math:`s = \tanh(v/v_s)` and a side
 where :math:`g, h, \mu, \gamma` are cubic B-splines with equal intervals of the warped position
 :math:`W((e - e_c)/e_d)` or speed :math:`W(v/v_d)`, with
 :math:`W(z) = \operatorname{sgn}(z)\,(\sqrt{1 + 2|z|} - 1)`, so that knots are dense where the
-motion dwells. Beyond the measured range :math:`g` and :math:`h` go straight on, while
-:math:`\mu` and :math:`\gamma` keep their values. :math:`w` forgets over a path,
-:math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` over a time,
+motion dwells. Beyond the measured range :math:`g` and :math:`h` continue as straight lines,
+while :math:`\mu` and :math:`\gamma` keep their values. The state :math:`w` is a memory of the
+path, :math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` one of the past motion in time,
 :math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`.
 """
 
@@ -98,9 +98,9 @@ def warped(value: float, low: float, high: float, centre: float, dense: float) -
 def curve(
     value: float, low: float, high: float, centre: float, dense: float, p: Any, first: int
 ) -> float:
-    """Evaluate a spline over the warped range, and straight on beyond it.
+    """Evaluate a spline over the warped range, continued as a straight line beyond it.
 
-    The slope beyond an edge is the mean slope over the last `EDGE` of the half range.
+    The slope beyond an edge is the mean slope over the outer fifth of the half range.
 
     Parameters
     ----------
@@ -205,28 +205,33 @@ def _coefficients(groups: tuple[Any, ...]) -> tuple[Parameter, ...]:
 
 
 SCALES = (
-    _scale("vs_m_per_s", "m/s", "speed at which the direction has changed"),
-    _scale("eq_m", "m", "elongation at which the side has changed"),
-    _chosen("centre_m", "m", "elongation about which knots are dense"),
-    _scale("dense_m", "m", "distance from there up to which knots are dense"),
+    _scale("vs_m_per_s", "m/s", "speed scale vs of the direction s"),
+    _scale("eq_m", "m", "elongation scale eq of the side q"),
+    _chosen("centre_m", "m", "elongation about which spline knots are dense"),
+    _scale("dense_m", "m", "distance from centre_m within which knots are dense"),
     _chosen("low_m", "m", "least elongation that was measured"),
     _chosen("high_m", "m", "largest elongation that was measured"),
-    _scale("dense_m_per_s", "m/s", "rate up to which knots are dense"),
+    _scale("dense_m_per_s", "m/s", "rate within which knots are dense"),
     _scale("high_m_per_s", "m/s", "largest rate that was measured"),
     _scale("spread_n", "N", "standard deviation of the prior of a coefficient"),
 )
 """Numbers of a surface that are chosen, not fitted."""
 MEMORY_SCALES = (
-    _scale("path_m", "m", "path over which memory fades"),
-    _scale("lag_s", "s", "time over which memory fades"),
+    _scale("path_m", "m", "path over which the memory w fades"),
+    _scale("lag_s", "s", "time over which the memory r fades"),
     Parameter(
-        name="lag_of", unit="", meaning="what fades: 0 the speed, 1 its direction",
+        name="lag_of", unit="", meaning="what r remembers: 0 the speed y, 1 the direction s",
         choices=(0.0, 1.0), fitted=False,
     ),
 )  # fmt: skip
 """The same of memory."""
 _STATIC = (*SCALES, *_coefficients(TERMS))
 _SOURCE = "restoring-force surfaces: Masri and Caughey 1979; B-splines: de Boor 2001"
+_SUM = "sum of coefficients times x, C(e), y, C(v), s C(e), y C(e), q and q y"
+_SYMBOLS = (
+    "x and y are e and v over their largest measured sizes, s = tanh(v/vs), q = tanh(e/eq), "
+    "Ck the sum of the cubic B-splines from the k-th on"
+)
 
 KINDS = (
     Kind(
@@ -235,10 +240,9 @@ KINDS = (
         family="measured force",
         where="element",
         parameters=_STATIC,
-        equation="cubic B-splines over e and v, with direction and side; straight on beyond "
-        "the measured range",
+        equation=f"{_SUM}; {_SYMBOLS}",
         source=_SOURCE,
-        sentence="The force as these records show it, without a law that has a name.",
+        sentence="The force as estimated from the records, where no law of the catalogue fits.",
         action=Law(force=surface),
         is_surface=True,
     ),
@@ -248,11 +252,11 @@ KINDS = (
         family="measured force",
         where="element",
         parameters=(*_STATIC, *MEMORY_SCALES, *_coefficients(MEMORY_TERMS)),
-        equation="cubic B-splines over e and v, with direction, side, and a memory of path and "
-        "of time; straight on beyond the measured range",
+        equation=f"{_SUM}, w, x w, r and x r; {_SYMBOLS}; ẇ = (v − |v| w)/path, "
+        "ṙ = (y − r)/lag or (s − r)/lag",
         source=f"{_SOURCE}; memory: Dahl 1968, Maxwell 1867",
-        sentence="The force as these records show it, which remembers, without a law that has "
-        "a name.",
+        sentence="The force as estimated from the records, which depends on past motion, where "
+        "no law of the catalogue fits.",
         action=Law(force=surface_with_memory, rates=(path_memory, time_memory)),
         is_surface=True,
     ),
