@@ -108,7 +108,7 @@ VERBS = {
     ),
     "effects": Verb(
         "models.effects:effects",
-        "List the effects that a model may lack or hold.",
+        "List the effects that a model may contain and that a diagnosis may find.",
     ),
     "distortion": Verb(
         "records.distortion:distortion",

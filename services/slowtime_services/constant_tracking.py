@@ -170,7 +170,7 @@ def track(
 
 
 TRACKED_INPUTS = ("force", "base_acceleration")
-"""Kinds of input that constants are tracked under."""
+"""Kinds of input under which constants can be tracked."""
 
 
 def accelerometers(description: Description) -> None:
@@ -190,8 +190,9 @@ def accelerometers(description: Description) -> None:
     moved = [e.channel for e in description.inputs if e.kind not in TRACKED_INPUTS]
     if moved:
         raise ValueError(
-            f"Constants are tracked under {' and '.join(TRACKED_INPUTS)}; {', '.join(moved)} "
-            "is something else. Diagnose the record instead, or differentiate it beforehand."
+            "Constants are tracked only under inputs of kind "
+            f"{' and '.join(TRACKED_INPUTS)}, not under {', '.join(moved)}. Use `slowtime "
+            "diagnose`, or convert the motion of the base to a base_acceleration."
         )
 
 

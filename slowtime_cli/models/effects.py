@@ -14,7 +14,7 @@ def effects(names: tuple[str, ...], *, markdown: bool) -> int:
     unknown = [name for name in names if name not in known]
     if unknown:
         raise click.UsageError(
-            f"There is no effect {unknown[0]!r}. There are: {', '.join(known)}."
+            f"There is no effect {unknown[0]!r}. Effects: {', '.join(known)}."
         )
     if names:
         lines = [line for name in names for line in _described(known[name])]

@@ -1,4 +1,4 @@
-"""The verb `distortion`: nonlinear distortion of periodic records, and laws of decays."""
+"""The verb `distortion`: nonlinear distortion of multisines, and damping of free decays."""
 
 import json
 import math
@@ -44,7 +44,30 @@ def distortion(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Analyse periodic records or free decays, and print what was found.
+    """Analyse periodic records or free decays, and print the results.
+
+    Parameters
+    ----------
+    records
+        Files, each with an optional part, ``FILE@FROM:TO``.
+    given, told
+        Channels of the input and of the output.
+    period
+        Length of a period [samples]; None where it is to be found.
+    transient_s
+        Time at the beginning of each record that is left out [s].
+    band
+        Least and largest frequency to analyse [Hz]; None for all that are excited.
+    near_hz
+        Frequency near which the resonance is fitted [Hz]; None for the highest peak.
+    decay
+        Whether the records are free decays.
+    rate_hz
+        Sampling rate of records that do not state theirs [Hz].
+    out, plot
+        JSON file and HTML page to write.
+    as_json
+        Whether to print JSON instead of tables.
 
     Raises
     ------
@@ -82,15 +105,15 @@ def _columns(
     record = source.record
     if record.gaps:
         raise click.UsageError(
-            f"{source.name} lacks samples. Cut it at its gaps, with FILE@FROM:TO."
+            f"{source.name} has gaps. Give a part without gaps, as FILE@FROM:TO."
         )
     found = []
     for name in names:
         column = np.asarray(record.samples[:, find_column(name, record.channels)], dtype=float)
         if not np.isfinite(column).all():
             raise click.UsageError(
-                f"{source.name}: {name} is not finite throughout. Cut the record with "
-                "FILE@FROM:TO."
+                f"{source.name}: {name} has values that are not finite. Give a part without "
+                "them, as FILE@FROM:TO."
             )
         found.append(column)
     return found, record.rate_hz
@@ -156,13 +179,13 @@ def _level(found: Distortion, mode: Resonance | None) -> Plain:
 
 SYMMETRIES = {
     "none": "No nonlinear distortion was found above the noise.",
-    "odd": "The nonlinearity is odd: stiffness or damping alike in both directions, such as "
+    "odd": "The nonlinearity is odd: the same in both directions, such as "
     "a cubic spring or dry friction.",
     "even": "The nonlinearity is even: it differs with direction, such as a one-sided stop "
     "or a quadratic spring.",
     "odd and even": "The nonlinearity has odd and even parts.",
-    "unknown": "The symmetry cannot be told: it takes an odd multisine, several periods, and "
-    "odd lines left out or several realisations.",
+    "unknown": "The symmetry is not determined. Measure several periods of an odd multisine, "
+    "with some odd lines left out or in several realisations.",
 }
 
 

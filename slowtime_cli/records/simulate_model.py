@@ -40,7 +40,7 @@ def simulate_model(
     Parameters
     ----------
     initial
-        Start of nodes, in place of what the model says of the same nodes.
+        Initial states that replace those of the same nodes in the model.
     """
     if out.suffix.lower() != ".npz":
         raise click.UsageError(f"{out.name!r} does not end in .npz. Give one that does.")
@@ -81,7 +81,16 @@ def simulate_model(
 
 
 def read_start(given: str) -> Start:
-    """Read the start of a node as it is typed: NODE=DISPLACEMENT or NODE=DISPLACEMENT,VELOCITY.
+    """Read the initial state of a node: NODE=DISPLACEMENT or NODE=DISPLACEMENT,VELOCITY.
+
+    Parameters
+    ----------
+    given
+        As typed, in m and m/s, or rad and rad/s.
+
+    Returns
+    -------
+    Displacement and velocity of the node; the velocity is 0 where it is left out.
 
     Raises
     ------
@@ -95,7 +104,7 @@ def read_start(given: str) -> Start:
             raise ValueError(given)
     except ValueError:
         raise click.UsageError(
-            f"--initial {given!r} gives no start. Write NODE=DISPLACEMENT or "
+            f"--initial {given!r} is not understood. Write NODE=DISPLACEMENT or "
             "NODE=DISPLACEMENT,VELOCITY in m and m/s (rad, rad/s), such as m1=0.02,0.1."
         ) from None
     return Start(node=node.strip(), displacement_m=displacement, velocity_m_per_s=velocity)
@@ -120,8 +129,8 @@ def _free_decay(
 ) -> tuple[Series, dict[str, Series]]:
     if rate_hz is None or duration_s is None:
         raise click.UsageError(
-            "The model lists no inputs and has a start: it decays freely. Give --rate-hz and "
-            "--duration."
+            "The model has an initial state and no inputs, so that it decays freely. Give "
+            "--rate-hz and --duration."
         )
     samples = _count(description, rate_hz, duration_s)
     rng = None if seed is None else np.random.default_rng([seed, 2])

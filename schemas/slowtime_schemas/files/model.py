@@ -130,7 +130,7 @@ class ModelInput(Part):
     ]
     node: Id | None = Field(
         default=None,
-        description="On which a force acts; the support or driven node of an imposed motion.",
+        description="Node that a force acts on; support or driven node of an imposed motion.",
     )
     unit: Unit
     hold: Literal["band_limited", "first", "zero"] | None = Field(
@@ -147,10 +147,12 @@ class ModelSensor(Part):
     quantity: Literal["acceleration", "velocity", "displacement", "force"]
     node: Id | None = Field(
         default=None,
-        description="Whose motion it measures; of a force, the base, the support or the driven "
+        description="Node whose motion is measured; of a force, the base, support or driven "
         "node on which it acts from outside.",
     )
-    element: Id | None = Field(default=None, description="Of a force in a spring element.")
+    element: Id | None = Field(
+        default=None, description="Spring element whose force is measured."
+    )
     frame: Literal["absolute", "relative_to_base"] = "absolute"
     unit: Unit
     noise_sd: NotNegative | None = Field(
@@ -159,13 +161,13 @@ class ModelSensor(Part):
 
 
 class ModelSupport(Part):
-    """A point that elements end at and that an input moves, or that goes with the base."""
+    """A point that elements end at; it moves as an input states, or else with the base."""
 
     id: Id
 
 
 class ModelStart(Part):
-    """Motion of a node when a simulation begins, against the base."""
+    """Initial state of a node in a simulation, relative to the base."""
 
     node: Id
     displacement_m: Number = 0.0
@@ -195,7 +197,7 @@ class ModelFile(Part):
     nodes: tuple[Node, ...]
     supports: Annotated[
         tuple[ModelSupport, ...],
-        Field(description="Points beside the base that elements end at and inputs move."),
+        Field(description="Points other than the base that elements end at and inputs move."),
     ] = ()
     elements: tuple[Element, ...] = ()
     effects: tuple[Annotated[Effect, Plain], ...] = ()
@@ -205,6 +207,6 @@ class ModelFile(Part):
     sensors: tuple[ModelSensor, ...] = ()
     initial: Annotated[
         tuple[ModelStart, ...],
-        Field(description="Start of a simulation; at rest where nothing is said."),
+        Field(description="Initial states in a simulation; nodes not named are at rest."),
     ] = ()
     tolerance: ModelTolerance | None = None

@@ -53,7 +53,7 @@ def refuse_nonsense(
         return
     imposed = is_imposed(model, campaign.trials)
     if imposed and all(entry.kind.startswith("imposed_") for entry in model.inputs):
-        return  # force and motion are compared directly, at any rate
+        return  # laws are fitted to force and motion directly, so that any rate will do
     plant = Plant.of(model, kinds=kinds)
     for trial, name in zip(campaign.trials, names, strict=True):
         if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:

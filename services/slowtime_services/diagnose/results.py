@@ -19,9 +19,9 @@ PAGE, SURFACE = "report.html", "surface.npz"
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
-    ``holdout.npz`` is there only where a record was held out and run freely, which one of
-    imposed motion is not, ``surface.npz`` where a force was
-    recovered. What was there before is replaced.
+    ``holdout.npz`` is written only where a record was held out and compared in time (which
+    ambient records are not), ``surface.npz`` where a force was recovered. Earlier results are
+    replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document.plain(), indent=1, allow_nan=False, ensure_ascii=False)
@@ -50,8 +50,7 @@ def write_surface(path: Path, surface: Surface) -> None:
 def write_runs(path: Path, diagnosis: Diagnosis) -> None:
     """Write free runs on held-out records: `nominal` and so on, each [time, sensor].
 
-    Where motion was imposed, the one column is the force.
-
+    Where motion was imposed, the only column is the force, under the channel of the input.
     Several records follow each other; `record` counts them from 0.
     """
     traces, given = diagnosis.traces, diagnosis.nominal

@@ -35,8 +35,8 @@ def run_model(
 ) -> dict[str, Series]:
     """Run a model, its effects included, under measured inputs or from its start alone.
 
-    It starts as `description.initial` says; nodes that this leaves out, and all where it is
-    empty, are at rest against the base and carried along by the supports.
+    The initial state is `description.initial`. Nodes that it does not name are at rest relative
+    to the base, at the pseudo-static displacement that the supports give them.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def run_model(
     rng
         Where motion of the base that nobody measured comes from.
     samples
-        Length of a free decay, of a model without inputs.
+        Length of a free decay [samples], for a model without inputs; None otherwise.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def run_model(
     if not description.inputs and samples is None:
         raise ValueError(
             "The model lists no inputs: it is under unmeasured ambient forces. Use "
-            "ambient_model, or list the inputs; of a free decay, say how many samples."
+            "ambient_model, list the inputs, or give `samples` for a free decay."
         )
     missing = [entry.channel for entry in description.inputs if entry.channel not in inputs]
     if missing:
@@ -113,14 +113,19 @@ def _needs_plant(description: Description, hold: str) -> bool:
 def state_of(
     plant: Plant, inputs: Float[np.ndarray, "time input"], rate_hz: float
 ) -> Float[np.ndarray, " state"] | None:
-    """First state of a plant by the start that its description gives; None where it gives none.
+    """Return the initial state that the description of a plant gives; None where it gives none.
 
     Parameters
     ----------
     inputs
         One column for each input of the description, in its unit.
     rate_hz
-        Samples per second of them.
+        Their sampling rate [Hz].
+
+    Returns
+    -------
+    Displacements and velocities in the order of `Plant.state_names` (state,), in m and m/s, or
+    rad and rad/s.
     """
     if not plant.description.initial:
         return None
@@ -144,7 +149,7 @@ def ambient_model(
     """Run a model, stationary from the start, under white forces on all its nodes.
 
     With effects it is run in, for as long as the slowest of its linear modes takes to forget.
-    A start that the description gives is forgotten, too.
+    The initial state of the description is not used.
 
     Parameters
     ----------

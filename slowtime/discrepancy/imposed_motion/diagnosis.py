@@ -37,15 +37,15 @@ from .selection import MEMORY, Comparison, ForceModel, compare, group_of
 from .standstill import without_standstills
 
 SLIDING = 0.95
-"""[share of the friction of sliding] From which a law says that the element slides. Source: a
-decision."""
+"""[share of the friction of sliding] Force of a law from which the element counts as sliding.
+Source: a decision."""
 MIN_WHITE = 0.5
 """[share of the samples] That are independent in a white residual. Source: a decision: half are
 left by a correlation of a third from one sample to the next."""
 MAX_REST = 0.3
 """[share of the scatter of the force] That a law which is named leaves at most. Source: laws of
 published dampers leave 11 to 25 % of their measured forces."""
-IMPOSED = "Motion was imposed and force measured: the error is that of the force."
+IMPOSED = "Motion was imposed and force measured: errors are relative to the measured force."
 JUDGED = {True: "the record it never saw", False: "the last third of the records"}
 NO_HOLDOUT = "No record was held out: the error is that of the last third of each record."
 
@@ -109,7 +109,7 @@ def diagnose_imposed_motion(
     Parameters
     ----------
     campaign
-        Model of one spring, and records with the force as input.
+        Model of one spring, and records of its motion and force.
     trials
         Screened records.
     findings
@@ -117,7 +117,11 @@ def diagnose_imposed_motion(
     kinds
         Catalogue of effects by name.
     monitor
-        Told the stage.
+        Receives the stage of the work.
+
+    Returns
+    -------
+    The diagnosis; errors are those of the force.
     """
     rig = rig_of(campaign.description)
     assert rig is not None
@@ -253,12 +257,15 @@ def _notes(campaign: Campaign, found: _Found, kinds: Mapping[str, Kind]) -> tupl
     skipped = 1 - float(np.mean(regression.used))
     if skipped > 0:
         notes.append(
-            f"{_percent(skipped)} of the samples were not fitted: the element stands still, or "
-            "its friction is unknown until it has moved."
+            f"{_percent(skipped)} of the samples were not fitted, because the element stands "
+            "still or reverses there, or because its force depends on motion before the record."
         )
-    notes.append(f"Constant force: {last.constants[2]:.4g}.")
+    notes.append(f"Constant force: {last.constants[2]:.4g} (N, or N m).")
     if last.centre_sd > 0:
-        notes.append(f"Middle of the motion: {last.centre:.3g} ± {last.centre_sd:.2g}.")
+        notes.append(
+            f"Elongation at the middle of the law: {last.centre:.3g} ± {last.centre_sd:.2g} "
+            "(m, or rad)."
+        )
     if any(kinds[one.kind].family in MEMORY for one in last.effects):
         notes += _plateaus(regression, last)
     return tuple(notes)
@@ -281,7 +288,11 @@ def _plateaus(regression: ForceRegression, fit: ForceFit) -> list[str]:
             )
     if not told:
         return []
-    return ["Level of the force while sliding, up and down: " + "; ".join(told) + "."]
+    return [
+        "Force while sliding (N, or N m), in positive and in negative direction: "
+        + "; ".join(told)
+        + "."
+    ]
 
 
 def _size(fit: ForceFit) -> float:
@@ -296,8 +307,8 @@ def _closing(held_out: bool, found: _Found) -> str:
     worse = (
         ""
         if found.holds
-        else f" That is {errors[-1] / found.rest:.2g} times the error on what was learnt from: "
-        "the law does not hold there."
+        else f" That is {errors[-1] / found.rest:.2g} times the error on what was fitted: the "
+        "law does not hold on what was not."
     )
     return (
         f" The error of the force on {on} is {_percent(errors[-1])}; without a law "
@@ -366,14 +377,17 @@ def _sentence(
     if verdict == "undecided":
         names = " or ".join(kinds[one.effect].words for one in rivals)
         return (
-            f"The force in {rig.spring.id} follows a law that these records cannot decide: "
-            f"{names}."
+            f"The force in {rig.spring.id} follows one of several laws, which these records "
+            f"cannot tell apart: {names}."
         )
     if verdict == "unknown_effect":
         near = f" The nearest is {effects[0].sentence}" if effects else ""
         return f"The force in {rig.spring.id} follows none of the laws known here.{near}"
     if verdict == "nothing_missing":
-        return f"The force in {rig.spring.id} is that of its spring and its damper."
+        return (
+            f"Nothing is missing: the force in {rig.spring.id} is that of its spring and its "
+            "damper."
+        )
     return " ".join(one.sentence for one in effects)
 
 

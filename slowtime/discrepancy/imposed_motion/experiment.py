@@ -1,4 +1,4 @@
-"""The imposed motion that tells laws apart which the records cannot decide between."""
+"""Proposal of an imposed motion that distinguishes laws which the records cannot."""
 
 import dataclasses
 import itertools
@@ -67,14 +67,15 @@ def _options(record: ForceRecord) -> Iterator[tuple[Experiment, Motion]]:
     for factor in FACTORS:
         yield (
             Experiment(
-                f"Repeat the motion with {factor:.2g} times the amplitude, slowly enough to "
-                "keep the speed.",
+                f"Repeat the motion with {factor:.2g} times the amplitude at the same speed.",
                 level=factor,
             ),
             _scaled(motion, factor, factor),
         )
         yield (
-            Experiment(f"Repeat the motion at {factor:.2g} times the speed, the stroke kept."),
+            Experiment(
+                f"Repeat the motion at {factor:.2g} times the speed with the same stroke."
+            ),
             _scaled(motion, 1.0, 1 / factor),
         )
     for factor in (1.0, 0.3):
@@ -82,7 +83,7 @@ def _options(record: ForceRecord) -> Iterator[tuple[Experiment, Motion]]:
             Experiment(
                 "Impose a triangular motion (constant speed) of "
                 f"{factor:.2g} times the stroke, so that build-up after each reversal and "
-                "sliding at one speed are seen apart.",
+                "sliding at one speed can be distinguished.",
                 level=factor,
             ),
             _triangle(motion, factor),

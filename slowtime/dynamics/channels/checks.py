@@ -1,4 +1,4 @@
-"""Checks that channels, supports and the start of a description fit its nodes and elements."""
+"""Checks of channels, supports and initial states against nodes and elements."""
 
 from collections.abc import Collection, Iterable, Sequence
 
@@ -19,15 +19,15 @@ from .declarations import (
 
 
 def check_supports(supports: Sequence[Support], nodes: Sequence[Node]) -> None:
-    """Refuse supports that are called as another support, a node, or the base."""
+    """Refuse supports with the name of another support, of a node, or of the base."""
     check_unique("supports", [support.id for support in supports], "id")
     taken = {node.id for node in nodes} | {BASE}
     for i, support in enumerate(supports):
         if support.id in taken:
             raise DescriptionError(
                 ("supports", i, "id"),
-                f"{support.id!r} is a node already. Rename the support; one that does not move "
-                f"by itself is {BASE!r}.",
+                f"{support.id!r} is the name of a node or of the base. Rename the support; if "
+                f"it only moves with the base, attach its elements to {BASE!r} instead.",
             )
 
 
@@ -60,7 +60,7 @@ def check_inputs(
             raise DescriptionError(
                 (*where, "hold"),
                 f"Input {entry.channel!r} is a {entry.quantity} with hold {entry.hold}: its "
-                "acceleration would be without bounds at each sample. Leave `hold` out, or say "
+                "acceleration would be unbounded at each sample. Leave `hold` out, or set "
                 "band_limited.",
             )
         if entry.kind in IMPOSED_KINDS:
@@ -69,16 +69,16 @@ def check_inputs(
                 raise DescriptionError(
                     (*where, "node"),
                     f"{entry.node!r} is moved by {moved[entry.node]!r} and by "
-                    f"{entry.channel!r}. Keep the one that is measured best.",
+                    f"{entry.channel!r}. Keep the more accurate one of them.",
                 )
             moved[entry.node] = entry.channel
     for i, entry in enumerate(inputs):
         if entry.kind == "force" and entry.node in moved:
             raise DescriptionError(
                 ("inputs", i, "node"),
-                f"Node {entry.node!r} goes where {moved[entry.node]!r} says, whatever force "
-                f"acts. Declare {entry.channel!r} as a sensor: quantity: force, node: "
-                f"{entry.node}.",
+                f"The motion of node {entry.node!r} is imposed by {moved[entry.node]!r}, so "
+                f"that a force on it has no effect. Declare {entry.channel!r} as a sensor: "
+                f"quantity: force, node: {entry.node}.",
             )
 
 
@@ -100,23 +100,23 @@ def _check_node(
         there = ", ".join([*(support.id for support in supports), *driven])
         raise DescriptionError(
             (*where, "node"),
-            f"Input {entry.channel!r}: no support and no point is called {entry.node!r}. There "
-            f"are: {there}. Add it under `supports`, and let elements end at it.",
+            f"Input {entry.channel!r}: no support and no point node is called {entry.node!r}. "
+            f"There are: {there}. Use one of them, or add it under `supports`.",
         )
 
 
 def _rule(entry: Input) -> str:
     if entry.kind in BASE_KINDS:
         return (
-            f"a {entry.kind} moves the base, which is no node: leave it out, or say "
-            f"imposed_{_motion(entry)} of a support."
+            f"a {entry.kind} moves the base, which is not a node. Leave `node` out, or declare "
+            f"an imposed_{_motion(entry)} of a support."
         )
     if entry.kind == "force":
-        return (
-            "a force acts on a node, and only a force does. Name the node of a force; leave it "
-            "out of a base_acceleration."
-        )
-    return f"an {entry.kind} moves a support. Name it as `node`, or say base_{_motion(entry)}."
+        return "a force acts on a node. Name it as `node`, or declare a base_acceleration."
+    return (
+        f"an {entry.kind} moves a support or a node. Name it as `node`, or declare a "
+        f"base_{_motion(entry)}."
+    )
 
 
 def _motion(entry: Input) -> str:
@@ -135,7 +135,7 @@ def check_sensors(
     Parameters
     ----------
     moved
-        Supports, and nodes that are driven.
+        Names of supports and of driven nodes.
 
     Raises
     ------
@@ -195,13 +195,13 @@ def _check_force(
 
 
 def check_start(start: Sequence[Start], names: Collection[str]) -> None:
-    """Refuse a start of what does not move freely, and two starts of one node."""
+    """Refuse initial states of nodes that do not move freely, and two of one node."""
     check_unique("initial", [one.node for one in start], "node")
     for i, one in enumerate(start):
         if one.node not in names:
             raise DescriptionError(
                 ("initial", i, "node"),
-                f"Nothing that moves freely is called {one.node!r}. There are: "
+                f"No node that moves freely is called {one.node!r}. There are: "
                 f"{', '.join(names) or 'none'}.",
             )
 

@@ -1,4 +1,4 @@
-"""What a description declares of its channels, supports and start."""
+"""Declarations of inputs, sensors, supports and initial states in a description."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ INPUT_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "imposed_displacement": "displacement",
     }
 )
-"""What an input of each kind measures."""
+"""Quantity that an input of each kind measures."""
 BASE_KINDS = ("base_acceleration", "base_velocity", "base_displacement")
 """Kinds of input that move the base, and so name no node."""
 IMPOSED_KINDS = ("imposed_acceleration", "imposed_velocity", "imposed_displacement")
@@ -41,7 +41,7 @@ differentiated."""
 
 
 class DescriptionError(ValueError):
-    """A description that contradicts itself; `where` is the way to the fault in it."""
+    """A description that contradicts itself; `where` is the path of keys to the fault."""
 
     def __init__(self, where: Where, sentence: str) -> None:
         super().__init__(sentence)
@@ -57,14 +57,13 @@ class Input:
     kind
         ``force``; ``base_acceleration``, ``base_velocity``, ``base_displacement``; or
         ``imposed_acceleration``, ``imposed_velocity``, ``imposed_displacement`` of a support,
-        or of a node that an actuator drives. Motion is that in space.
+        or of a node that an actuator drives. Motion is absolute, not relative to the base.
     node
-        On which a force acts, or which is moved: a node or a support. None for the base.
+        Node that a force acts on, or support or node that is moved; None for the base.
     hold
-        What it does between samples: the band-limited signal through them, straight lines
-        (``"first"``) or steps (``"zero"``); None where that is not known. An imposed
-        displacement or velocity is band-limited where nothing is said, for it is
-        differentiated.
+        Signal between samples: band-limited (``"band_limited"``), straight lines (``"first"``)
+        or steps (``"zero"``); None where it is not known. A displacement or velocity is
+        band-limited by default, because it is differentiated.
     """
 
     channel: str
@@ -79,7 +78,7 @@ class Input:
 
     @property
     def quantity(self) -> Quantity:
-        """What it measures: force, displacement, velocity or acceleration."""
+        """Measured quantity: force, displacement, velocity or acceleration."""
         return INPUT_QUANTITIES[self.kind]
 
 
@@ -93,15 +92,15 @@ class Sensor:
         ``displacement``, ``velocity`` or ``acceleration`` of a node or a support, or
         ``force``.
     node
-        Whose motion is measured. Of a force: the base, a support or a driven node, on which
-        it acts from outside, positive along its displacement.
+        Node whose motion is measured. Of a force: the base, a support or a driven node, on
+        which it acts from outside, positive in the direction of positive displacement.
     element
-        Of a force in a spring element: stiffness, damping and effects together, positive
-        where the element is drawn out.
+        Spring element whose force is measured: the sum of stiffness, damping and effects,
+        positive in tension.
     frame
-        Of motion: in space, or against the base.
+        Reference of a motion: inertial frame, or base.
     noise_sd
-        Of white noise, in the unit of the channel; None where it is not known.
+        Standard deviation of white noise, in the unit of the channel; None where unknown.
     """
 
     channel: str
@@ -115,14 +114,14 @@ class Sensor:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Support:
-    """A point that elements end at and that moves as an input says, else with the base."""
+    """A point that elements end at; it moves as an input states, or else with the base."""
 
     id: str
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Start:
-    """Motion of a node when a simulation begins, against the base.
+    """Initial state of a node in a simulation, relative to the base.
 
     Parameters
     ----------

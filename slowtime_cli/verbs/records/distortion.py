@@ -20,7 +20,11 @@ class Period(click.ParamType):  # type: ignore[type-arg]  # generic in stubs onl
         if value is None or value == "auto" or isinstance(value, int):
             return value if isinstance(value, int) else None
         if not str(value).isdigit() or int(str(value)) < 1:
-            self.fail(f"{value!r} is no number of samples. Give one, or auto.", param, ctx)
+            self.fail(
+                f"{value!r} is not a period. Give a whole number of samples, or auto.",
+                param,
+                ctx,
+            )
         return int(str(value))
 
 
@@ -43,7 +47,7 @@ Examples:
     type=Period(),
     default="auto",
     show_default=True,
-    help="Samples of one period of the multisine.",
+    help="Samples in one period of the multisine.",
 )
 @click.option(
     "--transient",
@@ -51,7 +55,7 @@ Examples:
     type=click.FloatRange(min=0),
     default=0.0,
     show_default=True,
-    help="Seconds at the beginning of each record to leave out.",
+    help="Time to leave out at the beginning of each record [s].",
 )
 @click.option(
     "--band",
@@ -59,22 +63,28 @@ Examples:
     metavar="LOW HIGH",
     help="Frequencies to analyse [Hz]; all that are excited by default.",
 )
-@click.option("--near-hz", type=POSITIVE, help="Resonance whose damping is told.")
+@click.option(
+    "--near-hz",
+    type=POSITIVE,
+    help="Frequency near the resonance to fit [Hz]; by default the highest peak.",
+)
 @click.option("--decay", is_flag=True, help="The records are free decays: no input, no period.")
-@click.option("--rate-hz", type=POSITIVE, help="Of the records.")
+@click.option(
+    "--rate-hz", type=POSITIVE, help="Sampling rate of records that do not state it [Hz]."
+)
 @click.option("--out", type=OutFile(".json"), help="JSON file to write.")
-@click.option("--plot", type=OutFile(".html"), help="Page with the plots to write.")
+@click.option("--plot", type=OutFile(".html"), help="HTML page with plots to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def distortion(given: str | None, decay: bool, plot: Path | None, **_rest: object) -> None:
     """Measure nonlinear distortion, or damping against amplitude.
 
     Each record holds whole periods of one random-phase multisine (FILE@FROM:TO for a part of
-    one); several of equal level are realisations of it. Scatter over periods is noise, scatter
-    over realisations is nonlinear distortion too, and output at lines that the input leaves out
-    tells whether the nonlinearity is odd or even. Frequency and damping are told for each
-    level. With --decay, those of free decays are told against their amplitude.
+    one); several of equal level are its realisations. Scatter over periods estimates the noise,
+    scatter over realisations noise and nonlinear distortion, and output at lines that the input
+    omits shows whether the nonlinearity is odd or even. Prints frequency and damping of a
+    resonance for each level; with --decay, of free decays, against their amplitude.
     """
     if decay and given is not None:
-        raise click.UsageError("--decay takes no --input. Leave one of them out.")
+        raise click.UsageError("--decay and --input exclude each other. Leave one of them out.")
     if not decay and given is None:
         raise click.UsageError("Missing option '--input'. Give it, or --decay.")

@@ -84,8 +84,8 @@ Examples:
     "--initial",
     multiple=True,
     metavar="NODE=DISPLACEMENT[,VELOCITY]",
-    help="With --model: start of a node against the base [m, m/s; rad, rad/s], in place of "
-    "what the model says of it; may be repeated.",
+    help="With --model: initial state of a node relative to the base [m, m/s; rad, rad/s], in "
+    "place of the one in the model; may be repeated.",
 )
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(
@@ -101,8 +101,8 @@ def simulate(name: str | None, model: Path | None, **_given: object) -> None:
     samples (epoch, time), their slow times and the true values.
 
     With --model, its effects included: under the inputs found in RECORD, from rest or from the
-    start given by `initial` in the model or by --initial. A model without inputs decays freely
-    from such a start, and without one is stationary under ambient forces. OUT (.npz) holds
+    initial state in the model or in --initial. A model without inputs decays freely from its
+    initial state; without one, it is stationary under ambient forces. OUT (.npz) holds
     t [s] and one array for each sensor.
     """
     together((("--structure", name), ("--model", model)))

@@ -136,23 +136,23 @@ def test_old_files_are_written_as_they_were():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"initial": (Start(node="m7"),)}, "Nothing that moves freely is called 'm7'.*m1, m2"),
+        ({"initial": (Start(node="m7"),)}, "No node that moves freely is called 'm7'.*m1, m2"),
         ({"initial": (Start(node="m1"), Start(node="m1"))}, "used twice"),
         (
             {"inputs": (Input(channel="x", kind="imposed_displacement", unit="m"),)},
-            "moves a support. Name it as `node`, or say base_displacement",
+            "moves a support or a node. Name it as `node`, or declare a base_displacement",
         ),
         (
             {"inputs": (Input(channel="x", kind="imposed_velocity", node="s", unit="m/s"),)},
-            "no support and no point is called 's'.*`supports`",
+            "no support and no point node is called 's'.*`supports`",
         ),
         (
             {"inputs": (Input(channel="x", kind="base_velocity", node="m1", unit="m/s"),)},
-            "leave it out, or say imposed_velocity",
+            "Leave `node` out, or declare an imposed_velocity",
         ),
         (
             {"inputs": (Input(channel="x", kind="base_displacement", unit="m", hold="first"),)},
-            "without bounds at each sample. Leave `hold` out",
+            "unbounded at each sample. Leave `hold` out",
         ),
         (
             {"inputs": (Input(channel="x", kind="base_displacement", unit="m/s^2"),)},
@@ -198,7 +198,7 @@ def test_old_files_are_written_as_they_were():
             {"sensors": (Sensor(channel="x", quantity="velocity", element="k1", unit="m/s"),)},
             "only a force is measured in an element",
         ),
-        ({"supports": (Support(id="m1"),)}, "'m1' is a node already"),
+        ({"supports": (Support(id="m1"),)}, "'m1' is the name of a node or of the base"),
     ],
 )
 def test_a_declaration_that_contradicts_itself_says_what_to_do(changes, words):
