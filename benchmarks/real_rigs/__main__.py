@@ -1,8 +1,8 @@
-"""Compare slowtime with other tools on measured rigs: `make real`, or this module.
+"""Compare slowtime with other tools on measured rigs (`make real`).
 
 The measurements are looked for in SLOWTIME_DATA (default: ``../shared/data`` beside the
-project). Sets that are not there are skipped, and the reason is told. Results are kept in
-``var/real``, so that a run that was interrupted goes on.
+project). Missing sets are skipped, and the reason is printed. Results are kept in
+``var/real``, so that an interrupted run can be resumed.
 """
 
 import argparse
@@ -24,13 +24,22 @@ def data_folder() -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what was not run yet, and write the page."""
+    """Run the tools that have no result yet, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="one set")
-    parser.add_argument("--contestant", action="append", default=[], metavar="NAME")
-    parser.add_argument("--refresh", action="store_true", help="run again what was run already")
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run this set; may be repeated",
+    )
+    parser.add_argument(
+        "--contestant", action="append", default=[], metavar="NAME",
+        help="run this tool; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--refresh", action="store_true", help="repeat runs that have results")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of the results")
+    parser.add_argument("--page", type=Path, default=PAGE, help="Markdown page to write")
     given = parser.parse_args(arguments)
     try:
         sets = chosen(tuple(given.only))
@@ -41,8 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             folder = prepare(one, data_folder(), given.out)
         except OSError as error:
-            skipped[one.name] = f"{error.filename or data_folder()} is not there"
-            print(f"{one.name}: skipped, {skipped[one.name]}. Set SLOWTIME_DATA.", flush=True)
+            skipped[one.name] = f"{error.filename or data_folder()} does not exist"
+            print(
+                f"{one.name}: skipped, {skipped[one.name]}. Set SLOWTIME_DATA to the folder of "
+                "the measurements.",
+                flush=True,
+            )
             continue
         run_all(one, folder, tuple(given.contestant), refresh=given.refresh)
     from .page import write_page

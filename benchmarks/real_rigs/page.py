@@ -13,34 +13,36 @@ from .sets import SETS
 
 COLUMNS = (NOMINAL, REFITTED, SLOWTIME.title, SINDY.title, BLACK_BOX.title, KNOWN.title)
 LONGEST = 240
-"""[characters] Of an equation in a table. Source: a choice."""
+"""[characters] Length at which an equation in a table is cut. Source: a choice."""
+NOT_RUN = "slowtime was not run on this set."
 HEAD = """# Real rigs with known answers
 
-`make real` writes this page. On records that others measured it compares the model file as it
-is written, the same with its constants refitted, `slowtime diagnose`, PySINDy and a recurrent
+`make real` writes this page. On records that others measured, it compares the model file as
+written, the same model with refitted constants, `slowtime diagnose`, PySINDy, and a recurrent
 state-space model of jax-sysid.
 
 How it is done:
 
 - Every tool reads the same pieces of records, and the same model file. `slowtime diagnose` is
   run by the plain command, without options.
-- What is judged was held out. Each model runs free on it, from an initial state that it finds
+- The error is that of free runs on held-out records. Each model estimates its initial state
   from the first 20 % of the record's outputs; after that it gets the inputs only. Where motion
-  is imposed, the force is foretold from the motion.
-- The error is the root mean square of measured less simulated over the standard deviation of
-  the measured, over all samples held out, mean over channels. The sentences of slowtime leave
-  out samples that it masks as faulty.
-- PySINDy: motion is smoothed and differentiated, terms are chosen by sequential thresholding.
-  Smoothing, library, threshold and form are chosen by free runs on what is left out of the
-  records that are learnt from (`benchmarks/real_rigs/peers/sindy.py`).
-- jax-sysid: a linear part that begins as the nominal model, networks of six neurons, Adam and
+  is imposed, the force is predicted from the motion.
+- The error is the root mean square of measured minus simulated, divided by the standard
+  deviation of the measured signal, over all held-out samples; the mean over channels. The
+  quoted sentences of slowtime may state another error, as they omit samples masked as faulty.
+- PySINDy: motion is smoothed and differentiated, and terms are chosen by sequential
+  thresholding. Smoothing, library, threshold and form are chosen by cross-validation: free
+  runs on parts left out of the training records (`benchmarks/real_rigs/peers/sindy.py`).
+- jax-sysid: a linear part that starts from the nominal model, networks of six neurons, Adam and
   L-BFGS as in its documentation (`benchmarks/real_rigs/peers/black_box.py`).
-- The known law is told the terms of the answer, where it is made of such terms, and is fitted
-  to the free run: it finds nothing, and shows what can be reached
+- Known law, fitted: where the known answer is a sum of simple terms, their coefficients are
+  fitted to free runs. It searches for no terms, and shows the error that can be reached
   (`benchmarks/real_rigs/peers/known_law.py`).
-- Times are seconds of one processor, with the load of the machine beside them.
-- The measurements are not part of the project: see the source of each. A set that is not there
-  is skipped.
+- Times are seconds of one processor. The load of the machine is stated with each set.
+- A dash means that there is no result: the tool was not run on this set, or its run failed.
+- The measurements are not part of the project: see the source of each. Sets whose measurements
+  are missing are skipped.
 """
 
 
@@ -82,7 +84,7 @@ def summary(found: Sequence[Outcome]) -> str:
     lines = [
         "## Summary",
         "",
-        "Error on what was held out; bold is the least of those not told the answer.",
+        "Error on held-out records. Bold: the least error, without the known law.",
         "",
         f"| set | {' | '.join(COLUMNS)} | slowtime's answer | time of slowtime [s] |",
         f"|---|{'---:|' * len(COLUMNS)}---|---:|",
@@ -100,24 +102,25 @@ def summary(found: Sequence[Outcome]) -> str:
 
 
 def tally(found: Sequence[Outcome]) -> str:
-    """Say in how many sets the answer is the known one, and where others are ahead."""
+    """State in how many sets the answer is the known one, and where other tools do better."""
     exact = [o for o in found if o.verdict == "as known"]
     among = [o for o in found if o.verdict.startswith("undecided, the known")]
+    ran = [o for o in found if o.command]
     words = (
-        f"Of {len(found)} sets slowtime's answer is the known one in {len(exact)}; in "
-        f"{len(among)} more it is undecided, with the known answer among what may be."
+        f"slowtime was run on {len(ran)} sets. Its answer is the known one in {len(exact)}; in "
+        f"{len(among)} more it is undecided, with the known answer among the alternatives."
     )
     behind = [f"{o.one.name} ({o.behind})" for o in found if o.behind is not None]
     if behind:
         words += (
-            " Its error is more than 1.2 times that of the best other one, or of the figure of "
-            f"the source, in: {', '.join(behind)}."
+            " Its error is more than 1.2 times that of the best other tool, or of the source's "
+            f"own figure, in: {', '.join(behind)}."
         )
     return words + "\n"
 
 
 def section(outcome: Outcome, pictures: str) -> str:
-    """Return the part of the page about one set."""
+    """Return the section of the page on one set."""
     one = outcome.one
     lines = [
         f"## {one.name}",
@@ -131,7 +134,8 @@ def section(outcome: Outcome, pictures: str) -> str:
         lines.append(f"- The source's figures: {one.reference}.")
     if outcome.command:
         lines += [f"- Command: `{outcome.command}`", f"- Judged: {outcome.verdict}."]
-    lines += ["", "> " + " ".join(outcome.sentence.split()), ""]
+    said = " ".join(outcome.sentence.split()) or NOT_RUN
+    lines += ["", f"> {said}", ""]
     lines += ["| | error held out | time [s] | can a person read it? |", "|---|---:|---:|---|"]
     lines += [_line(row) for row in outcome.rows]
     low, high = min(outcome.loads), max(outcome.loads)
@@ -160,7 +164,7 @@ def _error(outcome: Outcome, name: str) -> float | None:
 
 
 def percent(error: float | None) -> str:
-    """Write an error for a person, with two digits."""
+    """Format a relative error in per cent, with two digits; a dash where there is none."""
     if error is None:
         return "–"
     if not error < DIVERGED:

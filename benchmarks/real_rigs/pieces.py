@@ -51,7 +51,7 @@ class Piece:
         return Piece(self.rate_hz, {n: v[first:last] for n, v in self.channels.items()})
 
     def every(self, stride: int) -> "Piece":
-        """Return every so many-th sample, without a filter."""
+        """Return every `stride`-th sample, without a filter."""
         return Piece(self.rate_hz / stride, {n: v[::stride] for n, v in self.channels.items()})
 
     def centred(self) -> "Piece":
@@ -65,7 +65,7 @@ class Piece:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pieces:
-    """What is learnt from, and what is held out."""
+    """Pieces to train on (`learn`), and held-out pieces (`judge`)."""
 
     learn: tuple[Piece, ...]
     judge: tuple[Piece, ...]

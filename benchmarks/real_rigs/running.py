@@ -1,4 +1,4 @@
-"""Runs of the contestants, one process each, with its processor time; results are kept."""
+"""Runs of the contestants in processes of their own, with their processor times."""
 
 import dataclasses
 import json
@@ -18,7 +18,7 @@ PEERS = ROOT / ".venv-peers/bin/python"
 """Interpreter with the other tools; `make real` sets it up."""
 MODEL, FACTS, RUN = "model.yaml", "facts.json", "run.json"
 LIMIT_S = 1500.0
-"""[s] After which a contestant is stopped. Source: a decision."""
+"""[s] Time after which a contestant is stopped. Source: a decision."""
 ONE_THREAD = {
     name: "1"
     for name in (
@@ -91,7 +91,7 @@ def words_of(contestant: Contestant, folder: Path) -> list[str]:
 
 
 def run(contestant: Contestant, folder: Path, limit_s: float = LIMIT_S) -> dict[str, Any]:
-    """Run a contestant on a set; how it went is kept in ``run.json`` of its results."""
+    """Run a contestant on a set, and write command, exit status and times to ``run.json``."""
     result = folder / contestant.name
     shutil.rmtree(result, ignore_errors=True)
     result.mkdir()

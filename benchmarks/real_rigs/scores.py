@@ -1,4 +1,4 @@
-"""What came of a set: errors on what was held out, times and words of every contestant."""
+"""Results on a set: error on held-out records, time and answer of every tool."""
 
 import dataclasses
 import json
@@ -18,7 +18,7 @@ NOMINAL, REFITTED = "model as written", "model refitted"
 SPECTRA_ONLY = "only spectra were compared"
 """Words of the note that tells that a record was not run. Source: `slowtime.discrepancy`."""
 WORSE = 1.2
-"""[1] Times the error of the best other one from which slowtime is said to be behind. Source: a
+"""[1] Ratio to the least error of the others, from which slowtime counts as behind. Source: a
 choice; errors of two initial states of one model differ by less."""
 
 
@@ -36,9 +36,9 @@ class Row:
     cpu_s
         Processor time [s]; None for models that slowtime runs along with its own.
     readable
-        What a person gets to read.
+        Answer in words.
     run
-        Foretold [time, channel], or None.
+        Predicted outputs [time, channel], or None.
     """
 
     name: str
@@ -188,7 +188,7 @@ def _facts(one: RealSet, folder: Path, told: dict[str, Any]) -> dict[str, Any]:
 
 
 def judge(one: RealSet, report: dict[str, Any]) -> str:
-    """Compare what was named with the known answer, in words.
+    """Compare the effects named with the known answer, in words.
 
     Faults of sensors that are named besides count against an answer unless they are allowed.
     """

@@ -408,12 +408,10 @@ def chosen(names: tuple[str, ...]) -> tuple[RealSet, ...]:
     Raises
     ------
     ValueError
-        Where a name is none.
+        Where a name is not that of a set.
     """
     known = {one.name: one for one in SETS}
     wrong = sorted(set(names) - set(known))
     if wrong:
-        raise ValueError(
-            f"There is no set {', '.join(wrong)}. Give some of {', '.join(known)}."
-        )
+        raise ValueError(f"There is no set {', '.join(wrong)}. Sets: {', '.join(known)}.")
     return tuple(one for one in SETS if not names or one.name in names)

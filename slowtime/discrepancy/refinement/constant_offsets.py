@@ -1,11 +1,11 @@
 """Constant offsets of inputs and sensors that are fitted from the beginning, as effects.
 
-A constant error of a force moves a structure that stands by a little, and one that floats away:
-its free run is not to be had without. And a free decay is symmetric about its position of rest,
-which is seldom where a displacement sensor or a gyroscope reads zero: without that offset, a
-stop or a stiffness on one side seems to be missing. So each input of a structure that floats,
-and each sensor of displacement or velocity in a free decay, has an offset, fitted with all else
-from the beginning as initial states are, and told of where it is seen.
+A constant error of a force displaces a supported structure a little, but makes an unsupported
+one drift away, so that no free run fits. A free decay is symmetric about its position of rest,
+where a displacement sensor or a gyroscope seldom reads zero: without an offset of the sensor,
+a one-sided stop or stiffness seems to be missing. Therefore each input of an unsupported
+structure, and each sensor of displacement or velocity in a free decay, has an offset. It is
+fitted from the beginning, as initial states are, and reported where it is significant.
 """
 
 import dataclasses
@@ -31,10 +31,14 @@ p-value of 1 in 1000."""
 def with_offsets(
     description: Description, kinds: Mapping[str, Kind], *, decays: bool
 ) -> Description:
-    """Add the offsets that records of such a structure need, zero to begin with.
+    """Add the offsets that records of such a structure need, with a value of zero.
 
     Parameters
     ----------
+    description
+        Model of the structure.
+    kinds
+        Catalogue of effects by name.
     decays
         Whether the records are free decays.
     """
@@ -75,7 +79,7 @@ def _of_sensors(
 
 
 def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[NamedEffect]:
-    """Tell of the offsets that were added to what is given, where they are not about zero."""
+    """List the offsets added to the given model that differ significantly from zero."""
     found = []
     for number, effect in enumerate(fitted_effects(fit)):
         if effect.kind not in (OFFSET, SENSOR_OFFSET) or number < len(given.effects):

@@ -1,4 +1,4 @@
-"""Parameters that stand at the value of the simplest form of their law are held there."""
+"""Parameters near the value of the simplest form of their law, held at that value."""
 
 from collections.abc import Mapping
 

@@ -89,10 +89,10 @@ NOT_HELD_OUT = (
     "No record was held out: the gap is that of the last third of each record, by numbers "
     "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
-NEARER = " Constants known better than their tolerance would tell, or another level."
+NEARER = " Tighter tolerances of the constants, or a record of another level, would decide."
 LOUD = (
-    "What is left is not of the colour that the noise was taken to have, but no record shows "
-    "it as an error: it is noise, or far below it."
+    "The residual does not have the spectrum that was assumed for the noise, but the error on "
+    "records that were not fitted is no larger than the noise. It is taken to be noise."
 )
 EQUIVALENT_CHI2 = 9.0
 """[1] Chi squared that a law may leave more than another and explain as much. Source:
@@ -101,12 +101,12 @@ IMPROBABLE_PULL = 0.05
 """[probability] That any constant is as far within its tolerance, below which it is reported.
 Source: the 5 % level."""
 FLOATS = (
-    "No element holds the structure to the base: as given, it floats. Where it does not, join "
-    "a node to `base`."
+    "No element connects the structure to the base, so that the model moves freely. If the "
+    "structure does not, connect a node to `base`."
 )
 NOT_KEPT = (
-    "The model as given does better on the record it never saw than with what was fitted: it "
-    "is left as it was."
+    "On the record it never saw, the model as given has a smaller error than the fitted one: "
+    "it is left as it was."
 )
 NO_SURFACE = (
     "No force surface was fitted: what is missing is a link or an unmeasured motion, not a "
@@ -223,7 +223,7 @@ def report(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Judgement:
-    """What a hypothesis says, after what was not fitted has been looked at.
+    """Verdict on a hypothesis, after its free runs on records that were not fitted.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def _kept_model(
 ) -> KeptModel:
     """Close the gap by a force surface where the effect is unknown, or keep what there is."""
     found, unknown = judged.found, judged.unknown
-    # Constants that were bent to make up for what has no name are no better a model.
+    # Constants that were distorted to imitate an unknown effect do not make a better model.
     useless = unknown and evaluation.last_is_worse
     result = evaluation.nominal if useless else evaluation.steps[-1]
     closed = (
@@ -361,7 +361,7 @@ def _evaluate(
     given, first, held_out = campaign.description, found.first, bool(campaign.holdout)
     channels = tuple(sensor.channel for sensor in given.sensors)
     tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
-    # What a fast clock told of times after the end, nobody foretells.
+    # A fast clock claims samples after the end of the record, which no model can predict.
     tests = mask_clock_overrun(
         tests, channels, (answer.effect for answer in found.effects), kinds
     )
@@ -689,7 +689,7 @@ def _unnamed(
 
 
 def _impossible_constants(found: Hypothesis) -> str:
-    """Name the masses and stiffnesses that a refit moved by a factor beyond belief."""
+    """Name the masses and stiffnesses that a refit moved by more than `MAX_CONSTANT_RATIO`."""
     last = found.last
     names = [name for name in last.prior.names if name[0] in ("mass", "stiffness")]
     told = []

@@ -1,4 +1,4 @@
-"""A gap without a name closed by a measured force surface, and why where it is not."""
+"""Adoption of a measured force surface where no law explains the records."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,9 +23,7 @@ from slowtime.dynamics.work import metered
 
 from .likeness import describe_likeness
 
-NO_ELEMENT = (
-    "No force surface was fitted: no element was found at which a force is told from noise."
-)
+NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
 FIRST_SHARE = 0.6
 """[share of the budget] That the first of two surfaces may use. Source: judgement; the one
 beside no other law is fitted first, and most often does."""
@@ -165,12 +163,12 @@ def describe_gap_closure(
     edge = dataclasses.replace(still, e=np.array([own["high_m"]]))
     sds = [float(surface_band(closed.fit, one)[1][0]) for one in (still, edge)]
     text = (
-        f"A force surface was measured at {closed.place} instead ({effect.kind}): with it the "
-        f"augmented model closes {share:.0f} % of what the refitted one leaves. It was "
+        f"Instead of a law, a force surface was fitted at {closed.place} ({effect.kind}): it "
+        f"reduces the error of the refitted model by {share:.0f} %. It was "
         f"measured from {own['low_m']:.2g} to {own['high_m']:.2g} {unit} and up to "
         f"{own['high_m_per_s']:.2g} {unit}/s, with a standard deviation of "
         f"{sds[0]:.2g} at rest and {sds[1]:.2g} at the edge (N, or N m); beyond that "
-        "it goes straight on, which no record shows."
+        "it is extrapolated linearly, which no record supports."
     )
     if not closed.finished:
         text += " Its fit was cut by the budget of work; --patience does not change that."

@@ -64,7 +64,7 @@ def describe_likeness(
     """
     like = likenesses(fit, place, found, kinds)[:MAX_LIKE]
     if not like:
-        return " It is not like any of the laws known here."
+        return " It does not resemble any law of the catalogue."
     unit = fit.plant.description.unit_of_coordinate
     told = []
     for one in like:

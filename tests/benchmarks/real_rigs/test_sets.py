@@ -44,7 +44,7 @@ def test_rigs_of_imposed_motion_are_those_of_negligible_mass():
 def test_sets_are_chosen_by_name_in_the_order_of_the_table():
     assert [one.name for one in chosen(("rub", "emps"))] == ["emps", "rub"]
     assert chosen(()) == SETS
-    with pytest.raises(ValueError, match=r"There is no set rubb\. Give some of emps, "):
+    with pytest.raises(ValueError, match=r"There is no set rubb\. Sets: emps, "):
         chosen(("rubb",))
 
 
@@ -57,7 +57,7 @@ def test_sets_that_are_not_there_are_skipped_with_the_reason(tmp_path, monkeypat
     for one in SETS:
         assert f"{one.name}: skipped, " in told
         assert f"`{one.name}` (" in page.read_text()
-    assert "is not there. Set SLOWTIME_DATA." in told
+    assert "does not exist. Set SLOWTIME_DATA" in told
 
 
 def test_a_wrong_name_is_refused_on_the_command_line(capsys):

@@ -14,8 +14,8 @@ def surface_band(
 
     The force is linear in its coefficients, so that within the measured range
     :math:`\sigma^2 = j^T C j` with their covariance :math:`C`, inflated where the model leaves
-    more than noise. Beyond it, where the surface keeps its value at the edge, the deviation of
-    the prior of a coefficient is added for each half range of elongation or speed.
+    more than noise. Beyond it, the standard deviation of the prior of a coefficient is added
+    for each half range of elongation or speed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Force surface fitted where no law explains the records: the gap closes without a name."""
+"""Fit of a force surface, for records that no law of the catalogue explains."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence

@@ -9,8 +9,8 @@ from slowtime.discrepancy.localization.places import LatentForce
 from slowtime.dynamics.effects.library.parameter_grids import lines_hz
 
 MARGIN = 1.02
-"""[1] Times the largest motion that was recovered, to which the surface reaches. Source: a
-decision; beyond it keeps its value at the edge."""
+"""[1] Range of the surface, over the largest motion that was recovered. Source: a decision;
+beyond it the surface is extrapolated."""
 DENSE_SHARE = 0.25
 """[share of the standard deviation of the motion] Up to which knots are dense. Source: with it
 knots lie near the quantiles of a normal motion, and still reach its peaks."""
@@ -39,7 +39,7 @@ class Block:
     names
         Names of the coefficients.
     scales
-        Values of the scales on which they hang.
+        Values of the scales that the columns need.
     """
 
     group: str

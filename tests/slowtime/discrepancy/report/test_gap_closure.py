@@ -58,7 +58,7 @@ def test_a_surface_that_does_better_is_adopted_and_described(closed):
     assert told.error < 0.05
     text = describe_gap_closure(told, 1.0, found, KINDS)
     assert f"measured at {PLACE} instead (measured_force)" in text
-    assert "goes straight on, which no record shows" in text
+    assert "it is extrapolated linearly, which no record supports" in text
     assert "most like" in text
     assert "gap_symmetric" in text
 
