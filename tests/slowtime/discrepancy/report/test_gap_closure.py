@@ -57,7 +57,7 @@ def test_a_surface_that_does_better_is_adopted_and_described(closed):
     told, found, _, _ = closed
     assert told.error < 0.05
     text = describe_gap_closure(told, 1.0, found, KINDS)
-    assert f"measured at {PLACE} instead (measured_force)" in text
+    assert f"a force surface was fitted at {PLACE} (measured_force)" in text
     assert "it is extrapolated linearly, which no record supports" in text
     assert "most like" in text
     assert "gap_symmetric" in text
