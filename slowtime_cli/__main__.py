@@ -108,7 +108,7 @@ VERBS = {
     ),
     "effects": Verb(
         "models.effects:effects",
-        "List the effects that a model may contain and that a diagnosis may find.",
+        "List the effects that a model may contain or lack.",
     ),
     "distortion": Verb(
         "records.distortion:distortion",

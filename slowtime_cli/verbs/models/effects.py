@@ -22,7 +22,7 @@ In a model file, an effect stands under effects: with its place and parameters, 
 @click.argument("names", nargs=-1, metavar="[EFFECT]...")
 @click.option("--markdown", is_flag=True, help="Write the whole catalogue as Markdown.")
 def effects(**_given: object) -> None:
-    """List the effects that a model may contain and that a diagnosis may find.
+    """List the effects that a model may contain or lack.
 
     With names: equation, parameters with units and ranges, source, and the special cases that
     an effect contains.
