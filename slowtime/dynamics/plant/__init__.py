@@ -1,4 +1,4 @@
-"""A description with its effects in; what its sensors tell, and what that hangs on, out.
+"""Simulation of a structure with its effects: sensors' outputs and their derivatives.
 
 The linear part is exact; forces of effects by collocation of fifth order within steps that are
 halved where a force has a kink; dry friction sticks, at instants that are located.

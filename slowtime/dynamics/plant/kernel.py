@@ -1,15 +1,18 @@
 r"""Compiled time stepping of a plant.
 
 Between events the state obeys :math:`\dot x = A x + B_u u(t) + B_y y(t)`, where the forces
-:math:`y = f(w, t)` hang on what is observed of the state, :math:`w = H x`. A step takes y as
-the parabola through three Radau points (Hairer and Wanner 1996, section IV.5: order 5), for
-which the linear part is solved exactly; Newton's method finds y. Steps are a sample interval
-halved as often as the parabola misses the force at the step's beginning, which closes in on
-kinks. In the shortest, instants at which friction begins to stick or slide, and those at which
-a law jumps, are located, and slopes jump as they must (Leine and Nijmeijer 2004, chapter 7).
+:math:`y = f(w, t)` depend on observations of the state, :math:`w = H x`. In a step, y is the
+parabola through three Radau points (Hairer and Wanner 1996, section IV.5: order 5). The linear
+part is solved exactly for it; Newton's method finds y. A step is a sample interval, halved
+until the parabola meets the force at the step's beginning within the tolerance; so steps
+become short at kinks. In the shortest steps, events are located: friction begins to stick or
+to slide, or a law jumps. There the derivatives jump (Leine and Nijmeijer 2004, chapter 7).
 
-All of it stands in one file, for the compiler keeps its code by file and would not notice that
-another has changed. Axis names: states, w observed, c channel of force, p slope, u input.
+"Slopes" are derivatives with respect to parameters and to the first state. A "channel" is the
+force of one effect, or the rate of one of its internal states.
+
+All of it is in one file: the compiler caches code by file, and would not notice a change in
+another.
 """
 
 import math
@@ -29,113 +32,171 @@ _LEFT_1 = _C2 / ((_C1 - _C2) * (_C1 - 1.0))
 _LEFT_2 = _C1 / ((_C2 - _C1) * (_C2 - 1.0))
 _LEFT_3 = _C1 * _C2 / ((1.0 - _C1) * (1.0 - _C2))
 
-FRICTION, CHANNEL, SEEN, STATES, FIRST, COUNT = 0, 1, 2, 3, 4, 5
-"""Columns of the table of effects: friction or not, its first channel and observation, how many
-internal states, its first parameter and how many."""
+FRICTION, CHANNEL, FIRST_OBSERVATION, STATES, FIRST_PARAMETER, PARAMETERS = 0, 1, 2, 3, 4, 5
+"""Columns of the table of effects: 1 for friction, else 0; first channel; first observation;
+number of internal states; first parameter; number of parameters."""
 
-CONVERGED = 1e-9
-"""Change of a force, over the largest so far, at which Newton's method has converged."""
-NUDGE = 1e-5
-"""Step of differences, over the largest value so far."""
-HAIR = 1e-9
-"""Of a step: what instants are told apart by."""
-EVENTS = 24
-"""Events that one shortest step may hold; what is left of it then passes without."""
-GIVE_UP = 2000
-"""Steps a sample, over the whole of a run, at which it is given up."""
+NEWTON_TOLERANCE = 1e-9
+"""[1] Change of a force, over the largest so far, at which Newton's method has converged."""
+DIFFERENCE_STEP = 1e-5
+"""[1] Step of central differences, over the largest value so far."""
+TIME_RESOLUTION = 1e-9
+"""[1] Share of a step; instants that are nearer to each other count as one."""
+MAX_EVENTS = 24
+"""Events located in one shortest step; the rest of the step is taken without."""
+MAX_STEPS_PER_SAMPLE = 2000
+"""Mean number of steps per sample at which a run is given up."""
 
-
-BOUND = 1e60
-"""Motion beyond which a run is given up, in any unit."""
+MAX_STATE = 1e60
+"""Value of the first state beyond which a run is given up, in any unit."""
 
 
 class System(NamedTuple):
-    """What a run does not change: laws, matrices, and their slopes to linear parameters.
+    """Arrays that a run does not change: laws, matrices, and their slopes.
 
-    `matrix` gives the rate of the state by (state; input; force). `big` does so for a step,
-    for each level, a sample interval halved so many times: rows (state at the end; what is
-    seen at the three points), columns (state; input by power of time; force by point and
-    channel). What is `by_column` has the columns of another in its rows, which zeros make
-    longer. Slopes of `matrix` and `big` to linear parameters have a row for each column of
-    these, and in it (row; parameter), whole rounds of parameters. `column` says which slope
-    belongs to a law's parameter, or -1; `jumps` the instants at which laws jump, and
-    `jump_columns` the slope of each, or -1. Inputs beyond those of the matrices drive slopes
-    only: `driven` says which, and through which input.
+    Parameters
+    ----------
+    effect_table
+        Row of each effect [effect, column]; see the names of its columns above.
+    laws
+        Address of the compiled law of each channel [channel].
+    p
+        Parameters of all laws [parameter].
+    parameter_slope
+        Index of the slope that belongs to each of these; -1 for none [parameter].
+    jump_times, jump_slopes
+        Campaign times at which laws jump [s], and the slope that belongs to each, or -1.
+    driven_inputs
+        Inputs that are derivatives with respect to a parameter: the slope, and the input
+        through which each acts [driven, 2].
+    observation
+        H: observations that laws take from the state [observation, state].
+    rate_matrix
+        Rate of the state from (state; input; channel).
+    rate_matrix_slopes
+        Its slopes to linear parameters; see `system.slopes_by_column`.
+    step_matrices
+        For each number of halvings of the sample interval [level, row, column]. Rows: state
+        at the end of the step, then the observations at its three points. Columns: state;
+        each input's polynomial by power; channels by point.
+    step_matrix_slopes
+        Their slopes to linear parameters.
+    step_columns, rate_columns, observation_columns
+        `step_matrices`, `rate_matrix` and `observation` transposed, each row padded with zeros.
     """
 
-    table: Whole
+    effect_table: Whole
     laws: Whole
     p: Reals
-    column: Whole
-    jumps: Reals
-    jump_columns: Whole
-    driven: Whole
-    seeing: Reals
-    matrix: Reals
-    slope_matrix: Reals
-    big: Reals
-    slope_big: Reals
-    by_column: Reals
-    matrix_by_column: Reals
-    seeing_by_column: Reals
+    parameter_slope: Whole
+    jump_times: Reals
+    jump_slopes: Whole
+    driven_inputs: Whole
+    observation: Reals
+    rate_matrix: Reals
+    rate_matrix_slopes: Reals
+    step_matrices: Reals
+    step_matrix_slopes: Reals
+    step_columns: Reals
+    rate_columns: Reals
+    observation_columns: Reals
 
 
-class Now(NamedTuple):
-    """What a run changes, and room for it: state, slopes, modes, the largest values so far.
+class Workspace(NamedTuple):
+    """Arrays that a run changes.
 
-    A mode is 1 or -1 for friction that slides, by direction, and 0 where it sticks. `v` is
-    (state; input; force), `g` the same over a step, as `big` has it. Slopes are as many as
-    `padded` makes them, those beyond what is asked zero; `by_linear` is what linear parameters
-    do by themselves, `nought` a round of zeros.
+    The number of slopes is padded to whole rounds (`padded_count`) by zeros.
+
+    Parameters
+    ----------
+    state, state_slopes
+        State, and its slopes [state, slope].
+    modes
+        Of each effect: 1 or -1 for friction that slides, by direction, and 0 where it sticks.
+    largest_forces, largest_observed
+        Largest values so far, by channel and by observation.
+    combined, combined_slopes
+        (state; input; channel) at one instant, and slopes.
+    rate, rate_slopes
+        Rate of the state, and slopes.
+    observed, observed_slopes
+        Observations at one instant, and slopes.
+    friction_limits
+        Largest force that friction holds, by channel.
+    observation_derivatives, parameter_derivatives
+        Derivatives of laws to observations [point, channel, number] and to their own
+        parameters [channel, number].
+    step_vector
+        (state; input by power; channel by point) of a step.
+    step_result, step_result_slopes
+        State at the end and observations at the points without the forces, and slopes.
+    point_forces, point_observed
+        Channels and observations at the three points.
+    jacobian, inverse_jacobian
+        Of Newton's method [point and channel, point and channel].
+    right_side, right_side_slopes
+        Its right side, and slopes.
+    part_coefficients
+        Polynomials of the inputs over the step [input, power].
+    sticking_matrix, sticking_right_side, sticking_slopes
+        Equations of the forces of friction that sticks.
+    stage_state, stage_slopes, next_state, next_slopes
+        State within and after a Runge-Kutta step, and slopes.
+    rate_before, instant_slopes
+        Rate of the state before an event, and slopes of the instant of the event.
+    linear_slope_product
+        Slopes of a matrix to linear parameters, times a column.
+    zeros
+        A round of zeros.
     """
 
-    x: Reals
-    s: Reals
+    state: Reals
+    state_slopes: Reals
     modes: Reals
-    largest_y: Reals
-    largest_w: Reals
-    v: Reals
-    slope_v: Reals
+    largest_forces: Reals
+    largest_observed: Reals
+    combined: Reals
+    combined_slopes: Reals
     rate: Reals
-    slope_rate: Reals
-    w: Reals
-    slope_w: Reals
-    limit: Reals
-    by_seen: Reals
-    by_parameter: Reals
-    g: Reals
-    room: Reals
-    slope_room: Reals
-    y: Reals
-    points: Reals
-    newton: Reals
-    inverse: Reals
-    right: Reals
-    slope_right: Reals
-    part: Reals
-    stuck: Reals
-    stuck_right: Reals
-    stuck_slope: Reals
-    x_0: Reals
-    s_0: Reals
-    x_1: Reals
-    s_1: Reals
-    before: Reals
-    moved: Reals
-    by_linear: Reals
-    nought: Reals
+    rate_slopes: Reals
+    observed: Reals
+    observed_slopes: Reals
+    friction_limits: Reals
+    observation_derivatives: Reals
+    parameter_derivatives: Reals
+    step_vector: Reals
+    step_result: Reals
+    step_result_slopes: Reals
+    point_forces: Reals
+    point_observed: Reals
+    jacobian: Reals
+    inverse_jacobian: Reals
+    right_side: Reals
+    right_side_slopes: Reals
+    part_coefficients: Reals
+    sticking_matrix: Reals
+    sticking_right_side: Reals
+    sticking_slopes: Reals
+    stage_state: Reals
+    stage_slopes: Reals
+    next_state: Reals
+    next_slopes: Reals
+    rate_before: Reals
+    instant_slopes: Reals
+    linear_slope_product: Reals
+    zeros: Reals
 
 
-def padded(count: int) -> int:
-    """Make a number of slopes one of whole rounds."""
+def padded_count(count: int) -> int:
+    """Round a number of slopes up to whole rounds."""
     return -(-count // ROUND) * ROUND
 
 
-def places(system: System, now: Now) -> Whole:
-    """Where all arrays stand in memory, and their shapes: one row an array.
+def memory_table(system: System, now: Workspace) -> Whole:
+    """Return address and shape of each array: one row per array.
 
-    Compiled functions take this one table and find in it what they need; to hand them the
-    arrays would take the compiler five times as long. The arrays must outlive the table.
+    Compiled functions take this one table as `store`; with the arrays as arguments, compiling
+    takes five times as long. The arrays must outlive the table.
     """
     found = np.zeros((len(system) + len(now), 5), dtype=np.int64)
     for row, array in zip(found, (*system, *now), strict=True):
@@ -147,38 +208,69 @@ def places(system: System, now: Now) -> Whole:
 
 
 (
-    TABLE,
+    EFFECT_TABLE,
     LAWS,
     P,
-    COLUMN,
-    JUMPS,
-    JUMP_COLUMNS,
-    DRIVEN,
-    SEEING,
-    MATRIX,
-    SLOPE_MATRIX,
-    BIG,
-    SLOPE_BIG,
-    BY_COLUMN,
-    MATRIX_BY_COLUMN,
-    SEEING_BY_COLUMN,
-) = range(15)
-(X, S, MODES, LARGEST_Y, LARGEST_W, V, SLOPE_V, RATE, SLOPE_RATE, W, SLOPE_W) = range(15, 26)
-(LIMIT, BY_SEEN, BY_PARAMETER, G, ROOM, SLOPE_ROOM, Y, POINTS, NEWTON, INVERSE) = range(26, 36)
-(RIGHT, SLOPE_RIGHT, PART, STUCK, STUCK_RIGHT, STUCK_SLOPE, X_0, S_0, X_1, S_1) = range(36, 46)
-BEFORE, MOVED, BY_LINEAR, NOUGHT = range(46, 50)
+    PARAMETER_SLOPE,
+    JUMP_TIMES,
+    JUMP_SLOPES,
+    DRIVEN_INPUTS,
+    OBSERVATION,
+    RATE_MATRIX,
+    RATE_MATRIX_SLOPES,
+    STEP_MATRICES,
+    STEP_MATRIX_SLOPES,
+    STEP_COLUMNS,
+    RATE_COLUMNS,
+    OBSERVATION_COLUMNS,
+    STATE,
+    STATE_SLOPES,
+    MODES,
+    LARGEST_FORCES,
+    LARGEST_OBSERVED,
+    COMBINED,
+    COMBINED_SLOPES,
+    RATE,
+    RATE_SLOPES,
+    OBSERVED,
+    OBSERVED_SLOPES,
+    FRICTION_LIMITS,
+    OBSERVATION_DERIVATIVES,
+    PARAMETER_DERIVATIVES,
+    STEP_VECTOR,
+    STEP_RESULT,
+    STEP_RESULT_SLOPES,
+    POINT_FORCES,
+    POINT_OBSERVED,
+    JACOBIAN,
+    INVERSE_JACOBIAN,
+    RIGHT_SIDE,
+    RIGHT_SIDE_SLOPES,
+    PART_COEFFICIENTS,
+    STICKING_MATRIX,
+    STICKING_RIGHT_SIDE,
+    STICKING_SLOPES,
+    STAGE_STATE,
+    STAGE_SLOPES,
+    NEXT_STATE,
+    NEXT_SLOPES,
+    RATE_BEFORE,
+    INSTANT_SLOPES,
+    LINEAR_SLOPE_PRODUCT,
+    ZEROS,
+) = range(50)
 """Rows of that table."""
 
 
 line, grid = view_of(numba.float64, 1), view_of(numba.float64, 2)
 cube = view_of(numba.float64, 3)
 whole_line, whole_grid = view_of(numba.int64, 1), view_of(numba.int64, 2)
-"""From that table and a row, the array: of real numbers by axes, and of whole ones."""
+"""Views of an array, from that table and a row: real numbers by axes, and integers."""
 
 
 @compiled
-def plain(number: int) -> int:
-    """Hide a number from the compiler, which would compile what is called anew for it."""
+def opaque(number: int) -> int:
+    """Hide a constant from the compiler, which else compiles the called function for it."""
     return number * 1
 
 
@@ -201,39 +293,41 @@ def address(matrix: Reals, row: int, column: int) -> int:
 
 
 @compiled
-def by_linear(store: Whole, shares: Reals, slopes: Reals) -> None:
-    """Compute what linear parameters do by themselves: slopes of a matrix, times its columns.
+def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
+    """Multiply slopes of a matrix to linear parameters by a column.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     shares
         Factor of each column of the matrix [column].
     slopes
         Slopes of the matrix, laid out by column [column, row and parameter].
     """
-    found, nought = line(store, BY_LINEAR), line(store, NOUGHT)
+    found, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
     width = slopes.shape[1]
     for i in range(0, width, ROUND):
         sum_rows(
             found.ctypes.data + 8 * i,
-            nought.ctypes.data,
+            zeros.ctypes.data,
             shares.ctypes.data,
             len(slopes),
-            address(slopes, plain(0), i),
+            address(slopes, opaque(0), i),
             width,
         )
 
 
 @compiled
-def carry(store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals) -> None:
-    """Compute the slopes of a matrix times the state, and add those of `by_linear`.
+def propagate_slopes(
+    store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals
+) -> None:
+    """Compute the slopes of a matrix times the state, and add those of `linear_slopes`.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     matrix
         The matrix [row, column]; its first columns belong to the state.
     linear
@@ -243,14 +337,14 @@ def carry(store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals) 
     found
         Slopes of the product [row, slope]; written.
     """
-    own, nought = line(store, BY_LINEAR), line(store, NOUGHT)
+    own, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
     states, width = slope.shape
     for r in range(len(found)):
         for j in range(0, width, ROUND):
-            start = nought.ctypes.data
+            start = zeros.ctypes.data
             if j < linear:
                 start = own.ctypes.data + 8 * (r * linear + j)
-            shares, rows = address(matrix, r, plain(0)), address(slope, plain(0), j)
+            shares, rows = address(matrix, r, opaque(0)), address(slope, opaque(0), j)
             sum_rows(address(found, r, j), start, shares, states, rows, width)
 
 
@@ -294,8 +388,8 @@ def solve(matrix: Reals, right: Reals, size: int) -> None:
 
 
 @compiled
-def force_of(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -> float:
-    """Value of one channel of one effect; that of sliding friction has its sign.
+def law_value(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -> float:
+    """Evaluate one channel of one effect; that of sliding friction has its sign.
 
     Parameters
     ----------
@@ -316,8 +410,8 @@ def force_of(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) ->
     -------
     Force [N], or rate of an internal state.
     """
-    seen = row[SEEN]
-    z, own = w.ctypes.data + 8 * (seen + 2), p.ctypes.data + 8 * row[FIRST]
+    seen = row[FIRST_OBSERVATION]
+    z, own = w.ctypes.data + 8 * (seen + 2), p.ctypes.data + 8 * row[FIRST_PARAMETER]
     if row[FRICTION] == 1:
         sign = 1.0 if mode == 0.0 else mode
         speed = max(mode * w[seen + 1], 0.0)
@@ -326,13 +420,13 @@ def force_of(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) ->
 
 
 @compiled
-def forces(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int) -> None:
-    """Compute all channels; of friction that sticks, the most that it holds.
+def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int) -> None:
+    """Evaluate all channels; of friction that sticks, the largest force that it holds.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     modes
         Mode of each effect [effect].
     w
@@ -344,22 +438,22 @@ def forces(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int)
     first
         Row of the first channel.
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     p = line(store, P)
     for i in range(len(table)):
         channel = table[i, CHANNEL]
         for c in range(channel, channel + 1 + table[i, STATES]):
-            y[first + c, 0] = force_of(laws[c], table[i], modes[i], w, t, p)
+            y[first + c, 0] = law_value(laws[c], table[i], modes[i], w, t, p)
 
 
 @compiled
-def slopes_of_laws(store: Whole, w: Reals, t: float, point: int) -> None:
+def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
     """Differentiate all channels to observations and parameters, by central differences.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     w
         Observations of the state that laws see [observation].
     t
@@ -367,46 +461,50 @@ def slopes_of_laws(store: Whole, w: Reals, t: float, point: int) -> None:
     point
         Index of the Radau point whose slopes are written.
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    column, modes = whole_line(store, COLUMN), line(store, MODES)
-    largest_w, by_seen = line(store, LARGEST_W), cube(store, BY_SEEN)
-    by_parameter, p = grid(store, BY_PARAMETER), line(store, P)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    column, modes = whole_line(store, PARAMETER_SLOPE), line(store, MODES)
+    largest_w, by_seen = line(store, LARGEST_OBSERVED), cube(store, OBSERVATION_DERIVATIVES)
+    by_parameter, p = grid(store, PARAMETER_DERIVATIVES), line(store, P)
     for i in range(len(table)):
-        channel, seen, first = table[i, CHANNEL], table[i, SEEN], table[i, FIRST]
-        seen_count = 2 + table[i, STATES]
+        channel, seen, first = (
+            table[i, CHANNEL],
+            table[i, FIRST_OBSERVATION],
+            table[i, FIRST_PARAMETER],
+        )
+        observed_count = 2 + table[i, STATES]
         for c in range(channel, channel + 1 + table[i, STATES]):
-            for k in range(seen_count + table[i, COUNT]):
-                at = seen + k if k < seen_count else first + k - seen_count
-                if k >= seen_count and column[at] < 0:
+            for k in range(observed_count + table[i, PARAMETERS]):
+                at = seen + k if k < observed_count else first + k - observed_count
+                if k >= observed_count and column[at] < 0:
                     continue
-                varied = w if k < seen_count else p
+                varied = w if k < observed_count else p
                 kept = varied[at]
-                step = NUDGE * abs(kept)
-                if k < seen_count:
-                    step = max(step, NUDGE * largest_w[at])
+                step = DIFFERENCE_STEP * abs(kept)
+                if k < observed_count:
+                    step = max(step, DIFFERENCE_STEP * largest_w[at])
                 if step == 0.0:
                     step = 1e-8
                 varied[at] = kept + step
-                slope = force_of(laws[c], table[i], modes[i], w, t, p)
+                slope = law_value(laws[c], table[i], modes[i], w, t, p)
                 varied[at] = kept - step
-                slope -= force_of(laws[c], table[i], modes[i], w, t, p)
+                slope -= law_value(laws[c], table[i], modes[i], w, t, p)
                 varied[at] = kept
-                if k < seen_count:
+                if k < observed_count:
                     by_seen[point, c, k] = slope / (2.0 * step)
                 else:
-                    by_parameter[c, k - seen_count] = slope / (2.0 * step)
+                    by_parameter[c, k - observed_count] = slope / (2.0 * step)
 
 
 @compiled
-def spread_slopes(
+def apply_chain_rule(
     store: Whole, point: int, slope_w: Reals, at: int, slope_y: Reals, first: int
 ) -> None:
-    """Apply the chain rule from observations to forces; of what sticks, slopes are zero.
+    """Apply the chain rule from observations to forces; zero for friction that sticks.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     point
         Index of the Radau point.
     slope_w
@@ -418,9 +516,9 @@ def spread_slopes(
     first
         Row of the first channel.
     """
-    table, column = whole_grid(store, TABLE), whole_line(store, COLUMN)
-    modes, by_seen = line(store, MODES), cube(store, BY_SEEN)
-    by_parameter, nought = grid(store, BY_PARAMETER), line(store, NOUGHT)
+    table, column = whole_grid(store, EFFECT_TABLE), whole_line(store, PARAMETER_SLOPE)
+    modes, by_seen = line(store, MODES), cube(store, OBSERVATION_DERIVATIVES)
+    by_parameter, zeros = grid(store, PARAMETER_DERIVATIVES), line(store, ZEROS)
     for i in range(len(table)):
         channel = table[i, CHANNEL]
         for c in range(channel, channel + 1 + table[i, STATES]):
@@ -429,25 +527,25 @@ def spread_slopes(
                 count = 0
             shares = by_seen.ctypes.data + 8 * (point * by_seen.shape[1] + c) * by_seen.shape[2]
             for j in range(0, slope_y.shape[1], ROUND):
-                rows = address(slope_w, at + table[i, SEEN], j)
+                rows = address(slope_w, at + table[i, FIRST_OBSERVATION], j)
                 found = address(slope_y, first + c, j)
-                sum_rows(found, nought.ctypes.data, shares, count, rows, slope_y.shape[1])
+                sum_rows(found, zeros.ctypes.data, shares, count, rows, slope_y.shape[1])
             if count == 0:
                 continue
-            for k in range(table[i, COUNT]):
-                j = column[table[i, FIRST] + k]
+            for k in range(table[i, PARAMETERS]):
+                j = column[table[i, FIRST_PARAMETER] + k]
                 if j >= 0:
                     slope_y[first + c, j] += by_parameter[c, k]
 
 
 @compiled
-def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
+def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
     """Add the forces that keep the speeds of sticking friction, and their effect on the rates.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     rates
         Rates of the state, or their slopes [state, side]; changed.
     v
@@ -455,15 +553,15 @@ def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
     right
         Room for the right sides [friction, side].
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    seeing, matrix = grid(store, SEEING), grid(store, MATRIX)
-    modes, stuck = line(store, MODES), grid(store, STUCK)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    seeing, matrix = grid(store, OBSERVATION), grid(store, RATE_MATRIX)
+    modes, stuck = line(store, MODES), grid(store, STICKING_MATRIX)
     first = matrix.shape[1] - len(laws)
-    row = plain(0)
+    row = opaque(0)
     for i in range(len(table)):
         if table[i, FRICTION] == 0 or modes[i] != 0.0:
             continue
-        speed, col = table[i, SEEN] + 1, 0
+        speed, col = table[i, FIRST_OBSERVATION] + 1, 0
         for j in range(right.shape[1]):
             right[row, j] = 0.0
             for k in range(len(rates)):
@@ -479,7 +577,7 @@ def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
     if row == 0:
         return
     solve(stuck, right, row)
-    row = plain(0)
+    row = opaque(0)
     for i in range(len(table)):
         if table[i, FRICTION] == 1 and modes[i] == 0.0:
             column = first + table[i, CHANNEL]
@@ -491,31 +589,35 @@ def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
 
 
 @compiled
-def see(store: Whole, x: Reals) -> None:
-    """Compute what laws see of a state.
+def observe(store: Whole, x: Reals) -> None:
+    """Compute the observations that laws take from a state.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     x
         State [state].
     """
-    seeing, w, nought = grid(store, SEEING_BY_COLUMN), line(store, W), line(store, NOUGHT)
+    seeing, w, zeros = (
+        grid(store, OBSERVATION_COLUMNS),
+        line(store, OBSERVED),
+        line(store, ZEROS),
+    )
     width = seeing.shape[1]
     for o in range(0, len(w), ROUND):
-        found, rows = w.ctypes.data + 8 * o, address(seeing, plain(0), o)
-        sum_rows(found, nought.ctypes.data, x.ctypes.data, len(x), rows, width)
+        found, rows = w.ctypes.data + 8 * o, address(seeing, opaque(0), o)
+        sum_rows(found, zeros.ctypes.data, x.ctypes.data, len(x), rows, width)
 
 
 @compiled
-def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
-    """Compute the forces at one instant, those of sticking too, and the rate of the state.
+def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
+    """Compute all forces at one instant, those of sticking too, and the rate of the state.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     x
         State [state].
     t
@@ -525,14 +627,14 @@ def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> Non
     s
         Share of the sample interval that has passed [1].
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    matrix, modes = grid(store, MATRIX_BY_COLUMN), line(store, MODES)
-    v, rate, nought = grid(store, V), grid(store, RATE), line(store, NOUGHT)
-    w, stuck_right = line(store, W), grid(store, STUCK_RIGHT)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    matrix, modes = grid(store, RATE_COLUMNS), line(store, MODES)
+    v, rate, zeros = grid(store, COMBINED), grid(store, RATE), line(store, ZEROS)
+    w, stuck_right = line(store, OBSERVED), grid(store, STICKING_RIGHT_SIDE)
     states, all_of = len(x), len(matrix)
     first = all_of - len(laws)
-    see(store, x)
-    forces(store, modes, w, t, v, first)
+    observe(store, x)
+    law_values(store, modes, w, t, v, first)
     for i in range(len(table)):
         if table[i, FRICTION] == 1 and modes[i] == 0.0:
             v[first + table[i, CHANNEL], 0] = 0.0
@@ -545,19 +647,21 @@ def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> Non
         v[k, 0] = x[k]
     width = matrix.shape[1]
     for k in range(0, states, ROUND):
-        found, rows = rate.ctypes.data + 8 * k, address(matrix, plain(0), k)
-        sum_rows(found, nought.ctypes.data, v.ctypes.data, all_of, rows, width)
-    stick(store, rate, v, stuck_right)
+        found, rows = rate.ctypes.data + 8 * k, address(matrix, opaque(0), k)
+        sum_rows(found, zeros.ctypes.data, v.ctypes.data, all_of, rows, width)
+    add_sticking_forces(store, rate, v, stuck_right)
 
 
 @compiled
-def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s: float) -> None:
-    """Compute the slopes of the forces and rates that `flow` has just computed.
+def state_rate_slopes(
+    store: Whole, slope: Reals, t: float, coefficients: Reals, s: float
+) -> None:
+    """Compute the slopes of the forces and rates that `state_rate` has just computed.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     slope
         Slopes of the state [state, slope].
     t
@@ -567,17 +671,17 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
     s
         Share of the sample interval that has passed [1].
     """
-    laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN)
-    seeing, matrix = grid(store, SEEING), grid(store, MATRIX)
-    slope_matrix = grid(store, SLOPE_MATRIX)
-    slope_v, slope_rate = grid(store, SLOPE_V), grid(store, SLOPE_RATE)
-    w, slope_w = line(store, W), grid(store, SLOPE_W)
-    stuck_slope = grid(store, STUCK_SLOPE)
+    laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN_INPUTS)
+    seeing, matrix = grid(store, OBSERVATION), grid(store, RATE_MATRIX)
+    slope_matrix = grid(store, RATE_MATRIX_SLOPES)
+    slope_v, slope_rate = grid(store, COMBINED_SLOPES), grid(store, RATE_SLOPES)
+    w, slope_w = line(store, OBSERVED), grid(store, OBSERVED_SLOPES)
+    stuck_slope = grid(store, STICKING_SLOPES)
     states, slopes = slope.shape
     channels, all_of = len(laws), matrix.shape[1]
     first = all_of - channels
-    by_linear(store, line(store, V), slope_matrix)
-    carry(store, matrix, slope_matrix.shape[1] // states, slope, slope_rate)
+    linear_slopes(store, line(store, COMBINED), slope_matrix)
+    propagate_slopes(store, matrix, slope_matrix.shape[1] // states, slope, slope_rate)
     if len(driven) > 0:
         for k in range(states, first):
             for j in range(slopes):
@@ -587,7 +691,7 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
         for j in range(coefficients.shape[1] - 1, -1, -1):
             value = value * s + coefficients[first - states + i, j]
         slope_v[states + driven[i, 1], driven[i, 0]] += value
-    slopes_of_laws(store, w, t, plain(0))
+    law_slopes(store, w, t, opaque(0))
     for o in range(len(w)):
         for j in range(slopes):
             slope_w[o, j] = 0.0
@@ -596,26 +700,26 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
             if share != 0.0:
                 for j in range(slopes):
                     slope_w[o, j] += share * slope[k, j]
-    spread_slopes(store, plain(0), slope_w, plain(0), slope_v, first)
-    # Most inputs do not hang on any parameter.
-    moving = plain(states) if len(driven) > 0 else first
+    apply_chain_rule(store, opaque(0), slope_w, opaque(0), slope_v, first)
+    # Most inputs do not depend on any parameter.
+    moving = opaque(states) if len(driven) > 0 else first
     for k in range(states):
         for r in range(moving, all_of):
             share = matrix[k, r]
             if share != 0.0:
                 for j in range(slopes):
                     slope_rate[k, j] += share * slope_v[r, j]
-    stick(store, slope_rate, slope_v, stuck_slope)
+    add_sticking_forces(store, slope_rate, slope_v, stuck_slope)
 
 
 @compiled
-def settle(store: Whole, t: float, coefficients: Reals, s: float) -> None:
-    """Let friction whose mode is 0 stick where it can hold, and slide where it cannot.
+def choose_friction_modes(store: Whole, t: float, coefficients: Reals, s: float) -> None:
+    """Let friction whose mode is 0 slide where its limit is exceeded.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     t
         Time [s].
     coefficients
@@ -623,29 +727,29 @@ def settle(store: Whole, t: float, coefficients: Reals, s: float) -> None:
     s
         Share of the sample interval that has passed [1].
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    matrix, x = grid(store, MATRIX), line(store, X)
-    modes, v = line(store, MODES), grid(store, V)
-    w, limit = line(store, W), grid(store, LIMIT)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    matrix, x = grid(store, RATE_MATRIX), line(store, STATE)
+    modes, v = line(store, MODES), grid(store, COMBINED)
+    w, limit = line(store, OBSERVED), grid(store, FRICTION_LIMITS)
     first = matrix.shape[1] - len(laws)
     for _ in range(2 * len(table)):
-        flow(store, x, t, coefficients, s)
-        forces(store, modes, w, t, limit, plain(0))
-        worst, over, sign = plain(-1), 1.0, 1.0
+        state_rate(store, x, t, coefficients, s)
+        law_values(store, modes, w, t, limit, opaque(0))
+        worst, over, sign = opaque(-1), 1.0, 1.0
         for i in range(len(table)):
             if table[i, FRICTION] == 1 and modes[i] == 0.0:
                 c = table[i, CHANNEL]
-                held, most = v[first + c, 0], limit[c, 0]
-                if abs(held) > over * most:
-                    worst, sign = i, math.copysign(1.0, held)
-                    over = abs(held) / most if most > 0.0 else np.inf
+                forces, most = v[first + c, 0], limit[c, 0]
+                if abs(forces) > over * most:
+                    worst, sign = i, math.copysign(1.0, forces)
+                    over = abs(forces) / most if most > 0.0 else np.inf
         if worst < 0:
             return
         modes[worst] = sign
 
 
 @compiled
-def crawl(
+def runge_kutta_step(
     store: Whole,
     t: float,
     h: float,
@@ -654,12 +758,12 @@ def crawl(
     width: float,
     slopes: int,
 ) -> None:
-    """Step from `x`, `s` to `x_1`, `s_1` by the classical Runge-Kutta rule of order 4.
+    """Take a step by the classical Runge-Kutta rule of order 4; the result is in `next_state`.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     t
         Time [s].
     h
@@ -673,22 +777,22 @@ def crawl(
     slopes
         Number of slopes to carry along.
     """
-    x, slope = line(store, X), grid(store, S)
-    rate, slope_rate = grid(store, RATE), grid(store, SLOPE_RATE)
-    x_0, s_0 = line(store, X_0), grid(store, S_0)
-    x_1, s_1 = line(store, X_1), grid(store, S_1)
+    x, slope = line(store, STATE), grid(store, STATE_SLOPES)
+    rate, slope_rate = grid(store, RATE), grid(store, RATE_SLOPES)
+    x_0, s_0 = line(store, STAGE_STATE), grid(store, STAGE_SLOPES)
+    x_1, s_1 = line(store, NEXT_STATE), grid(store, NEXT_SLOPES)
     states = len(x)
     for k in range(states):
         x_0[k] = x_1[k] = x[k]
         for j in range(slopes):
             s_0[k, j] = s_1[k, j] = slope[k, j]
     for stage in range(4):
-        # A hair before the end, so that a law that jumps there has not done so.
-        share = (0.0, 0.5, 0.5, 1.0 - HAIR)[stage]
+        # Just before the end, so that a law that jumps there has not jumped yet.
+        share = (0.0, 0.5, 0.5, 1.0 - TIME_RESOLUTION)[stage]
         weight, ahead = (h / 6, h / 3, h / 3, h / 6)[stage], (h / 2, h / 2, h, 0.0)[stage]
-        flow(store, x_0, t + share * h, coefficients, s + share * width)
+        state_rate(store, x_0, t + share * h, coefficients, s + share * width)
         if slopes > 0:
-            slopes_of_flow(store, s_0, t + share * h, coefficients, s + share * width)
+            state_rate_slopes(store, s_0, t + share * h, coefficients, s + share * width)
         for k in range(states):
             x_1[k] += weight * rate[k, 0]
             x_0[k] = x[k] + ahead * rate[k, 0]
@@ -698,13 +802,15 @@ def crawl(
 
 
 @compiled
-def margin(store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: float) -> float:
+def event_distance(
+    store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: float
+) -> float:
     """Distance of friction from its next event.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     i
         Index of the effect.
     x
@@ -720,29 +826,29 @@ def margin(store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: flo
     -------
     Speed in its direction [m/s] while it slides, force to spare [N] while it sticks.
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    p, matrix = line(store, P), grid(store, MATRIX)
-    modes, v = line(store, MODES), grid(store, V)
-    w = line(store, W)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    p, matrix = line(store, P), grid(store, RATE_MATRIX)
+    modes, v = line(store, MODES), grid(store, COMBINED)
+    w = line(store, OBSERVED)
     c = table[i, CHANNEL]
-    flow(store, x, t, coefficients, s)
+    state_rate(store, x, t, coefficients, s)
     if modes[i] != 0.0:
-        return float(modes[i] * w[table[i, SEEN] + 1])
-    most = force_of(laws[c], table[i], 0.0, w, t, p)
-    held = v[matrix.shape[1] - len(laws) + c, 0]
-    return float(most * (1.0 + 1e-9) - abs(held))
+        return float(modes[i] * w[table[i, FIRST_OBSERVATION] + 1])
+    most = law_value(laws[c], table[i], 0.0, w, t, p)
+    forces = v[matrix.shape[1] - len(laws) + c, 0]
+    return float(most * (1.0 + 1e-9) - abs(forces))
 
 
 @compiled
-def creep(
+def step_through_events(
     store: Whole, t: float, h: float, coefficients: Reals, s: float, width: float
 ) -> None:
-    """Take the shortest step, with every event within it at its instant.
+    """Take a shortest step, and locate every event within it.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     t
         Time [s].
     h
@@ -754,65 +860,65 @@ def creep(
     width
         Length of the step over the sample interval [1].
     """
-    table, jumps = whole_grid(store, TABLE), line(store, JUMPS)
-    x, slope = line(store, X), grid(store, S)
-    x_1, s_1 = line(store, X_1), grid(store, S_1)
+    table, jumps = whole_grid(store, EFFECT_TABLE), line(store, JUMP_TIMES)
+    x, slope = line(store, STATE), grid(store, STATE_SLOPES)
+    x_1, s_1 = line(store, NEXT_STATE), grid(store, NEXT_SLOPES)
     states, slopes = slope.shape
     left, pace = h, width / h
-    for count in range(EVENTS):
-        step, which, jump = left, plain(-1), plain(-1)
+    for count in range(MAX_EVENTS):
+        step, which, jump = left, opaque(-1), opaque(-1)
         for j in range(len(jumps)):
             ahead = jumps[j] - t
-            if HAIR * h < ahead and ahead <= step * (1.0 + HAIR):
+            if TIME_RESOLUTION * h < ahead and ahead <= step * (1.0 + TIME_RESOLUTION):
                 step, jump = min(ahead, left), j
-        crawl(store, t, step, coefficients, s, pace * step, plain(0))
+        runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
         for i in range(len(table)):
-            if table[i, FRICTION] == 0 or count == EVENTS - 1:
+            if table[i, FRICTION] == 0 or count == MAX_EVENTS - 1:
                 continue
-            above = margin(store, i, x_1, t + step, coefficients, s + pace * step)
+            above = event_distance(store, i, x_1, t + step, coefficients, s + pace * step)
             if above >= 0.0:
                 continue
             low, high = 0.0, step
-            below = margin(store, i, x, t, coefficients, s)
+            below = event_distance(store, i, x, t, coefficients, s)
             while high - low > 1e-12 * h and below > 0.0:
                 # Regula falsi, one end halved where the other lags.
                 guess = low + (high - low) * min(max(below / (below - above), 0.02), 0.98)
-                crawl(store, t, guess, coefficients, s, pace * guess, plain(0))
-                found = margin(store, i, x_1, t + guess, coefficients, s + pace * guess)
+                runge_kutta_step(store, t, guess, coefficients, s, pace * guess, opaque(0))
+                found = event_distance(store, i, x_1, t + guess, coefficients, s + pace * guess)
                 if found < 0.0:
                     high, above, below = guess, found, 0.5 * below
                 else:
                     low, below, above = guess, found, 0.5 * above
-            step, which, jump = high, i, plain(-1)
-            crawl(store, t, step, coefficients, s, pace * step, plain(0))
-        crawl(store, t, step, coefficients, s, pace * step, slopes)
+            step, which, jump = high, i, opaque(-1)
+            runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
+        runge_kutta_step(store, t, step, coefficients, s, pace * step, slopes)
         for k in range(states):
             x[k] = x_1[k]
             for j in range(slopes):
                 slope[k, j] = s_1[k, j]
         t, s, left = t + step, s + pace * step, left - step
         if which >= 0 or jump >= 0:
-            switch(store, t, coefficients, s, which, jump, HAIR * h)
-        if left <= HAIR * h:
+            pass_event(store, t, coefficients, s, which, jump, TIME_RESOLUTION * h)
+        if left <= TIME_RESOLUTION * h:
             return
 
 
 @compiled
-def switch(
+def pass_event(
     store: Whole,
     t: float,
     coefficients: Reals,
     s: float,
     which: int,
     jump: int,
-    hair: float,
+    resolution: float,
 ) -> None:
-    """Change the mode of friction `which`, or pass `jump`; slopes jump with the rate.
+    """Change the mode of one friction, or pass a jump; slopes jump with the rate.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     t
         Time [s].
     coefficients
@@ -824,22 +930,22 @@ def switch(
     jump
         Index of the instant at which a law jumps; -1 for none.
     hair
-        Time by which before and after the event are told apart [s].
+        Time between the event and the instants called before and after it [s].
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    jump_columns, seeing = whole_line(store, JUMP_COLUMNS), grid(store, SEEING)
-    matrix, x = grid(store, MATRIX), line(store, X)
-    slope, modes = grid(store, S), line(store, MODES)
-    rate, w = grid(store, RATE), line(store, W)
-    before, moved = line(store, BEFORE), line(store, MOVED)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    jump_columns, seeing = whole_line(store, JUMP_SLOPES), grid(store, OBSERVATION)
+    matrix, x = grid(store, RATE_MATRIX), line(store, STATE)
+    slope, modes = grid(store, STATE_SLOPES), line(store, MODES)
+    rate, w = grid(store, RATE), line(store, OBSERVED)
+    before, moved = line(store, RATE_BEFORE), line(store, INSTANT_SLOPES)
     states, slopes = slope.shape
-    flow(store, x, t - hair, coefficients, s)
+    state_rate(store, x, t - resolution, coefficients, s)
     for k in range(states):
         before[k] = rate[k, 0]
     for j in range(slopes):
         moved[j] = 0.0
     if which >= 0 and modes[which] != 0.0:
-        speed = table[which, SEEN] + 1
+        speed = table[which, FIRST_OBSERVATION] + 1
         column = matrix.shape[1] - len(laws) + table[which, CHANNEL]
         pace, size, past = 0.0, 0.0, w[speed]
         for k in range(states):
@@ -854,8 +960,8 @@ def switch(
         modes[which] = 0.0
     if jump >= 0 and jump_columns[jump] >= 0:
         moved[jump_columns[jump]] += 1.0
-    settle(store, t + hair, coefficients, s)
-    flow(store, x, t + hair, coefficients, s)
+    choose_friction_modes(store, t + resolution, coefficients, s)
+    state_rate(store, x, t + resolution, coefficients, s)
     for k in range(states):
         change = before[k] - rate[k, 0]
         for j in range(slopes):
@@ -869,21 +975,21 @@ def newton_inverse(store: Whole, level: int) -> None:
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     level
         How often the sample interval is halved.
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    big, x = cube(store, BIG)[level], line(store, X)
-    modes, w = line(store, MODES), line(store, W)
-    by_seen, newton = cube(store, BY_SEEN), grid(store, NEWTON)
-    inverse = grid(store, INVERSE)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    big, x = cube(store, STEP_MATRICES)[level], line(store, STATE)
+    modes, w = line(store, MODES), line(store, OBSERVED)
+    by_seen, newton = cube(store, OBSERVATION_DERIVATIVES), grid(store, JACOBIAN)
+    inverse = grid(store, INVERSE_JACOBIAN)
     channels = len(laws)
     first = big.shape[1] - 3 * channels
     for point in range(3):
         at = len(x) + point * len(w)
         for i in range(len(table)):
-            channel, seen = table[i, CHANNEL], at + table[i, SEEN]
+            channel, seen = table[i, CHANNEL], at + table[i, FIRST_OBSERVATION]
             for c in range(channel, channel + 1 + table[i, STATES]):
                 r = point * channels + c
                 for k in range(3 * channels):
@@ -901,16 +1007,16 @@ def newton_inverse(store: Whole, level: int) -> None:
 
 
 @compiled
-def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) -> float:
-    """Try one step: write the forces at its three points into `y`.
+def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: float) -> float:
+    """Try one step: write the forces at its three points into `point_forces`.
 
-    The miss is that of the forces at the beginning, over the largest so far, in units of the
+    The error is that of the forces at the beginning, over the largest so far, in units of the
     tolerance; infinity stands for an event, or for no convergence.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     level
         How often the sample interval is halved.
     t
@@ -918,23 +1024,23 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
     h
         Length of the step [s].
     tolerance
-        Miss that counts as one, over the largest force so far [1].
+        Error that counts as one, over the largest force so far [1].
 
     Returns
     -------
-    Miss of the forces at the beginning, in units of the tolerance; or infinity.
+    Error of the forces at the beginning, in units of the tolerance; or infinity.
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    p, matrix = line(store, P), grid(store, MATRIX)
-    big, x = cube(store, BIG)[level], line(store, X)
-    modes, largest_y = line(store, MODES), line(store, LARGEST_Y)
-    v, w = grid(store, V), line(store, W)
-    g, room = line(store, G), line(store, ROOM)
-    y, points = line(store, Y), grid(store, POINTS)
-    inverse, right = grid(store, INVERSE), grid(store, RIGHT)
-    by_column, nought = cube(store, BY_COLUMN)[level], line(store, NOUGHT)
-    part = grid(store, PART)
-    states, seen_count, channels = len(x), len(w), len(laws)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    p, matrix = line(store, P), grid(store, RATE_MATRIX)
+    big, x = cube(store, STEP_MATRICES)[level], line(store, STATE)
+    modes, largest_y = line(store, MODES), line(store, LARGEST_FORCES)
+    v, w = grid(store, COMBINED), line(store, OBSERVED)
+    g, room = line(store, STEP_VECTOR), line(store, STEP_RESULT)
+    y, points = line(store, POINT_FORCES), grid(store, POINT_OBSERVED)
+    inverse, right = grid(store, INVERSE_JACOBIAN), grid(store, RIGHT_SIDE)
+    by_column, zeros = cube(store, STEP_COLUMNS)[level], line(store, ZEROS)
+    part = grid(store, PART_COEFFICIENTS)
+    states, observed_count, channels = len(x), len(w), len(laws)
     first, width = big.shape[1] - 3 * channels, by_column.shape[1]
     for k in range(states):
         g[k] = x[k]
@@ -943,24 +1049,24 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
         for k in range(powers):
             g[states + i * powers + k] = part[i, k]
     for r in range(0, len(room), ROUND):
-        found, rows = room.ctypes.data + 8 * r, address(by_column, plain(0), r)
-        sum_rows(found, nought.ctypes.data, g.ctypes.data, first, rows, width)
+        found, rows = room.ctypes.data + 8 * r, address(by_column, opaque(0), r)
+        sum_rows(found, zeros.ctypes.data, g.ctypes.data, first, rows, width)
     if channels == 0:
         return 0.0
-    flow(store, x, t, part, 0.0)
+    state_rate(store, x, t, part, 0.0)
     left = matrix.shape[1] - channels
     for r in range(3 * channels):
         y[r] = v[left + r % channels, 0]
     most = np.inf
     for trial in range(12):
-        for o in range(0, 3 * seen_count, ROUND):
+        for o in range(0, 3 * observed_count, ROUND):
             found, start = points.ctypes.data + 8 * o, room.ctypes.data + 8 * (states + o)
             rows = address(by_column, first, states + o)
             sum_rows(found, start, y.ctypes.data, 3 * channels, rows, width)
         for point in range(3):
             if trial == 0 or trial == 4:
-                slopes_of_laws(store, points[point], t + RADAU[point] * h, point)
-            forces(
+                law_slopes(store, points[point], t + RADAU[point] * h, point)
+            law_values(
                 store,
                 modes,
                 points[point],
@@ -973,8 +1079,11 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
                 right[r, 0] = y[r] - right[r, 0]
             for i in range(len(table)):
                 if table[i, FRICTION] == 1 and modes[i] == 0.0:
-                    r, speed = point * channels + table[i, CHANNEL], table[i, SEEN] + 1
-                    row = states + point * seen_count + speed
+                    r, speed = (
+                        point * channels + table[i, CHANNEL],
+                        table[i, FIRST_OBSERVATION] + 1,
+                    )
+                    row = states + point * observed_count + speed
                     right[r, 0] = points[point, speed] / big[row, first + r]
         if trial == 0 or trial == 4:
             newton_inverse(store, level)
@@ -987,18 +1096,18 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
             largest = max(largest_y[r % channels], abs(y[r]))
             if change != 0.0:
                 most = max(most, abs(change) / largest if largest > 0.0 else np.inf)
-        if most <= CONVERGED or not most < np.inf:
+        if most <= NEWTON_TOLERANCE or not most < np.inf:
             break
-    if not most <= CONVERGED:
+    if not most <= NEWTON_TOLERANCE:
         return np.inf
-    miss = 0.0
+    error = 0.0
     for i in range(len(table)):
         channel = table[i, CHANNEL]
         if table[i, FRICTION] == 1:
             for point in range(3):
-                if modes[i] * points[point, table[i, SEEN] + 1] < 0.0:
+                if modes[i] * points[point, table[i, FIRST_OBSERVATION] + 1] < 0.0:
                     return np.inf
-                if modes[i] == 0.0 and abs(y[point * channels + channel]) > force_of(
+                if modes[i] == 0.0 and abs(y[point * channels + channel]) > law_value(
                     laws[channel], table[i], 0.0, points[point], t + RADAU[point] * h, p
                 ):
                     return np.inf
@@ -1007,24 +1116,24 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
             at_left = _LEFT_1 * y[c] + _LEFT_2 * y[channels + c] + _LEFT_3 * end
             largest = max(largest_y[c], abs(begin), abs(end))
             if largest > 0.0:
-                miss = max(miss, abs(at_left - begin) / largest)
-    return miss / tolerance
+                error = max(error, abs(at_left - begin) / largest)
+    return error / tolerance
 
 
 @compiled
-def drive(store: Whole, level: int) -> None:
+def add_driven_inputs(store: Whole, level: int) -> None:
     """Add the contribution of inputs that depend on parameters to the slopes of a step.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     level
         How often the sample interval is halved.
     """
-    driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
-    part, slope_room = grid(store, PART), grid(store, SLOPE_ROOM)
-    states, powers = len(line(store, X)), part.shape[1]
+    driven, big = whole_grid(store, DRIVEN_INPUTS), cube(store, STEP_MATRICES)[level]
+    part, slope_room = grid(store, PART_COEFFICIENTS), grid(store, STEP_RESULT_SLOPES)
+    states, powers = len(line(store, STATE)), part.shape[1]
     inputs = len(part) - len(driven)
     for i in range(len(driven)):
         at = states + driven[i, 1] * powers
@@ -1034,13 +1143,13 @@ def drive(store: Whole, level: int) -> None:
 
 
 @compiled
-def advance(store: Whole, level: int, t: float, h: float) -> None:
-    """Take the step that `collocate` found: state, and slopes.
+def accept_step(store: Whole, level: int, t: float, h: float) -> None:
+    """Take the step that `collocation_step` found: state and slopes.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     level
         How often the sample interval is halved.
     t
@@ -1048,22 +1157,22 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
     h
         Length of the step [s].
     """
-    table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
-    slope_big, x = cube(store, SLOPE_BIG)[level], line(store, X)
-    slope, modes = grid(store, S), line(store, MODES)
-    largest_y, largest_w = line(store, LARGEST_Y), line(store, LARGEST_W)
-    w, g, room = line(store, W), line(store, G), line(store, ROOM)
-    slope_room, y = grid(store, SLOPE_ROOM), line(store, Y)
-    points, inverse = grid(store, POINTS), grid(store, INVERSE)
-    by_column, slope_right = cube(store, BY_COLUMN)[level], grid(store, SLOPE_RIGHT)
-    states, seen_count, channels = len(x), len(w), len(laws)
+    table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
+    driven, big = whole_grid(store, DRIVEN_INPUTS), cube(store, STEP_MATRICES)[level]
+    slope_big, x = cube(store, STEP_MATRIX_SLOPES)[level], line(store, STATE)
+    slope, modes = grid(store, STATE_SLOPES), line(store, MODES)
+    largest_y, largest_w = line(store, LARGEST_FORCES), line(store, LARGEST_OBSERVED)
+    w, g, room = line(store, OBSERVED), line(store, STEP_VECTOR), line(store, STEP_RESULT)
+    slope_room, y = grid(store, STEP_RESULT_SLOPES), line(store, POINT_FORCES)
+    points, inverse = grid(store, POINT_OBSERVED), grid(store, INVERSE_JACOBIAN)
+    by_column, slope_right = cube(store, STEP_COLUMNS)[level], grid(store, RIGHT_SIDE_SLOPES)
+    states, observed_count, channels = len(x), len(w), len(laws)
     slopes, first = slope.shape[1], big.shape[1] - 3 * channels
     for r in range(3 * channels):
         g[first + r] = y[r]
         c = r % channels
         largest_y[c] = max(largest_y[c], abs(y[r]))
-    for o in range(seen_count):
+    for o in range(observed_count):
         largest_w[o] = max(largest_w[o], abs(points[2, o]))
     for k in range(0, states, ROUND):
         rows = address(by_column, first, k)
@@ -1071,24 +1180,27 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
         sum_rows(found, start, y.ctypes.data, 3 * channels, rows, by_column.shape[1])
     if slopes == 0:
         return
-    by_linear(store, g, slope_big)
-    carry(store, big, slope_big.shape[1] // len(room), slope, slope_room)
-    # Most inputs do not hang on any parameter.
+    linear_slopes(store, g, slope_big)
+    propagate_slopes(store, big, slope_big.shape[1] // len(room), slope, slope_room)
+    # Most inputs do not depend on any parameter.
     if len(driven) > 0:
-        drive(store, level)
+        add_driven_inputs(store, level)
     for point in range(3):
-        at = states + point * seen_count
-        slopes_of_laws(store, points[point], t + RADAU[point] * h, point)
-        spread_slopes(store, point, slope_room, at, slope_right, point * channels)
+        at = states + point * observed_count
+        law_slopes(store, points[point], t + RADAU[point] * h, point)
+        apply_chain_rule(store, point, slope_room, at, slope_right, point * channels)
         for i in range(len(table)):
             if table[i, FRICTION] == 1 and modes[i] == 0.0:
-                r, speed = point * channels + table[i, CHANNEL], at + table[i, SEEN] + 1
+                r, speed = (
+                    point * channels + table[i, CHANNEL],
+                    at + table[i, FIRST_OBSERVATION] + 1,
+                )
                 for j in range(slopes):
                     share = slope_room[speed, j] / big[speed, first + r]
                     slope_right[r, j] = -share
     if channels > 0:
         newton_inverse(store, level)
-    # The forces have done their work: their place takes what the inverse makes of a row.
+    # The forces are not needed any more: their array takes products with the inverse.
     for k in range(states):
         for q in range(3 * channels):
             total = 0.0
@@ -1096,13 +1208,13 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
                 total += big[k, first + r] * inverse[r, q]
             y[q] = total
         for j in range(0, slopes, ROUND):
-            rows, start = address(slope_right, plain(0), j), address(slope_room, k, j)
+            rows, start = address(slope_right, opaque(0), j), address(slope_room, k, j)
             sum_rows(address(slope, k, j), start, y.ctypes.data, 3 * channels, rows, slopes)
 
 
 @compiled
-def shift(coefficients: Reals, s: float, width: float, part: Reals) -> None:
-    """Turn polynomials over the sample interval into those over a part of it.
+def restrict_polynomials(coefficients: Reals, s: float, width: float, part: Reals) -> None:
+    """Convert polynomials over the sample interval to polynomials over a part of it.
 
     Parameters
     ----------
@@ -1132,32 +1244,30 @@ def shift(coefficients: Reals, s: float, width: float, part: Reals) -> None:
 
 
 @compiled
-def march(
+def simulate(
     store: Whole,
-    eventful: bool | None,
+    has_events: bool | None,
     coefficients: Reals,
     start_s: float,
     interval: float,
     tolerance: float,
     states: Reals,
     rates: Reals,
-    held: Reals,
+    forces: Reals,
     readouts: Whole,
     scale: Reals,
-    target: Whole,
-    heard: Reals,
+    slope_columns: Whole,
+    output_slopes: Reals,
 ) -> int:
-    """Run over all samples.
-
-    Of the slopes only those are kept that a sensor hears.
+    """Simulate all samples; keep slopes of the sensors' outputs only.
 
     Parameters
     ----------
     store
-        Addresses and shapes of all arrays of a run; see `places`.
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     eventful
-        True where friction or laws that jump make events; None leaves out what events need,
-        which is then not even compiled.
+        True where friction or laws that jump make events; with None, the code for events is
+        not compiled.
     coefficients
         Polynomials of the inputs over each sample interval [time, input, power].
     start_s
@@ -1165,81 +1275,81 @@ def march(
     interval
         Sample interval [s].
     tolerance
-        Miss of a step that is accepted, over the largest force so far [1].
+        Error of a step that is accepted, over the largest force so far [1].
     states, rates
         States and their rates at the samples [time, state]; written.
     held
         Forces at the samples [time, channel]; written.
     readouts
-        Index of the number of the state (of the rate where the second column is 1) that each
-        sensor hears; -1 for none [sensor, 2].
+        Index of the state (of its rate where the second column is 1) that each sensor
+        measures; -1 for none [sensor, 2].
     scale
         Factor of each sensor [sensor].
     target
-        Column of `heard` of each slope [slope].
-    heard
+        Column of `output_slopes` of each slope [slope].
+    output_slopes
         Slopes of the outputs [sensor, time, column]; written.
 
     Returns
     -------
     Number of steps; negative where the run was given up.
     """
-    laws, jumps = whole_line(store, LAWS), line(store, JUMPS)
-    matrix, big = grid(store, MATRIX), cube(store, BIG)
-    x, slope = line(store, X), grid(store, S)
-    v, rate, slope_rate = grid(store, V), grid(store, RATE), grid(store, SLOPE_RATE)
-    part = grid(store, PART)
-    samples, channels, slopes = len(coefficients), len(laws), len(target)
-    quick = plain(0)
+    laws, jumps = whole_line(store, LAWS), line(store, JUMP_TIMES)
+    matrix, big = grid(store, RATE_MATRIX), cube(store, STEP_MATRICES)
+    x, slope = line(store, STATE), grid(store, STATE_SLOPES)
+    v, rate, slope_rate = grid(store, COMBINED), grid(store, RATE), grid(store, RATE_SLOPES)
+    part = grid(store, PART_COEFFICIENTS)
+    samples, channels, slopes = len(coefficients), len(laws), len(slope_columns)
+    needs_rates = opaque(0)
     for k in range(len(readouts)):
         if readouts[k, 0] >= 0:
-            quick = max(quick, readouts[k, 1])
-    deepest = len(big) - 1
-    whole, level, steps = 1 << deepest, 0 * deepest, 0
+            needs_rates = max(needs_rates, readouts[k, 1])
+    last_level = len(big) - 1
+    parts, level, steps = 1 << last_level, 0 * last_level, 0
     first = matrix.shape[1] - channels
-    if eventful is not None:
-        settle(store, start_s, coefficients[0], 0.0)
+    if has_events is not None:
+        choose_friction_modes(store, start_s, coefficients[0], 0.0)
     for sample in range(samples):
         t = start_s + sample * interval
-        flow(store, x, t, coefficients[sample], 0.0)
+        state_rate(store, x, t, coefficients[sample], 0.0)
         for k in range(len(x)):
             states[sample, k], rates[sample, k] = x[k], rate[k, 0]
         for c in range(channels):
-            held[sample, c] = v[first + c, 0]
+            forces[sample, c] = v[first + c, 0]
         if slopes > 0:
-            if quick == 1:
-                slopes_of_flow(store, slope, t, coefficients[sample], 0.0)
+            if needs_rates == 1:
+                state_rate_slopes(store, slope, t, coefficients[sample], 0.0)
             for k in range(len(readouts)):
                 row = readouts[k, 0]
                 if row >= 0:
-                    told = slope_rate if readouts[k, 1] == 1 else slope
+                    source = slope_rate if readouts[k, 1] == 1 else slope
                     for j in range(slopes):
-                        heard[k, sample, target[j]] += scale[k] * told[row, j]
-        done = whole if sample + 1 == samples else 0
-        while done < whole:
-            wide = whole >> level
-            s, width = done / whole, wide / whole
+                        output_slopes[k, sample, slope_columns[j]] += scale[k] * source[row, j]
+        parts_done = parts if sample + 1 == samples else 0
+        while parts_done < parts:
+            parts_of_step = parts >> level
+            s, width = parts_done / parts, parts_of_step / parts
             at, h = t + s * interval, width * interval
-            miss = 0.0
-            if eventful is not None:
+            error = 0.0
+            if has_events is not None:
                 for j in range(len(jumps)):
                     ahead = jumps[j] - at
-                    if HAIR * h < ahead and ahead <= h * (1.0 + HAIR):
-                        miss = np.inf
-            if miss == 0.0:
-                shift(coefficients[sample], s, width, part)
-                miss = collocate(store, level, at, h, tolerance)
+                    if TIME_RESOLUTION * h < ahead and ahead <= h * (1.0 + TIME_RESOLUTION):
+                        error = np.inf
+            if error == 0.0:
+                restrict_polynomials(coefficients[sample], s, width, part)
+                error = collocation_step(store, level, at, h, tolerance)
             steps += 1
-            if steps > GIVE_UP * samples or not abs(x[0]) < BOUND:
+            if steps > MAX_STEPS_PER_SAMPLE * samples or not abs(x[0]) < MAX_STATE:
                 return -sample - 1
-            if miss > 1.0 and level < deepest:
+            if error > 1.0 and level < last_level:
                 level += 1
                 continue
-            if eventful is not None and miss == np.inf:
-                creep(store, at, h, coefficients[sample], s, width)
+            if has_events is not None and error == np.inf:
+                step_through_events(store, at, h, coefficients[sample], s, width)
             else:
-                advance(store, level, at, h)
-            done += wide
-            if miss < 0.2 and level > 0 and done % (2 * wide) == 0:
+                accept_step(store, level, at, h)
+            parts_done += parts_of_step
+            if error < 0.2 and level > 0 and parts_done % (2 * parts_of_step) == 0:
                 level -= 1
     return steps

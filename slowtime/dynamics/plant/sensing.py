@@ -169,7 +169,7 @@ class SensorReadout:
     gauge: int | None = None
 
     def row(self, free: int, states: int, moved: int, gauges: int) -> int | None:
-        """Return the number of the state whose value or, from order 2, rate is read.
+        """Return the index of the state whose value or, from order 2, rate is read.
 
         None where nothing moves.
 
@@ -193,7 +193,7 @@ class SensorReadout:
 def sensor_readouts(
     description: Description, names: Sequence[str]
 ) -> tuple[SensorReadout, ...]:
-    """Give one for each sensor of a description."""
+    """Return the readout of each sensor of a description."""
     found: list[SensorReadout] = []
     moved, gauges = description.moved, 0
     for sensor in description.sensors:
@@ -216,12 +216,12 @@ def sensor_readouts(
     return tuple(found)
 
 
-def told(
+def apply_sensor_effects(
     description: Description,
     effects: Sequence[Effect],
     kinds: Sequence[Kind],
     values: Mapping[Name, float],
-    heard: Float[np.ndarray, "time sensor"],
+    outputs: Float[np.ndarray, "time sensor"],
     times: Series,
     slopes: Float[np.ndarray, "time sensor slope"],
     columns: Mapping[Name, int],
@@ -236,7 +236,7 @@ def told(
         Effects, and the kind of each; those of kind `SensorChange` alter an output.
     values
         Values of all parameters, by name.
-    heard
+    outputs
         Outputs in the sensors' units; overwritten.
     times
         Campaign time of the samples [s].
@@ -251,8 +251,8 @@ def told(
             continue
         k = [sensor.channel for sensor in description.sensors].index(effect.place.id)
         p = np.array([values["effect", i, name] for name in kinds[i].names])
-        series = heard[:, k].copy()
-        heard[:, k] = action.act(series, times, p)
+        series = outputs[:, k].copy()
+        outputs[:, k] = action.act(series, times, p)
         if slopes.size:
             slopes[:, k] = _along(action, series, slopes[:, k].T, times, p).T
         for which, name in enumerate(kinds[i].names):

@@ -20,12 +20,12 @@ from .boundary import (
     pseudo_static,
 )
 from .imposed import Driven, differentiations, driven_by
-from .kernel import Now, System, march, padded, places
+from .kernel import System, Workspace, memory_table, padded_count, simulate
 from .matrices import Matrices
 from .parameter_names import Name
-from .sensing import SensorReadout, acting, base_of, sensor_readouts, told
+from .sensing import SensorReadout, acting, apply_sensor_effects, base_of, sensor_readouts
 from .system import Layout
-from .system_cache import Asked, is_linear, system_of
+from .system_cache import Settings, is_linear, system_of
 
 TOLERANCE = 3e-4
 """By how much the parabola of a force may miss the force at the beginning of a step, over the
@@ -42,7 +42,7 @@ class Run:
         Of the sensors, in their units.
     slopes
         Of the outputs: to each free parameter, then to each number of the first state; None
-        where they were not asked for.
+        where they were not requested.
     states, rates
         Of the structure in SI; and how fast they change.
     supports
@@ -123,60 +123,64 @@ def run(
     times = start_s + np.arange(samples) / rate_hz
     # Not-a-number stands for the end of the record.
     values = {name: times[-1] if math.isnan(v) else v for name, v in values.items()}
-    asked = tuple(free or ())
-    acts, driven = acting(description, effects, kinds, values, inputs, times, asked)
+    parameters = tuple(free or ())
+    acting_inputs, driven = acting(
+        description, effects, kinds, values, inputs, times, parameters
+    )
     if base is not None:
-        acts = np.concatenate([acts, base[:, None]], axis=1)
-    columns = np.concatenate([acts, *(series[:, None] for _, _, series in driven)], axis=1)
+        acting_inputs = np.concatenate([acting_inputs, base[:, None]], axis=1)
+    columns = np.concatenate(
+        [acting_inputs, *(series[:, None] for _, _, series in driven)], axis=1
+    )
     holds = [entry.hold or hold for entry in description.inputs]
-    holds += [hold] * (acts.shape[1] - len(holds))
+    holds += [hold] * (acting_inputs.shape[1] - len(holds))
     holds += [holds[column] for _, column, _ in driven]
     differentiated = [*differentiations(description), *((0,) if base is not None else ())]
     differentiated += [differentiated[column] for _, column, _ in driven]
     moving = driven_by(columns, holds, differentiated, interval)
     coefficients = moving.coefficients
-    wish = Asked(
+    settings = Settings(
         layout=layout,
         matrices=matrices,
         kinds=tuple(kinds),
         values=tuple(values.items()),
-        linear=tuple(name for name in asked if is_linear(name, matrices)),
-        laws=tuple(name for name in asked if name in layout.law_names),
+        linear=tuple(name for name in parameters if is_linear(name, matrices)),
+        laws=tuple(name for name in parameters if name in layout.law_names),
         driven=tuple((name, column) for name, column, _ in driven),
         interval=interval,
         powers=coefficients.shape[2],
         unmeasured=base is not None,
     )
-    system, order = system_of(wish), wish.order
+    system, order = system_of(settings), settings.order
     slopes = len(order) + layout.free if free is not None else 0
-    begun = _begun(description, layout, moving.start, driven, order)
-    begun[: layout.free] = _carried(wish, begun) if state0 is None else 0.0
+    start = _support_start(description, layout, moving.start, driven, order)
+    start[: layout.free] = _carried_state(settings, start) if state0 is None else 0.0
     if state0 is not None:
-        begun[: layout.free, 0] = state0
-    now = _now(
+        start[: layout.free, 0] = state0
+    workspace = _workspace(
         system,
-        begun[:, 0],
+        start[:, 0],
         len(order),
         slopes,
         coefficients.shape[1],
     )
     if slopes:
-        now.s[:, : len(order)] = begun[:, 1:]
+        workspace.state_slopes[:, : len(order)] = start[:, 1:]
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
     forces = np.full((samples, len(layout.laws)), np.nan)
     free_count = len(matrices.names)
     readouts = sensor_readouts(description, matrices.names)
     factors = np.array([readout.factor for readout in readouts])
-    # By sensor, so that what is asked of one stands together in memory.
-    heard = np.zeros(
-        (len(readouts), samples, len(asked) + layout.free if free is not None else 0)
+    # By sensor first, so that the slopes of one sensor are contiguous in memory.
+    output_slopes = np.zeros(
+        (len(readouts), samples, len(parameters) + layout.free if free is not None else 0)
     )
-    target = [asked.index(name) for name in order]
-    target += range(len(asked), len(asked) + layout.free)
-    eventful = True if len(system.jumps) or system.table[:, 0].any() else None
-    steps = march(
-        places(system, now),
-        eventful,
+    slope_columns = [parameters.index(name) for name in order]
+    slope_columns += range(len(parameters), len(parameters) + layout.free)
+    has_events = True if len(system.jump_times) or system.effect_table[:, 0].any() else None
+    steps = simulate(
+        memory_table(system, workspace),
+        has_events,
         coefficients,
         start_s,
         interval,
@@ -186,15 +190,17 @@ def run(
         forces,
         _read_rows(readouts, free_count, layout),
         factors,
-        np.array(target[:slopes], dtype=np.int64),
-        heard,
+        np.array(slope_columns[:slopes], dtype=np.int64),
+        output_slopes,
     )
     count_simulation(abs(int(steps)), layout.states * (1 + slopes))
     if steps < 0:
-        heard[:, -steps:] = np.nan
-    shaken, from_rest, shaking = _base(description, moving, driven, base is not None)
+        output_slopes[:, -steps:] = np.nan
+    base_motion, from_rest, base_parameters = _base(
+        description, moving, driven, base is not None
+    )
     ground = (
-        base_of(shaken, interval, from_rest).motion
+        base_of(base_motion, interval, from_rest).motion
         if any(readout.absolute for readout in readouts)
         else ()
     )
@@ -205,28 +211,32 @@ def run(
             outputs[:, k] = (states if readout.order < 2 else rates)[:, row]
         if readout.absolute:
             outputs[:, k] += ground[readout.order][:, 0]
-            for i, name in enumerate(shaking if slopes else ()):
-                heard[k, :, asked.index(name)] += factors[k] * ground[readout.order][:, 1 + i]
+            for i, name in enumerate(base_parameters if slopes else ()):
+                output_slopes[k, :, parameters.index(name)] += (
+                    factors[k] * ground[readout.order][:, 1 + i]
+                )
     outputs *= factors
-    wanted = heard.transpose(1, 0, 2)
-    at = {name: j for j, name in enumerate(asked)}
+    slopes_by_time = output_slopes.transpose(1, 0, 2)
+    at = {name: j for j, name in enumerate(parameters)}
     found = Run(
         outputs=outputs,
-        slopes=wanted if free is not None else None,
+        slopes=slopes_by_time if free is not None else None,
         states=states[:, : layout.free],
         rates=rates[:, : layout.free],
         supports=_supports(matrices.moved, states, rates, layout),
         forces=forces,
-        base=shaken[:, 0, 0],
+        base=base_motion[:, 0, 0],
         times=times,
         steps=int(steps),
     )
     if prescribed_friction(description, effects, kinds):
         moved = motions(description, matrices.names, found)
         add_prescribed_friction(
-            description, effects, kinds, values, moved, outputs, wanted, at, factors
+            description, effects, kinds, values, moved, outputs, slopes_by_time, at, factors
         )
-    told(description, effects, kinds, values, outputs, times, wanted, at)
+    apply_sensor_effects(
+        description, effects, kinds, values, outputs, times, slopes_by_time, at
+    )
     return found
 
 
@@ -271,7 +281,7 @@ def _supports(
     }
 
 
-def _begun(
+def _support_start(
     description: Description,
     layout: Layout,
     start: Float[np.ndarray, "2 input"],
@@ -299,86 +309,90 @@ def _begun(
     return found
 
 
-def _carried(
-    wish: Asked, begun: Float[np.ndarray, "state slope"]
+def _carried_state(
+    settings: Settings, start: Float[np.ndarray, "state slope"]
 ) -> Float[np.ndarray, "free_state slope"]:
     """State of a structure that its supports carry along as if it had no mass, and slopes."""
-    layout, matrices = wish.layout, wish.matrices
-    found = np.zeros((layout.free, begun.shape[1]))
-    if begun.any():
-        values, kinds = dict(wish.values), list(wish.kinds)
+    layout, matrices = settings.layout, settings.matrices
+    found = np.zeros((layout.free, start.shape[1]))
+    if start.any():
+        values, kinds = dict(settings.values), list(settings.kinds)
         free, moved = len(matrices.names), layout.support_states // 2
         stiffness = [matrices.at(values, kinds)[2]]
-        stiffness += [matrices.slope(name, values, kinds)[2] for name in wish.linear]
+        stiffness += [matrices.slope(name, values, kinds)[2] for name in settings.linear]
         shapes = pseudo_static(np.array(stiffness), free, moved)
         for order in range(2):
             rows = slice(layout.free + order * moved, layout.free + (order + 1) * moved)
             to = slice(order * free, (order + 1) * free)
-            found[to] = shapes[0] @ begun[rows]
-            found[to, 1 : len(shapes)] += (shapes[1:] @ begun[rows, 0]).T
+            found[to] = shapes[0] @ start[rows]
+            found[to, 1 : len(shapes)] += (shapes[1:] @ start[rows, 0]).T
     return found
 
 
-def _now(
+def _workspace(
     system: System,
     state0: Float[np.ndarray, " states"],
     before: int,
     slopes: int,
     inputs: int,
-) -> Now:
-    size, channels, seen = len(state0), len(system.laws), len(system.seeing)
-    rows, columns = system.big.shape[1], system.big.shape[2]
-    powers = (columns - size - 3 * channels) // max(system.matrix.shape[1] - size - channels, 1)
-    wide = padded(slopes)
+) -> Workspace:
+    size, channels, seen = len(state0), len(system.laws), len(system.observation)
+    rows, columns = system.step_matrices.shape[1], system.step_matrices.shape[2]
+    powers = (columns - size - 3 * channels) // max(
+        system.rate_matrix.shape[1] - size - channels, 1
+    )
+    wide = padded_count(slopes)
     slope = np.zeros((size, wide))
     if slopes:
         slope[:, before:slopes] = np.eye(size, slopes - before)
-    speeds = system.seeing @ state0
-    modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.table]
-    widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.table)]))
-    frictions = int(system.table[:, 0].sum())
-    return Now(
-        x=_roomy(np.asarray(state0, dtype=float)),
-        s=slope,
+    speeds = system.observation @ state0
+    modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.effect_table]
+    widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.effect_table)]))
+    frictions = int(system.effect_table[:, 0].sum())
+    return Workspace(
+        state=padded_copy(np.asarray(state0, dtype=float)),
+        state_slopes=slope,
         modes=np.array(modes, dtype=float),
-        largest_y=np.zeros(channels),
-        largest_w=np.zeros(seen),
-        v=np.zeros((system.matrix.shape[1], 1)),
-        slope_v=np.zeros((system.matrix.shape[1], wide)),
-        rate=_roomy(np.zeros(size))[:, None],
-        slope_rate=np.zeros((size, wide)),
-        w=_roomy(np.zeros(seen)),
-        slope_w=np.zeros((seen, wide)),
-        limit=np.zeros((channels, 1)),
-        by_seen=np.zeros((3, channels, widest)),
-        by_parameter=np.zeros((channels, widest)),
-        g=np.zeros(columns),
-        room=_roomy(np.zeros(rows)),
-        slope_room=np.zeros((rows, wide)),
-        y=np.zeros(3 * channels),
-        points=_roomy(np.zeros(3 * seen)).reshape(3, seen),
-        newton=np.zeros((3 * channels, 3 * channels)),
-        inverse=np.zeros((3 * channels, 3 * channels)),
-        right=np.zeros((3 * channels, 1)),
-        slope_right=np.zeros((3 * channels, wide)),
-        part=np.zeros((inputs, powers)),
-        stuck=np.zeros((frictions, frictions)),
-        stuck_right=np.zeros((frictions, 1)),
-        stuck_slope=np.zeros((frictions, wide)),
-        x_0=np.zeros(size),
-        s_0=np.zeros((size, wide)),
-        x_1=np.zeros(size),
-        s_1=np.zeros((size, wide)),
-        before=np.zeros(size),
-        moved=np.zeros(wide),
-        by_linear=np.zeros(max(system.slope_big.shape[2], system.slope_matrix.shape[1])),
-        nought=np.zeros(ROUND),
+        largest_forces=np.zeros(channels),
+        largest_observed=np.zeros(seen),
+        combined=np.zeros((system.rate_matrix.shape[1], 1)),
+        combined_slopes=np.zeros((system.rate_matrix.shape[1], wide)),
+        rate=padded_copy(np.zeros(size))[:, None],
+        rate_slopes=np.zeros((size, wide)),
+        observed=padded_copy(np.zeros(seen)),
+        observed_slopes=np.zeros((seen, wide)),
+        friction_limits=np.zeros((channels, 1)),
+        observation_derivatives=np.zeros((3, channels, widest)),
+        parameter_derivatives=np.zeros((channels, widest)),
+        step_vector=np.zeros(columns),
+        step_result=padded_copy(np.zeros(rows)),
+        step_result_slopes=np.zeros((rows, wide)),
+        point_forces=np.zeros(3 * channels),
+        point_observed=padded_copy(np.zeros(3 * seen)).reshape(3, seen),
+        jacobian=np.zeros((3 * channels, 3 * channels)),
+        inverse_jacobian=np.zeros((3 * channels, 3 * channels)),
+        right_side=np.zeros((3 * channels, 1)),
+        right_side_slopes=np.zeros((3 * channels, wide)),
+        part_coefficients=np.zeros((inputs, powers)),
+        sticking_matrix=np.zeros((frictions, frictions)),
+        sticking_right_side=np.zeros((frictions, 1)),
+        sticking_slopes=np.zeros((frictions, wide)),
+        stage_state=np.zeros(size),
+        stage_slopes=np.zeros((size, wide)),
+        next_state=np.zeros(size),
+        next_slopes=np.zeros((size, wide)),
+        rate_before=np.zeros(size),
+        instant_slopes=np.zeros(wide),
+        linear_slope_product=np.zeros(
+            max(system.step_matrix_slopes.shape[2], system.rate_matrix_slopes.shape[1])
+        ),
+        zeros=np.zeros(ROUND),
     )
 
 
-def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]:
-    """Copy numbers to where whole rounds of them may be written."""
-    found = np.zeros(padded(len(values)) + ROUND)[: len(values)]
+def padded_copy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]:
+    """Copy numbers into an array that is padded to whole rounds."""
+    found = np.zeros(padded_count(len(values)) + ROUND)[: len(values)]
     found[:] = values
     return found
 
@@ -386,7 +400,7 @@ def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]
 def _read_rows(
     readouts: Sequence[SensorReadout], dofs: int, layout: Layout
 ) -> Int[np.ndarray, "sensor 2"]:
-    """Which number of the state or, with a 1 behind it, of its rate each sensor hears."""
+    """Index of the state, or with a 1 behind it of its rate, that each sensor measures."""
     rows = [(readout.row(dofs, *_sizes(layout)), readout.order) for readout in readouts]
     return np.array(
         [(-1, 0) if row is None else (row, int(order == 2)) for row, order in rows],
@@ -402,12 +416,16 @@ def _base(
 ) -> tuple[Float[np.ndarray, "time power slope"], Float[np.ndarray, "2 slope"], list[Name]]:
     """Base's acceleration, then its slopes: polynomials, the start, and names of slopes."""
     coefficients = moving.coefficients
-    shaking = [k for k, entry in enumerate(description.inputs) if entry.kind in BASE_KINDS]
+    base_parameters = [
+        k for k, entry in enumerate(description.inputs) if entry.kind in BASE_KINDS
+    ]
     count = len(description.inputs) + unmeasured
-    moved = [(i, name) for i, (name, column, _) in enumerate(driven) if column in shaking]
+    moved = [
+        (i, name) for i, (name, column, _) in enumerate(driven) if column in base_parameters
+    ]
     found = np.zeros((len(coefficients), coefficients.shape[2], 1 + len(moved)))
     start = np.zeros((2, 1 + len(moved)))
-    for k in (*shaking, *((count - 1,) if unmeasured else ())):
+    for k in (*base_parameters, *((count - 1,) if unmeasured else ())):
         found[:, :, 0] += coefficients[:, k]
         start[:, 0] += moving.start[:, k]
     for at, (i, _) in enumerate(moved):

@@ -19,7 +19,7 @@ from slowtime.dynamics.effects.compilation import ROUND, law_address
 from slowtime.dynamics.elements import ROTATION
 
 from .boundary import boundary_rows, law_shares, prescribed_friction
-from .kernel import RADAU, padded
+from .kernel import RADAU, padded_count
 from .matrices import Triple, along, rows_of
 from .parameter_names import Name
 from .step_levels import levels_of, product
@@ -29,16 +29,16 @@ Stack = Float[np.ndarray, "slope _ _"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """What of a plant does not hang on values: places of laws, inputs, and states.
+    """What of a plant does not depend on parameter values: laws, inputs and states.
 
     Parameters
     ----------
     table, laws
-        As the compiled steps want them, see `kernel`.
+        Effects and laws as in `kernel.System`.
     law_names
         Names of the parameters of laws, in the order of `p`.
     seeing
-        Rows that take from the state what laws see.
+        H: observations that laws take from the state [observation, state].
     directions
         By effect with a law, the row of coordinates it works along, with the sign with which
         its force works there.
@@ -218,7 +218,7 @@ def state_matrices(
 def big_matrices(
     layout: Layout, a: Stack, b_u: Stack, b_y: Stack, interval: float, powers: int
 ) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level column spread"]]:
-    """Lay out the steps of every level as the compiled code needs them; see `kernel.System`.
+    """Lay out the steps of every level as in `kernel.System`.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def turned(
     Transposed and padded matrices.
     """
     *levels, rows, columns = matrices.shape
-    found = np.zeros((*levels, columns, padded(rows) + ROUND))
+    found = np.zeros((*levels, columns, padded_count(rows) + ROUND))
     found[..., :rows] = np.swapaxes(matrices, -1, -2)
     return found
 
@@ -287,7 +287,7 @@ def turned(
 def slopes_by_column(
     slopes: Float[np.ndarray, "*level linear row column"],
 ) -> Float[np.ndarray, "*level column spread"]:
-    """Lay out the slopes of matrices as the compiled code needs them; see `kernel.System`.
+    """Lay out the slopes of matrices by column, as in `kernel.System`.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def slopes_by_column(
     One row for each column of the matrices, padded with zeros.
     """
     *levels, linear, rows, columns = slopes.shape
-    found = np.zeros((*levels, columns, rows, padded(linear)))
+    found = np.zeros((*levels, columns, rows, padded_count(linear)))
     found[..., :linear] = np.moveaxis(slopes, (-3, -1), (-1, -3))
     return found.reshape(*levels, columns, -1)
 

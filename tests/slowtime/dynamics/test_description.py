@@ -197,7 +197,7 @@ ONE = Node(id="m1", mass_kg=1.0)
         (
             changed(inputs=(Input(channel="u", kind="force", unit="N"),)),
             ("inputs", 0),
-            "Name the node",
+            "Name it as `node`",
         ),
         (
             changed(inputs=(Input(channel="u", kind="force", node="m1", unit="V"),)),

@@ -8,7 +8,7 @@ import scipy.special
 from slowtime.dynamics.effects import Effect, Place
 from slowtime.dynamics.effects.compilation import ROUND
 from slowtime.dynamics.plant import sensing
-from slowtime.dynamics.plant.simulation_run import _roomy
+from slowtime.dynamics.plant.simulation_run import padded_copy
 from slowtime.dynamics.plant.step_levels import levels_of
 from slowtime.dynamics.plant.system import turned
 from slowtime.dynamics.plant.system_cache import KEPT, system_of
@@ -114,7 +114,7 @@ def test_inputs_too_long_to_be_kept_are_the_same_between_samples(monkeypatch, ho
 @pytest.mark.parametrize("rows", range(1, 2 * ROUND + 2))
 def test_a_round_that_begins_at_any_row_stays_within_its_place(rows):
     matrix = np.arange(3.0 * rows).reshape(rows, 3) + 1.0
-    found, room = turned(matrix), _roomy(np.arange(rows) + 1.0)
+    found, room = turned(matrix), padded_copy(np.arange(rows) + 1.0)
     assert np.array_equal(found[:, :rows], matrix.T)
     assert not found[:, rows:].any()
     assert found.shape[1] >= rows - 1 + ROUND
