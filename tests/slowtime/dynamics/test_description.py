@@ -209,7 +209,7 @@ ONE = Node(id="m1", mass_kg=1.0)
                 inputs=(Input(channel="u", kind="base_acceleration", node="m1", unit="g"),)
             ),
             ("inputs", 0, "node"),
-            "leave it out",
+            "Leave `node` out",
         ),
         (
             changed(sensors=(Sensor(channel="x", quantity="velocity", node="m1", unit="m"),)),
