@@ -147,12 +147,12 @@ def _message(
         shape=Shape(
             re=_rounded(mode.shape.real),
             im=_rounded(mode.shape.imag),
-            sd=_rounded(_told(mode.shape_sd)),
+            sd=_rounded(_message_sd(mode.shape_sd)),
         ),
     )
 
 
-def _told(sd: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
+def _message_sd(sd: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
     """Return standard deviations, at least those of rounding; 0 for one channel."""
     return np.asarray(np.where(sd > 0, np.maximum(sd, 10.0**-DIGITS), 0.0))
 

@@ -282,8 +282,8 @@ class Publisher:
 
     def _answer_features(self, query: Query) -> Iterator[tuple[str, bytes]]:
         boot = query.parameters.get("boot", self.origin.boot)
-        first = _whole(query, "first", 0)
-        last = min(_whole(query, "last", 2**63 - 1), first + MOST_AT_ONCE - 1)
+        first = _integer_parameter(query, "first", 0)
+        last = min(_integer_parameter(query, "last", 2**63 - 1), first + MOST_AT_ONCE - 1)
         key = FEATURES.key(self.origin.site, self.origin.asset)
         for payload in self._spool.read(boot, first, last):
             self.count("sent_again")
@@ -356,7 +356,7 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
     return header, np.ascontiguousarray(samples, dtype=kind).tobytes()
 
 
-def _whole(query: Query, name: str, otherwise: int) -> int:
+def _integer_parameter(query: Query, name: str, otherwise: int) -> int:
     text = query.parameters.get(name, str(otherwise))
     if not (text.isascii() and text.isdigit()):
         raise ValueError(f"{name}={text!r} is no sequence. Give a whole number from 0.")

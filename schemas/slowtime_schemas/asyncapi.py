@@ -148,21 +148,21 @@ def _schema_of(kind: type[Message], schemas: dict[str, Node]) -> Node:
     whole.pop("$schema")
     parts: dict[str, Node] = whole.pop("$defs", {})
     for name, part in {kind.__name__: whole, **parts}.items():
-        if schemas.setdefault(name, (moved := _moved(part))) != moved:
+        if schemas.setdefault(name, (moved := _with_new_references(part))) != moved:
             raise ValueError(f"Two schemas are called {name}. Give one of them another name.")
     return {"$ref": f"#/components/schemas/{kind.__name__}"}
 
 
-def _moved(node: Any) -> Any:
+def _with_new_references(node: Any) -> Any:
     """Let references lead to where the parts are now."""
     if isinstance(node, list):
-        return [_moved(part) for part in node]
+        return [_with_new_references(part) for part in node]
     if not isinstance(node, dict):
         return node
     return {
         key: value.replace("#/$defs/", "#/components/schemas/")
         if key == "$ref"
-        else _moved(value)
+        else _with_new_references(value)
         for key, value in node.items()
     }
 

@@ -45,22 +45,24 @@ def plotting_schema(schema: dict[str, Any]) -> dict[str, Any]:
     >>> plotting_schema({"anyOf": [{"type": "number", "title": "X"}, {"type": "null"}]})
     {'type': 'number'}
     """
-    return _plain(schema, schema.get("$defs", {}))
+    return _without_references(schema, schema.get("$defs", {}))
 
 
-def _plain(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
+def _without_references(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
     if "$ref" in node:
-        return _plain(definitions[node["$ref"].rpartition("/")[2]], definitions)
+        return _without_references(definitions[node["$ref"].rpartition("/")[2]], definitions)
     if "anyOf" in node:
         present = [option for option in node["anyOf"] if option.get("type") != "null"]
-        return _plain(present[0], definitions)
+        return _without_references(present[0], definitions)
     kind = node["type"]
     plain: dict[str, Any] = {"type": kind}
     if kind == "object":
         parts = node.get("properties", {})
-        plain["properties"] = {name: _plain(part, definitions) for name, part in parts.items()}
+        plain["properties"] = {
+            name: _without_references(part, definitions) for name, part in parts.items()
+        }
     if kind == "array":
-        plain["items"] = _plain(node["items"], definitions)
+        plain["items"] = _without_references(node["items"], definitions)
     return plain
 
 

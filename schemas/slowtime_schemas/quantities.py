@@ -21,12 +21,12 @@ AS_STORED = {"names": "as stored"}
 """Context of validation for what was taken in before names were held to plain text."""
 
 
-def _plain(value: Any, info: ValidationInfo) -> Any:
+def _as_plain_number(value: Any, info: ValidationInfo) -> Any:
     return value if info.context == AS_STORED else plain_throughout(value)
 
 
 # Before other rules of a text, whose errors would not name the character.
-Plain = BeforeValidator(_plain)
+Plain = BeforeValidator(_as_plain_number)
 """Marks a value whose keys and texts have no control, bidirectional or invisible characters."""
 PlainText = Annotated[str, Plain]
 

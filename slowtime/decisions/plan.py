@@ -196,7 +196,7 @@ def _actions(
     never: Float[np.ndarray, "path item"],
     follow: Follow,
 ) -> Actions:
-    index = _spread(len(futures.time), LATER)
+    index = _denser_at_first(len(futures.time), LATER)
     every = np.concatenate([items[:, index], never[:, None]], axis=1)
     cycles = tuple(at_age(futures, k) for k in (*index.tolist(), len(futures.time)))
     return Actions(cycles, every, follow, (*index.tolist(), len(futures.time)))
@@ -231,7 +231,7 @@ def _least(
     return min(float(each.quantities(futures.weights) @ prices) for each in options)
 
 
-def _spread(count: int, parts: int) -> Int[np.ndarray, " index"]:
+def _denser_at_first(count: int, parts: int) -> Int[np.ndarray, " index"]:
     """Give indices from 0 to the last, denser at first, where decisions are near."""
     return np.unique(
         np.round((count - 1) * np.linspace(0.0, 1.0, parts + 1) ** 1.5).astype(int)
@@ -278,7 +278,7 @@ def _inspections(
     futures: Ensemble, costs: Costs, inspection: Observation, actions: _Left
 ) -> list[Option]:
     """Inspect now, and at the best later time; then do what is best by what is found."""
-    later = _spread(len(futures.time), INSPECTIONS)[1:-1].tolist()
+    later = _denser_at_first(len(futures.time), INSPECTIONS)[1:-1].tolist()
     prices = costs.prices()
     found = [_inspected(futures, costs, inspection, actions, index) for index in (0, *later)]
     expected = [float(futures.weights @ (items @ prices)) for items, _, _ in found]
@@ -352,7 +352,7 @@ def _worths(
         priced = dataclasses.replace(terms.inspection, cost=costs.price(INSPECTION))
         asked.insert(0, priced)
     prices, found = costs.prices(), []
-    later = _spread(len(futures.time), INSPECTIONS)[:-1].tolist()
+    later = _denser_at_first(len(futures.time), INSPECTIONS)[:-1].tolist()
     used = {*later, *(index_of(one, futures.time) for one in asked if one.kind == "readings")}
     # What could be done later without any observation is not to its credit.
     priors = [float((futures.weights @ (actions.since(k).items @ prices)).min()) for k in used]

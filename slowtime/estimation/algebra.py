@@ -45,7 +45,9 @@ class Process(abc.ABC):
     def observation(self) -> Float[np.ndarray, " state"]:
         """What of the state is the process."""
 
-    def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time *family state"]:
+    def observation_row(
+        self, time: Float[np.ndarray, " time"]
+    ) -> Float[np.ndarray, "time *family state"]:
         """Row that maps the state to the process, at each time.
 
         Parameters
@@ -89,7 +91,7 @@ class Process(abc.ABC):
         """
 
     @abc.abstractmethod
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """Covariance of the state before any reading, and its slopes."""
 
     def start(self, time: float) -> Belief:
@@ -104,7 +106,7 @@ class Process(abc.ABC):
         -------
         Mean and covariance of the state.
         """
-        own, _ = self.spread()
+        own, _ = self.initial_covariance()
         return Belief(float(time), np.zeros(own.shape[:-1]), own)
 
     @abc.abstractmethod
@@ -141,7 +143,7 @@ class Process(abc.ABC):
         Covariances [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        own, own_slopes = self.spread()
+        own, own_slopes = self.initial_covariance()
         turned = np.swapaxes(move, -1, -2)
         noise = own - move @ own @ turned
         found = []
@@ -187,7 +189,7 @@ class Process(abc.ABC):
 
     def _noise(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
         """Process noise over the same steps, without its slopes."""
-        own = self.spread()[0]
+        own = self.initial_covariance()[0]
         return np.asarray(own - move @ own @ np.swapaxes(move, -1, -2))
 
     def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
@@ -213,7 +215,9 @@ class Process(abc.ABC):
             )
         seen = self.observation
         move = self.moves(np.abs(apart).ravel())[0]
-        return np.asarray((seen @ move @ self.spread()[0] @ seen).reshape(apart.shape))
+        return np.asarray(
+            (seen @ move @ self.initial_covariance()[0] @ seen).reshape(apart.shape)
+        )
 
     def __add__(self, other: "Process") -> "Sum":
         return Sum((*_terms(self), *_terms(other)))
@@ -299,7 +303,7 @@ class Sum(Process):
         """See `Process`."""
         return np.concatenate([term.observation for term in self.terms])
 
-    def seen(self, time: np.ndarray) -> np.ndarray:
+    def observation_row(self, time: np.ndarray) -> np.ndarray:
         """Row that maps the state to the process, at each time.
 
         Parameters
@@ -312,7 +316,7 @@ class Sum(Process):
         Rows [time, family, state]; the same at all times unless the process depends on the
         clock.
         """
-        parts = [term.seen(time) for term in self.terms]
+        parts = [term.observation_row(time) for term in self.terms]
         most = max(part.ndim for part in parts)
         parts = [p.reshape(len(p), *(1,) * (most - p.ndim), *p.shape[1:]) for p in parts]
         batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
@@ -330,7 +334,7 @@ class Sum(Process):
     @property
     def logs(self) -> np.ndarray:
         """See `Process`."""
-        return _joined([term.logs for term in self.terms])
+        return _concatenate_logs([term.logs for term in self.terms])
 
     def at(self, logs: np.ndarray) -> "Process":
         """Make the same kind of process with other parameters.
@@ -351,9 +355,9 @@ class Sum(Process):
         seen = [term.observation * (i == number) for i, term in enumerate(self.terms)]
         return np.concatenate(seen)
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        return _blocks([term.spread() for term in self.terms])
+        return _blocks([term.initial_covariance() for term in self.terms])
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """Compute the transitions of the state over time steps, and their slopes.
@@ -445,7 +449,7 @@ class Product(Process):
     @property
     def logs(self) -> np.ndarray:
         """See `Process`."""
-        return _joined([self.first.logs, self.second.logs])
+        return _concatenate_logs([self.first.logs, self.second.logs])
 
     def at(self, logs: np.ndarray) -> "Process":
         """Make the same kind of process with other parameters.
@@ -462,9 +466,9 @@ class Product(Process):
         first, second = _split((self.first, self.second), logs)
         return dataclasses.replace(self, first=first, second=second)
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        return _kron(self.first.spread(), self.second.spread())
+        return _kron(self.first.initial_covariance(), self.second.initial_covariance())
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """Compute the transitions of the state over time steps, and their slopes.
@@ -510,7 +514,7 @@ def _check_ascending(step: np.ndarray) -> None:
         )
 
 
-def _joined(logs: Sequence[np.ndarray]) -> np.ndarray:
+def _concatenate_logs(logs: Sequence[np.ndarray]) -> np.ndarray:
     family = np.broadcast_shapes(*(each.shape[:-1] for each in logs))
     return np.concatenate([np.broadcast_to(e, (*family, e.shape[-1])) for e in logs], -1)
 

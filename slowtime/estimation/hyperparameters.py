@@ -50,10 +50,8 @@ class Prior:
 
     def net(self, count: int) -> Float[np.ndarray, "family parameter"]:
         """Points spread evenly over the prior, the same at every call."""
-        points: Float[np.ndarray, "family parameter"] = self.centre + self.sd * spread(
-            count, len(self.centre)
-        )
-        return points
+        normal = quasi_random_points(count, len(self.centre))
+        return np.asarray(self.centre + self.sd * normal)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class Fitted:
     log_likelihood: float
 
 
-def spread(count: int, dimensions: int) -> Float[np.ndarray, "family parameter"]:
+def quasi_random_points(count: int, dimensions: int) -> Float[np.ndarray, "family parameter"]:
     """Quasi-random standard normal points, by the generalised golden ratio."""
     golden = 2.0
     for _ in range(40):

@@ -29,7 +29,7 @@ PerMember = Float[np.ndarray, "*family"] | np.float64
 class Moving(Protocol):
     """What a process must be able to do to be foretold."""
 
-    def seen(self, time: Float[np.ndarray, " time"]) -> np.ndarray:
+    def observation_row(self, time: Float[np.ndarray, " time"]) -> np.ndarray:
         """Row that maps the state to the process, at each time.
 
         Parameters
@@ -114,7 +114,9 @@ class SlowProcess:
         seen[[0, 2]] = 1.0
         return seen
 
-    def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time state"]:
+    def observation_row(
+        self, time: Float[np.ndarray, " time"]
+    ) -> Float[np.ndarray, "time state"]:
         """Row that maps the state to the process; the same at all times.
 
         Parameters
@@ -433,7 +435,7 @@ def predict(
     Mean and standard deviation, in the unit of the readings.
     """
     move, noise = process.advance(times - belief.time)
-    seen = process.seen(times)
+    seen = process.observation_row(times)
     seen = seen.reshape(len(times), *(1,) * (move.ndim - 1 - seen.ndim), *seen.shape[1:])
     mean = np.vecdot((move @ belief.mean[..., None])[..., 0], seen)
     rows = (seen[..., None, :] @ move)[..., 0, :]

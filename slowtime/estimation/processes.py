@@ -57,7 +57,7 @@ class Matern(Leaf):
         """See `Process`."""
         return np.asarray(np.eye(len(_GENERATORS[self.smoothness]))[0])
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         own = _each(self.sd) ** 2 * kernels.stationary(self.smoothness)
         return own, self._chosen({"sd": 2.0 * own}, own)
@@ -75,7 +75,9 @@ class Matern(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        scaled = _apart(step, self.length, self.sd) * kernels.rate(self.smoothness, self.length)
+        scaled = _with_family_axis(step, self.length, self.sd) * kernels.rate(
+            self.smoothness, self.length
+        )
         move = kernels.matern_transition(self.smoothness, scaled)
         slope = -scaled[..., None, None] * (_GENERATORS[self.smoothness] @ move)
         return move, self._chosen({"length": slope}, move)
@@ -96,7 +98,7 @@ class Constant(Leaf):
         """See `Process`."""
         return np.ones(1)
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         own = _each(self.sd) ** 2 * np.ones((1, 1))
         return own, self._chosen({"sd": 2.0 * own}, own)
@@ -114,7 +116,7 @@ class Constant(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        move = np.ones((*_apart(step, self.sd).shape, 1, 1))
+        move = np.ones((*_with_family_axis(step, self.sd).shape, 1, 1))
         return move, self._chosen({}, move)
 
 
@@ -145,7 +147,7 @@ class Trend(Leaf):
         """See `Process`."""
         return np.array([1.0, 0.0])
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         level, slope, drift = np.broadcast_arrays(self.level_sd, self.slope_sd, self.drift)
         own = np.zeros((*drift.shape, 2, 2))
@@ -165,7 +167,7 @@ class Trend(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        apart = _apart(step, self.drift)
+        apart = _with_family_axis(step, self.drift)
         apart = np.broadcast_to(apart, (len(step), *np.shape(self.drift)))
         move = np.zeros((*apart.shape, 2, 2))
         move[..., 0, 0] = move[..., 1, 1] = 1.0
@@ -214,7 +216,7 @@ class Cosine(Leaf):
         """See `Process`."""
         return np.array([1.0, 0.0])
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         own = _each(self.sd) ** 2 * np.eye(2)
         return own, self._chosen({"sd": 2.0 * own}, own)
@@ -232,7 +234,7 @@ class Cosine(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        angle = 2.0 * np.pi * _apart(step, self.period, self.sd) / self.period
+        angle = 2.0 * np.pi * _with_family_axis(step, self.period, self.sd) / self.period
         move, slope = _turn(angle)
         return move, self._chosen({"period": slope}, move)
 
@@ -293,7 +295,7 @@ class Periodic(Leaf):
         """See `Process`."""
         return np.concatenate([[1.0], np.tile([1.0, 0.0], self.count)])
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         weight, slope = self._weights()
         places = np.concatenate([[0], np.repeat(np.arange(1, self.count + 1), 2)])
@@ -331,7 +333,12 @@ class Periodic(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        angle = 2.0 * np.pi * _apart(step, self.period, self.length, self.sd) / self.period
+        angle = (
+            2.0
+            * np.pi
+            * _with_family_axis(step, self.period, self.length, self.sd)
+            / self.period
+        )
         size = 1 + 2 * self.count
         move = np.zeros((*angle.shape, size, size))
         slope = np.zeros_like(move)
@@ -384,7 +391,7 @@ def _each(parameter: Parameter) -> np.ndarray:
     return np.asarray(parameter)[..., None, None]
 
 
-def _apart(step: np.ndarray, *parameters: Parameter) -> np.ndarray:
+def _with_family_axis(step: np.ndarray, *parameters: Parameter) -> np.ndarray:
     """Time steps with an axis for the family behind, if there is one."""
     family = np.broadcast_shapes(*(np.shape(parameter) for parameter in parameters))
     return np.broadcast_to(step.reshape(-1, *([1] * len(family))), (len(step), *family))

@@ -31,7 +31,8 @@ class Sawtooth(Leaf):
 
     Examples
     --------
-    >>> Sawtooth(period=4.0, edge=1.0, sd=1.0, memory=99.0).seen(np.array([1.0, 2.0])).ravel()
+    >>> process = Sawtooth(period=4.0, edge=1.0, sd=1.0, memory=99.0)
+    >>> process.observation_row(np.array([1.0, 2.0])).ravel()
     array([-1. , -0.5])
     """
 
@@ -51,7 +52,7 @@ class Sawtooth(Leaf):
         """See `Process`; half the height, which is what is seen just before an edge."""
         return np.ones(1)
 
-    def seen(self, time: np.ndarray) -> np.ndarray:
+    def observation_row(self, time: np.ndarray) -> np.ndarray:
         """Row that maps the state to the process, at each time.
 
         Parameters
@@ -68,7 +69,7 @@ class Sawtooth(Leaf):
         since = time.reshape(-1, *(1,) * len(family)) - self.edge
         return np.asarray(2.0 * ((since / self.period) % 1.0) - 1.0)[..., None]
 
-    def spread(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         sd, _ = np.broadcast_arrays(self.sd, self.memory)
         own = np.square(sd)[..., None, None]

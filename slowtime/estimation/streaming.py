@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import optimize
 
-from .hyperparameters import spread as even
+from .hyperparameters import quasi_random_points as even
 from .matern import Belief, Jump, Moving, Reading, lifted, predict
 from .processes import Process
 
@@ -98,7 +98,7 @@ class Stream:
         Belief after the reading, and the reading as the filter met it.
         """
         move, noise = self.process.advance(np.array([time - belief.time]))
-        seen = self.process.seen(np.array([time]))[0]
+        seen = self.process.observation_row(np.array([time]))[0]
         return _step(seen, belief, time, value, sd, move[0], noise[0])
 
     def resume(self, time: Series, value: Series, sd: Series) -> Belief:
@@ -184,7 +184,7 @@ def run(
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
-    all_seen, waiting = process.seen(time), sorted(jumps)
+    all_seen, waiting = process.observation_row(time), sorted(jumps)
     belief, readings = Stream(process).start(float(time[0])), []
     triples = zip(time.tolist(), value.tolist(), sd.tolist(), strict=True)
     for (t, y, s), k, seen in zip(triples, which, all_seen, strict=True):
@@ -252,10 +252,10 @@ def likelihood_and_slopes(
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, of_moves = process.moves(steps)
     noises, of_noises = process.noises(steps, moves, of_moves)
-    count, size, all_seen = len(of_moves), process.size, process.seen(time)
+    count, size, all_seen = len(of_moves), process.size, process.observation_row(time)
     d_moves = np.array(of_moves).reshape(count, len(steps), size, size)
     d_noises = np.array(of_noises).reshape(count, len(steps), size, size)
-    p, of_spread = process.spread()
+    p, of_spread = process.initial_covariance()
     d_p = np.array(of_spread).reshape(count, size, size)
     m, d_m = np.zeros(size), np.zeros((count, size))
     total, slope = 0.0, np.zeros(count)
@@ -320,7 +320,7 @@ def smooth(
     Mean and standard deviation at each time.
     """
     readings = run(process, time, value, sd, jumps=jumps)[1]
-    all_seen, size = process.seen(time), process.size
+    all_seen, size = process.observation_row(time), process.size
     score, information = np.zeros(size), np.zeros((size, size))
     found = np.zeros((2, len(time)))
     for i in range(len(time) - 1, -1, -1):
@@ -359,7 +359,7 @@ def leave_one_out(
     Mean and standard deviation of the process, in the unit of the readings.
     """
     readings = run(process, time, value, sd)[1]
-    all_seen, size = process.seen(time), process.size
+    all_seen, size = process.observation_row(time), process.size
     score, information = np.zeros(size), np.zeros((size, size))
     mean, variance = np.zeros(len(time)), np.zeros(len(time))
     for i in range(len(time) - 1, -1, -1):
@@ -482,7 +482,7 @@ def sample(
     moves, noises = process.advance(steps * scale)
     roots, first = _any_root(noises), _any_root(belief.covariance)
     state = belief.mean + rng.standard_normal((paths, len(belief.mean))) @ first.T
-    seen, found = process.seen(times), np.zeros((paths, len(times)))
+    seen, found = process.observation_row(times), np.zeros((paths, len(times)))
     for k, j in enumerate(which):
         state = state @ moves[j].T + rng.standard_normal(state.shape) @ roots[j].T
         found[:, k] = state @ seen[k]

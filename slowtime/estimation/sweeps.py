@@ -363,7 +363,7 @@ class _Known:
     ) -> None:
         self._belief = belief
         self._move, self._noise = process.advance(steps)
-        self._seen = process.seen(time)
+        self._seen = process.observation_row(time)
         shapes = (self._move.shape[1:-2], self._noise.shape[1:-2], self._seen.shape[1:-1])
         self.family = np.broadcast_shapes(belief.mean.shape[:-1], *shapes)
 

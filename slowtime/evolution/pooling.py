@@ -181,7 +181,7 @@ def pool(
     shrinkage[known] = weight @ share
     return Pool(
         fleet,
-        _spread(weight, tau, many),
+        _rate_from_posterior(weight, tau, many),
         another,
         tuple(next(own) if there else another for there in known),
         shrinkage,
@@ -237,7 +237,7 @@ def _quantiles(
     return np.asarray(0.5 * (lo + hi))
 
 
-def _spread(
+def _rate_from_posterior(
     weight: Float[np.ndarray, " spread"], tau: Float[np.ndarray, " spread"], many: bool
 ) -> Rate:
     value = float(weight @ tau)

@@ -261,11 +261,11 @@ class Evaluator:
         wrong = np.isnan(values)
         if wrong.any():
             if self.problem.invalid == "error":
-                raise ValueError(self._told(x[int(np.argmax(wrong))], int(wrong.sum())))
+                raise ValueError(self._nan_message(x[int(np.argmax(wrong))], int(wrong.sum())))
             values = np.where(wrong, -np.inf, values)
         return values
 
-    def _told(self, x: np.ndarray, count: int) -> str:
+    def _nan_message(self, x: np.ndarray, count: int) -> str:
         at = ", ".join(f"{n}={v:.6g}" for n, v in zip(self.problem.names, x, strict=True))
         return (
             f"The limit state returned NaN at {count} points, such as {at[:300]}. Repair it, "

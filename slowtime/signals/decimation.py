@@ -69,7 +69,7 @@ def decimated(
         return Decimated(samples, rate_hz, 0.0)
     half = rate_hz / factor / 2
     taps = _lowpass(rate_hz, PASS * half, half, factor)
-    columns = [_kept(column, taps, factor) for column in samples.T]
+    columns = [_decimated(column, taps, factor) for column in samples.T]
     return Decimated(np.stack(columns, axis=1), rate_hz / factor, (len(taps) - 1) / 2 / rate_hz)
 
 
@@ -116,7 +116,7 @@ def moved_down(
     shift = centre_hz - lower / 4
     turn = np.exp(2j * np.pi * centre_hz / rate_hz * (np.arange(len(taps)) - len(taps) // 2))
     taps = taps * turn
-    kept = _kept(series, taps.real.copy(), factor) + 1j * _kept(
+    kept = _decimated(series, taps.real.copy(), factor) + 1j * _decimated(
         series, taps.imag.copy(), factor
     )
     start = (len(taps) - 1) / 2 / rate_hz
@@ -134,7 +134,7 @@ def _lowpass(
     return windowed_sinc(length, (pass_hz + stop_hz) / rate_hz, beta, "lowpass")
 
 
-def _kept(
+def _decimated(
     series: Float[np.ndarray, " time"], taps: Float[np.ndarray, " tap"], factor: int
 ) -> Float[np.ndarray, " kept"]:
     """Every `factor`-th of the values that the filter sees whole, from the first on."""

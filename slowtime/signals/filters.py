@@ -46,7 +46,7 @@ def fir(x: Series, weights: Float[np.ndarray, " tap"]) -> Series:
     readings = np.append(np.zeros(len(weights) - 1), x[present])
     filtered = np.convolve(readings, weights, "valid") if present.any() else x[present]
     filtered[: len(weights) - 1] = np.nan
-    return _spread(filtered, present)
+    return _with_missing(filtered, present)
 
 
 def moving_average(x: Series, window: int) -> Series:
@@ -96,9 +96,9 @@ def ewma(x: Series, a: float) -> Series:
     present = np.isfinite(x)
     readings = x[present]
     if len(readings) == 0:
-        return _spread(readings, present)
+        return _with_missing(readings, present)
     driven = np.append(readings[0], a * readings[1:])
-    return _spread(first_order(driven, 1.0 - a), present)
+    return _with_missing(first_order(driven, 1.0 - a), present)
 
 
 def median(x: Series, window: int) -> Series:
@@ -129,9 +129,9 @@ def median(x: Series, window: int) -> Series:
     readings = x[present]
     padded = np.concatenate((np.full(window - 1, np.nan), readings))
     if len(readings) == 0:
-        return _spread(readings, present)
+        return _with_missing(readings, present)
     windows = np.lib.stride_tricks.sliding_window_view(padded, window)
-    return _spread(np.nanmedian(windows, axis=1), present)
+    return _with_missing(np.nanmedian(windows, axis=1), present)
 
 
 def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarray, " time"]:
@@ -201,7 +201,7 @@ def check_weight(a: float) -> None:
         )
 
 
-def _spread(
+def _with_missing(
     filtered: Float[np.ndarray, " present"], present: Bool[np.ndarray, " time"]
 ) -> Series:
     """Put what was filtered back among the missing."""

@@ -55,7 +55,7 @@ class Surrogate(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
         Points where the design has none are warned of, or refused (`extrapolation`).
         """
-        x = self._asked(X)
+        x = self._checked_points(X)
         mean, sd = self._foretell(x)
         mean = self.y_mean_ + self.y_scale_ * mean
         return (mean, self.y_scale_ * sd) if return_std else mean
@@ -127,7 +127,7 @@ class Surrogate(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.y_mean_, self.y_scale_ = float(outputs.mean()), scale
         return x, (outputs - self.y_mean_) / scale
 
-    def _asked(self, X: Any) -> np.ndarray:
+    def _checked_points(self, X: Any) -> np.ndarray:
         check_is_fitted(self)
         x: np.ndarray = validate_data(self, X, reset=False, dtype=np.float64)
         outside = self.domain_.outside(x)

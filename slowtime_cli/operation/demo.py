@@ -54,7 +54,7 @@ def demo(
     folder: Path | None,
 ) -> int:
     """Run router, edge agents, twin server and page on this machine."""
-    if _taken(port):
+    if _port_in_use(port):
         raise click.UsageError(
             f"Port {port} is taken on this machine. Give another, such as --port {port + 1}."
         )
@@ -232,7 +232,7 @@ def _wait_for_file(family: Children, path: Path, stop: Stop, patience_s: float =
             raise RuntimeError(f"The recorder did not begin {path} within {patience_s:g} s.")
 
 
-def _taken(port: int) -> bool:
+def _port_in_use(port: int) -> bool:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

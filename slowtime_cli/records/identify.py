@@ -408,7 +408,7 @@ def _cells(mode: Identified) -> tuple[str, ...]:
     )
 
 
-def _plain(mode: Identified | None) -> dict[str, Any]:
+def _fields_of_mode(mode: Identified | None) -> dict[str, Any]:
     """Return the mode as fields of a line; all empty if there is none."""
     fields: dict[str, Any] = dict.fromkeys(
         ("frequency_hz", "frequency_sd", "damping_ratio", "damping_sd", "snr_db", "method")
@@ -425,7 +425,7 @@ def _plain(mode: Identified | None) -> dict[str, Any]:
 
 def _show_modes(modes: Sequence[Identified], title: str) -> None:
     if modes:
-        plain = [_plain(mode) for mode in modes]
+        plain = [_fields_of_mode(mode) for mode in modes]
         show(title, COLUMNS, [_cells(mode) for mode in modes], plain=plain)
 
 
@@ -434,7 +434,7 @@ def _show_epochs(epochs: Sequence[Epoch], title: str) -> None:
     for epoch, mode in _by_mode(epochs):
         cells = _cells(mode) if mode is not None else ("-",) * len(COLUMNS)
         rows.append((f"{epoch.start_s:g} – {epoch.end_s:g}", *cells))
-        plain.append({"start_s": epoch.start_s, "end_s": epoch.end_s} | _plain(mode))
+        plain.append({"start_s": epoch.start_s, "end_s": epoch.end_s} | _fields_of_mode(mode))
     show(title, ("window [s]", *COLUMNS), rows, plain=plain)
 
 

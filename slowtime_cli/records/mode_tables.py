@@ -247,7 +247,7 @@ def _stabilisation(result: ModalResult) -> Chart:
     for belongs, name, colour in ((False, "other pole", "#9aa5ad"), (True, "mode", "#0b6fb8")):
         chosen = finite & ((poles.mode >= 0) == belongs)
         if not belongs:
-            chosen &= _apart(poles)
+            chosen &= _other_drawn_poles(poles)
         sd = np.nan_to_num(poles.frequency_sd_hz[chosen], posinf=0.0)
         bars = {"type": "data", "array": sd.round(6).tolist(), "thickness": 1, "width": 0}
         traces.append(
@@ -275,7 +275,7 @@ def _stabilisation(result: ModalResult) -> Chart:
     )
 
 
-def _apart(poles: Stabilisation) -> Bool[np.ndarray, " pole"]:
+def _other_drawn_poles(poles: Stabilisation) -> Bool[np.ndarray, " pole"]:
     """Which other poles are drawn: damped like a mode, and one a place and order.
 
     Bands are half an octave wide, and each has as many poles as any other: on a linear axis

@@ -299,7 +299,7 @@ def _show(states: list[dict[str, Any]], changes: str) -> None:
         )
         for state in shown
     ]
-    plain = [_plain(state, wanted) for state in shown]
+    plain = [_fields_of_state(state, wanted) for state in shown]
     show("", ("slow time", "frequency [Hz]", *heads, "valid"), rows, plain=plain)
     if every > 1:
         note(f"every {every}th of {len(states)} epochs is shown; --out writes all of them.")
@@ -308,7 +308,7 @@ def _show(states: list[dict[str, Any]], changes: str) -> None:
         note(f"not valid in {count} of {len(states)}: {reason}")
 
 
-def _plain(state: dict[str, Any], wanted: list[str]) -> dict[str, Any]:
+def _fields_of_state(state: dict[str, Any], wanted: list[str]) -> dict[str, Any]:
     """Spread the estimates of a state over the fields of a line."""
     fields: dict[str, Any] = {"slow_time": state["slow_time"]}
     for name in ("frequency_hz", *wanted):

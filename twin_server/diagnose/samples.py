@@ -27,7 +27,7 @@ class Piece(NamedTuple):
 
 def pieces_of(blocks: Iterable[Block]) -> list[Piece]:
     """Join blocks that follow each other; a gap, a new epoch or another rate begins a piece."""
-    return [_joined(run) for run in _runs(blocks)]
+    return [_concatenate(run) for run in _runs(blocks)]
 
 
 def _runs(blocks: Iterable[Block]) -> Iterator[list[Block]]:
@@ -51,7 +51,7 @@ def _goes_on(last: Block, block: Block) -> bool:
     )
 
 
-def _joined(run: list[Block]) -> Piece:
+def _concatenate(run: list[Block]) -> Piece:
     first = run[0]
     record = Record(
         samples=np.concatenate([block.samples for block in run]),

@@ -85,7 +85,7 @@ def estimate(
     """
     of_elements = [t.registration.changes == "elements" for t in twins]
     if any(of_elements):
-        return _apart(twins, features, owners, missing_before, of_elements)
+        return _estimate_by_kind(twins, features, owners, missing_before, of_elements)
     owner = np.asarray(owners, dtype=np.intp)
     modes = [twin.registration.mode for twin in twins]
     freed = [twin.registration.covariates is not None for twin in twins]
@@ -109,7 +109,7 @@ def estimate(
     return Estimated(states, checkpoints, notices)
 
 
-def _apart(
+def _estimate_by_kind(
     twins: Sequence[Twin],
     features: Sequence[Features],
     owners: Sequence[int],

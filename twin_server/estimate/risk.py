@@ -108,7 +108,7 @@ def _one(
     try:
         state = _built(spec, order)
         found = assess(state, later, futures)
-        told = _past(state, order)
+        told = _past_probabilities(state, order)
     except ValueError as error:
         return {**empty, **none, "valid": False, "reasons": [str(error)]}
     life = None
@@ -135,7 +135,7 @@ def _one(
 
 def _built(spec: Any, order: RiskOrder) -> LimitState:
     if isinstance(spec, OwnState):
-        return _own(spec)
+        return _installed_limit_state(spec)
     registration, known = order.registration, order.checkpoint.known
     if registration.changes == "elements":
         assert registration.model is not None
@@ -165,7 +165,7 @@ def _built(spec: Any, order: RiskOrder) -> LimitState:
     )
 
 
-def _own(spec: OwnState) -> LimitState:
+def _installed_limit_state(spec: OwnState) -> LimitState:
     """Make the limit state that an installed part of the owner's holds."""
     part = find("slowtime.limit_states", spec.part)
     try:
@@ -201,7 +201,7 @@ def _with_survival(found: Assessment, life: RemainingLife) -> Assessment:
     )
 
 
-def _past(state: LimitState, order: RiskOrder) -> list[dict[str, Any]]:
+def _past_probabilities(state: LimitState, order: RiskOrder) -> list[dict[str, Any]]:
     """Probability at past readings, each by its own standard deviation."""
     one = order.past[state.quantities[0]]
     rows = slice(-MOST_PAST, None)

@@ -174,14 +174,15 @@ def sentence(event: AssetEvent) -> str:
     if event.reverses is not None:
         return f"{event.person} took back the event {event.reverses}.{_text(event)}"
     of = f" of {event.quantity}" if event.quantity is not None else ""
-    return f"{_WORDS[event.kind]}{of} recorded by {event.person}{_found(event)}.{_text(event)}"
+    found = f"{event.person}{_finding_text(event)}"
+    return f"{_WORDS[event.kind]}{of} recorded by {found}.{_text(event)}"
 
 
 def _text(event: AssetEvent) -> str:
     return f" {event.text}" if event.text else ""
 
 
-def _found(event: AssetEvent) -> str:
+def _finding_text(event: AssetEvent) -> str:
     if event.kind == "repair":
         share = None if event.repair is None else event.repair.restored_share
         if share is None:

@@ -174,9 +174,9 @@ class TokenFile:
         standing = token.standing(datetime.datetime.fromtimestamp(self._now(), datetime.UTC))
         if standing != "good":
             raise RefusedTokenError(f"It is {standing}.")
-        return dataclasses.replace(token.principal, still=lambda: self._still(token.id))
+        return dataclasses.replace(token.principal, still=lambda: self._is_good(token.id))
 
-    def _still(self, number: str) -> bool:
+    def _is_good(self, number: str) -> bool:
         self._refresh()
         token = self._tokens.get(number)
         now = datetime.datetime.fromtimestamp(self._now(), datetime.UTC)

@@ -61,7 +61,7 @@ class SqliteStore(SqlStore):
         self._lock_s = lock_s
         self._guard = _guard(self.path)
         try:
-            with _told(self.path):
+            with _explain_file_errors(self.path):
                 self._writer = sqlite3.connect(
                     self.path, isolation_level=None, check_same_thread=False, timeout=lock_s
                 )
@@ -201,7 +201,7 @@ def open_reader(path: Path, lock_s: float = LOCK_S) -> sqlite3.Connection:
 
 def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
     """Verify a database that a server may be writing; raise where anything is damaged."""
-    with _told(path), contextlib.closing(open_reader(path)) as reader:
+    with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
         application, version = (
             reader.execute(f"pragma {name}").fetchone()[0]
             for name in ("application_id", "user_version")
@@ -225,13 +225,13 @@ def audit_file(
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
     """Compare a sound database with its ledger (see `auditing.audit`)."""
-    with _told(path), contextlib.closing(open_reader(path)) as reader:
+    with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
         reader.execute("begin")
         return audit(reader, public=public, kept=kept, tell=tell)
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _explain_file_errors(path: Path) -> Iterator[None]:
     """Describe the fault of a file, and what to do."""
     try:
         yield

@@ -142,7 +142,7 @@ class Alarms:
                     "number": row.number,
                     **{name: body.get(name) for name in kept},
                     "raised": raised,
-                    "acknowledged": _told(seen.get(event_id)),
+                    "acknowledged": _acknowledgement_document(seen.get(event_id)),
                 }
             )
             if len(told) == limit:
@@ -189,7 +189,7 @@ class Alarms:
         details = {"event_id": event_id, "by": by, "token": principal, "note": note}
         event = self._event(twin_id, ACKNOWLEDGED, "info", message, details)
         self._pipeline.keep(event, self._routed(event), acknowledgements=[made])
-        told = _told(made)
+        told = _acknowledgement_document(made)
         assert told is not None
         return {"event_id": event_id, **told}
 
@@ -317,7 +317,7 @@ def holds(twin: Twin | None, kind: str, details: Mapping[str, Any]) -> bool:
     )
 
 
-def _told(made: Acknowledgement | None) -> dict[str, Any] | None:
+def _acknowledgement_document(made: Acknowledgement | None) -> dict[str, Any] | None:
     if made is None:
         return None
     return {"by": made.by, "token": made.principal, "note": made.note, "t_ns": made.t_ns}

@@ -65,7 +65,7 @@ class AssetEvents:
         events = [row.message for row in rows]
         taken_back = {e.reverses: e.event for e in events if e.reverses is not None}
         told = [
-            self._told(twin_id, row, event, taken_back.get(event.event))
+            self._event_document(twin_id, row, event, taken_back.get(event.event))
             for row, event in zip(rows, events, strict=True)
         ]
         return {
@@ -88,7 +88,9 @@ class AssetEvents:
                     f"otherwise: {sentence(before.message)} Give another id; to correct what "
                     "is recorded, take it back (reverses) and record the event again.",
                 )
-            told = self._told(twin_id, before, before.message, _undone(rows, order.event))
+            told = self._event_document(
+                twin_id, before, before.message, _undone(rows, order.event)
+            )
             return told, False
         self._check(twin_id, registration, order, rows)
         latest = self._store.history(twin_id, limit=1, newest=True).states
@@ -97,7 +99,7 @@ class AssetEvents:
         last_ns = int(latest["t_ns"][0]) if len(latest) else None
         event = accepted(order, twin_id, number, now_ns, principal, last_ns)
         row = self._pipeline.record(event)
-        return self._told(twin_id, row, event, None), True
+        return self._event_document(twin_id, row, event, None), True
 
     def _check(
         self,
@@ -156,7 +158,7 @@ class AssetEvents:
                     "or leave both out.",
                 )
 
-    def _told(
+    def _event_document(
         self, twin_id: str, row: AssetEventRow, event: AssetEvent, undone_by: str | None
     ) -> dict[str, Any]:
         """Return an event as REST does, with both times where the history has them."""

@@ -58,7 +58,7 @@ class _Replay:
     total: int = 0
     sentence: str = "It begins."
 
-    def told(self) -> dict[str, Any]:
+    def document(self) -> dict[str, Any]:
         return {key: getattr(self, key) for key in ("state", "done", "total", "sentence")}
 
 
@@ -101,7 +101,7 @@ class Recordings:
     def listed(self, reaches: Reaches) -> dict[str, Any]:
         """Return all recordings that the caller may see, the newest first."""
         found = [
-            self._told(path.name, kept)
+            self._recording_document(path.name, kept)
             for path in self._paths()
             for kept in [self._look(path)]
             if kept is not None and _may_see(kept, reaches)
@@ -244,7 +244,7 @@ class Recordings:
             self._read[path.name] = before
         return before
 
-    def _told(self, name: str, kept: _Kept) -> dict[str, Any]:
+    def _recording_document(self, name: str, kept: _Kept) -> dict[str, Any]:
         inside, played = kept.inside, self._played.get(name)
         messages: Counter[str] = Counter()
         for key, count in (inside.counts if inside else {}).items():
@@ -258,7 +258,7 @@ class Recordings:
             "twins": [f"{site}.{asset}" for site, asset in kept.addresses],
             "messages": {stream: count for stream, count in messages.items() if count},
             "problem": kept.problem,
-            "replay": played.told() if played else None,
+            "replay": played.document() if played else None,
         }
 
     def _folder_for(self, name: str) -> Path:
@@ -266,7 +266,7 @@ class Recordings:
             raise ProblemError(404, "no-recordings", NOWHERE)
         self._folder.mkdir(parents=True, exist_ok=True)
         if (self._folder / name).exists():
-            raise _taken(name)
+            raise _name_taken_error(name)
         if len(self._paths()) >= self._settings.max_files:
             raise ProblemError(
                 507,
@@ -318,10 +318,10 @@ class Recordings:
         try:
             os.link(partial, path)
         except FileExistsError:
-            raise _taken(path.name) from None
+            raise _name_taken_error(path.name) from None
 
 
-def _taken(name: str) -> ProblemError:
+def _name_taken_error(name: str) -> ProblemError:
     return ProblemError(
         409,
         "there-already",

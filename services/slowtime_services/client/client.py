@@ -353,7 +353,7 @@ class Client:
             try:
                 with self._patient.ask("GET", path, headers=headers) as answer:
                     away_s = None
-                    for one in _told(answer):
+                    for one in _server_sent_events(answer):
                         seen = one.id or seen
                         yield one
             except UnreachableError:
@@ -363,7 +363,7 @@ class Client:
             time.sleep(0.5)
 
 
-def _told(answer: HTTPResponse) -> Iterator[Live]:
+def _server_sent_events(answer: HTTPResponse) -> Iterator[Live]:
     """Return server-sent events until the connection ends or has been silent for too long."""
     fields: dict[str, str] = {}
     while True:

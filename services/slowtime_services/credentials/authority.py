@@ -86,7 +86,7 @@ class Authority:
                     f"{home} holds no authority. Make one with slowtime keys make SITE "
                     f"--out {home}."
                 )
-            return cls._found(home, site)
+            return cls._create(home, site)
         kept = json.loads(ledger.read_text())
         if site not in (None, kept["site"]):
             raise WrongAuthorityError(
@@ -99,7 +99,7 @@ class Authority:
         return cls(home, kept["site"], issued)
 
     @classmethod
-    def _found(cls, home: Path, site: str) -> Self:
+    def _create(cls, home: Path, site: str) -> Self:
         from cryptography import x509
         from cryptography.hazmat.primitives import hashes
         from cryptography.hazmat.primitives.asymmetric import ec
@@ -107,7 +107,9 @@ class Authority:
         key = ec.generate_private_key(ec.SECP256R1())
         name = _subject(f"slowtime authority of {site}"[:64])
         certificate = (
-            _begun(name, name, key.public_key(), secrets.randbits(159) | 1, TEN_YEARS)
+            _certificate_builder(
+                name, name, key.public_key(), secrets.randbits(159) | 1, TEN_YEARS
+            )
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs_certificates=True), critical=True)
             .add_extension(
@@ -171,11 +173,13 @@ class Authority:
             raise ValueError(f"{role!r} is no role. Allowed: {', '.join(ROLES)}.")
         if (asset is None) == (role == "edge"):
             raise ValueError(f"An edge has an asset, others have none; given {role}, {asset}.")
-        own_key, own = self._own()
+        own_key, own = self._own_certificate()
         key, serial = ec.generate_private_key(ec.SECP256R1()), secrets.randbits(159) | 1
         name = common_name(role, self.site, asset, serial)
         builder = (
-            _begun(_subject(name), own.subject, key.public_key(), serial, lasts, from_now)
+            _certificate_builder(
+                _subject(name), own.subject, key.public_key(), serial, lasts, from_now
+            )
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_usage(), critical=True)
             .add_extension(_purposes(role), critical=False)
@@ -220,7 +224,7 @@ class Authority:
             self.issue(old.role, old.asset, hosts=old.hosts, lasts=lasts)
         return self._issued[-len(due) :] if due else []
 
-    def _own(self) -> "tuple[EllipticCurvePrivateKey, x509.Certificate]":
+    def _own_certificate(self) -> "tuple[EllipticCurvePrivateKey, x509.Certificate]":
         from cryptography import x509
         from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -249,7 +253,7 @@ def _subject(name: str) -> "x509.Name":
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
-def _begun(
+def _certificate_builder(
     subject: "x509.Name",
     issuer: "x509.Name",
     key: Any,

@@ -173,7 +173,10 @@ def _trials(
     notes.extend(f"{source.name}: {text}" for text in record.notes)
     count = len(record.samples)
     driven = [_column(description, entry, source, roles, notes) for entry in description.inputs]
-    heard = [_heard(description, entry, source, roles, notes) for entry in description.sensors]
+    heard = [
+        _sensor_series(description, entry, source, roles, notes)
+        for entry in description.sensors
+    ]
     inputs = np.stack(driven, axis=1) if driven else np.zeros((count, 0))
     outputs = np.stack([column for column, _ in heard], axis=1)
     use = np.stack([np.full(count, there) for _, there in heard], axis=1)
@@ -223,7 +226,7 @@ def _pieces(record: Record, known: Bool[np.ndarray, " time"]) -> Iterator[tuple[
             yield first, last, late
 
 
-def _heard(
+def _sensor_series(
     description: Description, sensor: Sensor, source: Source, roles: Roles, notes: list[str]
 ) -> tuple[Series, bool]:
     """Read a sensor, and whether the record has it at all."""

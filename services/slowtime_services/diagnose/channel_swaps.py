@@ -113,7 +113,7 @@ def likely_pair(
     ]
     if not pairs or not np.isfinite(made).all():
         return None
-    apart = _apart(trial, made)
+    apart = _power_distances(trial, made)
     best = min(pairs, key=lambda pair: _gain(apart, *pair))
     return best if _gain(apart, *best) < 0 else None
 
@@ -123,7 +123,7 @@ def _gain(apart: Float[np.ndarray, "sensor sensor"], i: int, j: int) -> float:
     return float(apart[i, j] + apart[j, i] - apart[i, i] - apart[j, j])
 
 
-def _apart(
+def _power_distances(
     trial: Trial, made: Float[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "sensor sensor"]:
     """Compare powers: mean squared logarithm of those of the model over the measured ones."""

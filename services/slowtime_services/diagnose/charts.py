@@ -76,8 +76,8 @@ def run_charts(diagnosis: Diagnosis) -> list[Chart]:
             Chart(
                 lines,
                 _axes("campaign time [s]", f"{sensor.channel} [{sensor.unit}]"),
-                f"{_heard(sensor)} around its largest motion, and what the models say of it: "
-                "each ran free from the first samples on.",
+                f"{_sensor_label(sensor)} around its largest motion, measured and simulated. "
+                "Each model ran free from the first samples on.",
             )
         )
     return charts
@@ -184,7 +184,7 @@ def _loudest(values: Series) -> slice:
     return slice(first, first + WINDOW_SAMPLES)
 
 
-def _heard(sensor: Sensor) -> str:
+def _sensor_label(sensor: Sensor) -> str:
     return f"{sensor.quantity.capitalize()} of {sensor.node} ({sensor.channel})"
 
 
@@ -194,8 +194,8 @@ def _decibels(power: Series) -> Series:
 
 def _line(x: Series, y: Series, name: str, colour: str, width: float = 1.5) -> Plain:
     return {
-        "x": _plain(x),
-        "y": _plain(y),
+        "x": _rounded(x),
+        "y": _rounded(y),
         "name": name,
         "mode": "lines",
         "line": {"color": colour, "width": width},
@@ -204,15 +204,15 @@ def _line(x: Series, y: Series, name: str, colour: str, width: float = 1.5) -> P
 
 def _cloud(x: Series, y: Series, name: str, colour: str, size: float) -> Plain:
     return {
-        "x": _plain(x),
-        "y": _plain(y),
+        "x": _rounded(x),
+        "y": _rounded(y),
         "name": name,
         "mode": "markers",
         "marker": {"color": colour, "size": size, "opacity": 0.6},
     }
 
 
-def _plain(values: Series) -> list[float | None]:
+def _rounded(values: Series) -> list[float | None]:
     """Round to six digits, enough for a chart; None for values that are not finite."""
     return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]
 

@@ -209,12 +209,13 @@ def _history(report: HistoryReport, document: dict[str, Any]) -> Chart:
     def line(values: Float[np.ndarray, " time"], name: str, colour: str) -> dict[str, Any]:
         return {
             "type": "scatter", "mode": "lines", "name": name, "x": time.tolist(),
-            "y": _plain(scale * values[::step]), "line": {"color": colour, "width": 1.4},
+            "y": _json_numbers(scale * values[::step]), "line": {"color": colour, "width": 1.4},
         }  # fmt: skip
 
     read = {
         "type": "scatter", "mode": "markers", "name": "read", "x": time.tolist(),
-        "y": _plain(scale * series.value[::step]), "marker": {"color": MEASURED, "size": 4},
+        "y": _json_numbers(scale * series.value[::step]),
+        "marker": {"color": MEASURED, "size": 4},
     }  # fmt: skip
     along = {"title": {"text": f"slow time [{document['slow_time_unit']}]"}}
     up = {"title": {"text": f"{_TITLES[document['quantity']]} [{unit}]"}}
@@ -236,16 +237,16 @@ def _curve(effect: HistoryEffect) -> Chart:
     band = {
         "type": "scatter", "mode": "lines", "name": "95 % band", "fill": "toself",
         "x": [*curve.x.tolist(), *curve.x[::-1].tolist()],
-        "y": _plain(np.concatenate([curve.lo, curve.hi[::-1]])),
+        "y": _json_numbers(np.concatenate([curve.lo, curve.hi[::-1]])),
         "line": {"width": 0}, "fillcolor": "rgba(11,111,184,0.25)",
     }  # fmt: skip
     law = {
         "type": "scatter", "mode": "lines", "name": named(effect.effect),
-        "x": curve.x.tolist(), "y": _plain(curve.value), "line": {"color": AUGMENTED},
+        "x": curve.x.tolist(), "y": _json_numbers(curve.value), "line": {"color": AUGMENTED},
     }  # fmt: skip
     points = {
         "type": "scatter", "mode": "markers", "name": "readings, all else taken away",
-        "x": _plain(curve.points_x[::step]), "y": _plain(curve.points[::step]),
+        "x": _json_numbers(curve.points_x[::step]), "y": _json_numbers(curve.points[::step]),
         "marker": {"color": MEASURED, "size": 3},
     }  # fmt: skip
     layout = {
@@ -255,5 +256,5 @@ def _curve(effect: HistoryEffect) -> Chart:
     return Chart([points, band, law], layout, f"{named(effect.effect)}, against {curve.label}.")
 
 
-def _plain(values: Float[np.ndarray, " point"]) -> list[float | None]:
+def _json_numbers(values: Float[np.ndarray, " point"]) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -35,7 +35,7 @@ def write_csv(path: Path, record: Record) -> None:
         for first, late in _parts(record):
             instants = first + late + np.arange(min(ROWS, _end(record, first) - first))
             rows = record.samples[first : first + len(instants)].tolist()
-            for told, row in zip(_told(record, instants), rows, strict=True):
+            for told, row in zip(_row_values(record, instants), rows, strict=True):
                 table.writerow([told, *row])
 
 
@@ -108,7 +108,7 @@ def _nanoseconds(record: Record, instants: Int[np.ndarray, " row"]) -> Int[np.nd
     return np.asarray(start + ns)
 
 
-def _told(record: Record, instants: Int[np.ndarray, " row"]) -> list[Any]:
+def _row_values(record: Record, instants: Int[np.ndarray, " row"]) -> list[Any]:
     if record.start_ns is None:
         return list(_seconds(record, instants).tolist())
     stamps = _nanoseconds(record, instants).astype("datetime64[ns]")

@@ -177,7 +177,7 @@ def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolic
     if verdict.wrapped:
         return _series(sheet, kept, verdict, notes)
     assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
-    others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
+    others = {n: _column_values(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
     start_ns, said_start = start_of(sheet, axis, told)
     assumptions += said_start
     if lost.any():
@@ -243,7 +243,7 @@ def _measured(
     )
 
 
-def _plain(column: Column) -> Values:
+def _column_values(column: Column) -> Values:
     """Values of a column that is no channel; of stamps, seconds from the first."""
     if column.stamps is None:
         return column.values

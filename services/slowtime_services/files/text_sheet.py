@@ -65,10 +65,12 @@ def read_lines(
         for form in FORMATS:
             if form.reader.recognise(lines[:HEAD_LINES]):
                 return form.reader.read(lines, name)
-    return _read_table(_plain(plain_table(lines)), name, skip_lines, date_order)
+    return _read_table(
+        _without_monitor_prefixes(plain_table(lines)), name, skip_lines, date_order
+    )
 
 
-def _plain(lines: list[str]) -> list[str]:
+def _without_monitor_prefixes(lines: list[str]) -> list[str]:
     """Remove what a serial monitor or plotter adds to each line."""
     head = [line for line in lines[:HEAD_LINES] if line.strip()]
     if sum(bool(_SERIAL_STAMP.match(line)) for line in head) > 0.8 * len(head):

@@ -74,7 +74,7 @@ def unit_of(text: str, channel: str = "") -> Unit | None:
     >>> unit_of("V"), unit_of("mG", "MagX")
     (None, None)
     """
-    plain = _plain(text)
+    plain = _normalized(text)
     if plain in _GRAVITIES:
         another = channel and _OTHER_QUANTITY.search(channel)
         return None if another else Unit("acceleration", _GRAVITIES[plain])
@@ -100,7 +100,7 @@ def sensitivity_of(text: str) -> Sensitivity:
     >>> sensitivity_of("9.80665 mV/g")
     Sensitivity(quantity='acceleration', of='V', per_si=0.001)
     """
-    plain = _plain(text)
+    plain = _normalized(text)
     match = re.match(rf"{_NUMBER}\s*(?P<rest>.+)", plain)
     number = float(match["number"] or 1.0) if match else 0.0
     rest = match["rest"] if match else ""
@@ -127,7 +127,7 @@ def _signal(text: str) -> tuple[Literal["V", "counts"], float] | None:
     return ("counts", 1.0) if text in COUNTS - {""} else None
 
 
-def _plain(text: str) -> str:
+def _normalized(text: str) -> str:
     """Lower case without blanks, brackets around it, and signs of powers."""
     plain = text.strip().casefold().replace("²", "2").replace("⁻", "-").replace("¹", "1")
     for sign in ("**", "^", "{", "}", " "):

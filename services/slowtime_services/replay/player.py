@@ -283,18 +283,18 @@ class _Player:
                         }
                     ).encode(),
                 )
-                for run, holding in self._asked(query.key, "account")
+                for run, holding in self._requested_runs(query.key, "account")
                 if holding.published >= 0
             ]
 
     def _again(self, query: Query) -> Iterator[tuple[str, bytes]]:
         first, last = int(query.parameters["first"]), int(query.parameters["last"])
-        for run, holding in self._asked(query.key, "features"):
+        for run, holding in self._requested_runs(query.key, "features"):
             if run.boot == query.parameters["boot"]:
                 for payload in features_again(self._path, run, holding, first, last):
                     yield FEATURES.key(run.site, run.asset), payload
 
-    def _asked(self, key: str, what: str) -> list[tuple[Run, RunFeatures]]:
+    def _requested_runs(self, key: str, what: str) -> list[tuple[Run, RunFeatures]]:
         return [
             (run, holding)
             for run, holding in self._holdings.items()

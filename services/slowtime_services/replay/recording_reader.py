@@ -69,7 +69,7 @@ def contents(path: Path | str, *, streams: Collection[Stream] = STREAMS) -> Cont
     with _opened(Path(path)) as (reader, summary):
         statistics = summary.statistics
         per_channel = dict(statistics.channel_message_counts) if statistics else {}
-        wanted = _wanted(Path(path), summary, streams)
+        wanted = _channels_of_streams(Path(path), summary, streams)
         try:
             said = (m.metadata for m in reader.iter_metadata() if m.name == "slowtime")
             metadata = next(said, {})
@@ -105,7 +105,7 @@ def read_recording(
     """
     path = Path(path)
     with _opened(path) as (_, summary):
-        topics = {channel.topic for channel in _wanted(path, summary, streams)}
+        topics = {channel.topic for channel in _channels_of_streams(path, summary, streams)}
     return _messages(path, topics, start_ns, end_ns)
 
 
@@ -210,7 +210,9 @@ def _is_damaged(path: Path, how: str) -> str:
     )
 
 
-def _wanted(path: Path, summary: McapSummary, streams: Collection[Stream]) -> list[Channel]:
+def _channels_of_streams(
+    path: Path, summary: McapSummary, streams: Collection[Stream]
+) -> list[Channel]:
     """Find the channels of `streams`, in a file with at least one slowtime channel."""
     ours = [(_stream_of(c.topic), c) for c in summary.channels.values()]
     if summary.channels and not any(stream for stream, _ in ours):

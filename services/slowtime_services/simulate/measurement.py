@@ -169,7 +169,7 @@ class Simulated(Frozen, abc.ABC):
         signal = self._response(number, shake)
         signal = signal + self._noise_sd * noise.standard_normal(signal.shape)
         signal = self._add_spikes(signal, spikes).astype(self.sensor.dtype)
-        return tuple(self._cut(number, signal, self._present(dropouts)))
+        return tuple(self._blocks_of(number, signal, self._present(dropouts)))
 
     def blocks(self, first_epoch: int = 0) -> Iterator[Block]:
         """Blocks of all epochs in order."""
@@ -219,7 +219,7 @@ class Simulated(Frozen, abc.ABC):
             present[start : start + length] = False
         return present
 
-    def _cut(
+    def _blocks_of(
         self, epoch: int, signal: Record, present: Bool[np.ndarray, " time"]
     ) -> Iterator[Block]:
         edges = np.flatnonzero(np.diff(present.astype(np.int8), prepend=0, append=0))

@@ -117,11 +117,11 @@ def _spline(column: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time power
     """Coefficients of the spline through a signal; the last row stays at the last value."""
     if len(column) >= LONG:
         return _coefficients(column)
-    return _kept(np.ascontiguousarray(column, dtype=float).tobytes())
+    return _cached_polynomials(np.ascontiguousarray(column, dtype=float).tobytes())
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _kept(column: bytes) -> Float[np.ndarray, "time power"]:
+def _cached_polynomials(column: bytes) -> Float[np.ndarray, "time power"]:
     return _coefficients(np.frombuffer(column))
 
 

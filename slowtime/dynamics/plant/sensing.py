@@ -101,7 +101,7 @@ def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Poly
     """
     powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
     found = [
-        _kept(column.tobytes(), hold, powers)
+        _cached_polynomials(column.tobytes(), hold, powers)
         if len(column) < LONG
         else polynomials(np.ascontiguousarray(column), hold)[:, :powers]
         for column, hold in zip(columns.T, holds, strict=True)
@@ -110,7 +110,9 @@ def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Poly
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _kept(column: bytes, hold: str, powers: int) -> Float[np.ndarray, "time power"]:
+def _cached_polynomials(
+    column: bytes, hold: str, powers: int
+) -> Float[np.ndarray, "time power"]:
     """Find polynomials once for all runs of a record, with no more powers than are used."""
     return polynomials(np.frombuffer(column), hold)[:, :powers].copy()
 
@@ -254,7 +256,7 @@ def apply_sensor_effects(
         series = outputs[:, k].copy()
         outputs[:, k] = action.act(series, times, p)
         if slopes.size:
-            slopes[:, k] = _along(action, series, slopes[:, k].T, times, p).T
+            slopes[:, k] = _directional_derivatives(action, series, slopes[:, k].T, times, p).T
         for which, name in enumerate(kinds[i].names):
             if ("effect", i, name) in columns:
                 slopes[:, k, columns["effect", i, name]] += _by_parameter(
@@ -262,7 +264,7 @@ def apply_sensor_effects(
                 )
 
 
-def _along(
+def _directional_derivatives(
     action: SensorChange, series: Series, directions: Several, times: Series, p: Values
 ) -> Several:
     """Differentiate what a sensor does along directions, one a row."""

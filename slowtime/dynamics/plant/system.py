@@ -124,7 +124,7 @@ def layout_of(
             next_state += 1
         directions.append(row if effects[i].place.kind == "node" else -row)
     forced = tuple(
-        _pushed(entry.node, place, free) if entry.kind == "force" and entry.node else None
+        _force_row(entry.node, place, free) if entry.kind == "force" and entry.node else None
         for entry in description.inputs
     )
     channels = [(i, int(row[1])) for i, row in zip(acting, table, strict=True)]
@@ -308,7 +308,7 @@ def _internal(kind: Kind) -> int:
     return len(kind.action.rates) if isinstance(kind.action, Law) else 0
 
 
-def _pushed(
+def _force_row(
     node: str, place: Mapping[str, int | None], free: int
 ) -> Float[np.ndarray, " coordinate"]:
     found, row = np.zeros(free), place[node]

@@ -50,7 +50,7 @@ def members_of(description: Description, count: int) -> tuple[Description, ...]:
         stiffness = _logs(tolerance.stiffness, row[0], row[3 : 3 + elements])
         mass = _logs(tolerance.mass, row[1], row[3 + elements :])
         damping = math.exp(_ln_sd(tolerance.damping) * row[2])
-        out.append(_moved(description, np.exp(stiffness), np.exp(mass), damping))
+        out.append(_with_constants(description, np.exp(stiffness), np.exp(mass), damping))
     return tuple(out)
 
 
@@ -59,7 +59,7 @@ def drawn_member(description: Description, rng: np.random.Generator) -> Descript
     tolerance = description.tolerance or Tolerance()
     elements, nodes = len(description.elements), len(description.nodes)
     row = rng.standard_normal(elements + nodes + 3)
-    return _moved(
+    return _with_constants(
         description,
         np.exp(_logs(tolerance.stiffness, row[0], row[3 : 3 + elements])),
         np.exp(_logs(tolerance.mass, row[1], row[3 + elements :])),
@@ -89,7 +89,7 @@ def _signs(count: int, parameters: int) -> Float[np.ndarray, "run parameter"]:
     return np.concatenate(more, axis=1)[:, :parameters]
 
 
-def _moved(
+def _with_constants(
     description: Description,
     stiffness: Float[np.ndarray, " element"],
     mass: Float[np.ndarray, " node"],

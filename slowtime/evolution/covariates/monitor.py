@@ -160,7 +160,7 @@ class Watch:
         _, onsets, reading = self._met(state, now)
         now = dataclasses.replace(now, side=float(np.sign(reading.residual)))
         if not self._doubtful(onsets, reading):
-            after = self._taken(dataclasses.replace(state, held=()), now)
+            after = self._updated_state(dataclasses.replace(state, held=()), now)
             return after, self._judgement(after, reading, None)
         alike = [one for one in state.held if one.side == now.side]
         state = dataclasses.replace(state, held=(*alike, now))
@@ -168,7 +168,7 @@ class Watch:
             return state, self._judgement(state, reading, "held back as an outlier")
         after = dataclasses.replace(state, held=())
         for one in state.held:
-            after = self._taken(after, one)
+            after = self._updated_state(after, one)
         return after, self._judgement(after, reading, None)
 
     def _met(self, state: WatchState, now: Held) -> tuple[Belief, Onsets, Innovation]:
@@ -178,7 +178,7 @@ class Watch:
         reading = recursion.innovation(belief, wander, now.value, now.sd, now.features)
         return belief, self._faded(state.onsets, now.time - state.belief.time), reading
 
-    def _taken(self, state: WatchState, now: Held) -> WatchState:
+    def _updated_state(self, state: WatchState, now: Held) -> WatchState:
         """Take a reading into belief and bets."""
         belief, onsets, reading = self._met(state, now)
         onsets = change_onset.update_onsets(

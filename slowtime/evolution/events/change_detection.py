@@ -163,14 +163,14 @@ class ChangeDetector:
             state = dataclasses.replace(
                 state,
                 process=self.process.step(state.process, time, np.nan, np.nan, step)[0],
-                rivals=self._moved(state.rivals, time, step),
-                before=self._moved(state.before, time, step),
+                rivals=self._predicted_belief(state.rivals, time, step),
+                before=self._predicted_belief(state.before, time, step),
             )
             return state, LevelChange(False, np.nan, 0.0, np.nan, np.nan)
         kept = slice(int(len(state.since) == RECENT), None)
         old, weights = state.process, state.log_weights
         rivals = _stacked(state.rivals, kept, matern.lifted(old, self.jump_sd))
-        before = self._moved(_stacked(state.before, kept, old), time, step)
+        before = self._predicted_belief(_stacked(state.before, kept, old), time, step)
         rivals, read = self.process.step(rivals, time, value, sd, step)
         process, likelihood = self._process_step(old, weights, (time, value, sd), step)
         own = np.concatenate([state.own[kept], weights[None]]) + likelihood
@@ -229,7 +229,9 @@ class ChangeDetector:
             return passed, np.asarray(outlying)
         return updated, likelihood
 
-    def _moved(self, belief: Belief | None, time: float, step: Step) -> Belief | None:
+    def _predicted_belief(
+        self, belief: Belief | None, time: float, step: Step
+    ) -> Belief | None:
         if belief is None:
             return None
         return self.process.step(belief, time, np.nan, np.nan, step)[0]

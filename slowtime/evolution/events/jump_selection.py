@@ -245,7 +245,7 @@ def select_jumps(
     def look(value: Usable, places: Places) -> Interventions:
         return passes.interventions(value, scored.sd, jumps=scored.jumps(places))
 
-    here = _apart(sorted(set(places)))
+    here = _separate_places(sorted(set(places)))
     value, tried = scored.value, {here}
     for _ in range(_ROUNDS):
         found = look(value, here)
@@ -311,7 +311,7 @@ def _eliminated(
     return places
 
 
-def _apart(places: Sequence[int]) -> Places:
+def _separate_places(places: Sequence[int]) -> Places:
     kept: list[int] = []
     for place in places:
         if not kept or place - kept[-1] >= APART:

@@ -80,7 +80,7 @@ class Repair:
         Belief.
         """
         mean, covariance = belief.mean.copy(), belief.covariance
-        seen = _seen(process, belief)
+        seen = _observation_row(process, belief)
         level, variance = _value(belief, seen)
         # The level takes up the jump; what sways about it goes on as before.
         size = mean.shape[-1]
@@ -133,7 +133,7 @@ class Replacement:
         if self.level is None:
             return begun
         change = np.broadcast_to(np.eye(mean.shape[-1]), covariance.shape).copy()
-        change[..., 0, :] -= _seen(process, begun)
+        change[..., 0, :] -= _observation_row(process, begun)
         moved = change @ covariance @ np.swapaxes(change, -1, -2)
         moved[..., 0, 0] += self.level_sd**2
         mean = (change @ mean[..., None])[..., 0]
@@ -171,10 +171,12 @@ class Measurement:
         -------
         Belief.
         """
-        seen = _seen(process, belief)
+        seen = _observation_row(process, belief)
         mean, variance = _value(belief, seen)
         share = variance / (variance + self.sd**2)
-        return _told(belief, seen, mean + share * (self.value - mean), (1.0 - share) * variance)
+        return _conditioned_belief(
+            belief, seen, mean + share * (self.value - mean), (1.0 - share) * variance
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,7 +267,7 @@ class Detection:
         -------
         Belief.
         """
-        seen = _seen(process, belief)
+        seen = _observation_row(process, belief)
         mean, variance = _value(belief, seen)
         sd = np.sqrt(np.maximum(variance, 0.0))
         points = mean[..., None] + _REACH * sd[..., None] * _NODES
@@ -278,7 +280,7 @@ class Detection:
         weights = weights / np.where(known, total, 1.0)[..., None]
         after = np.sum(weights * points, axis=-1)
         spread = np.sum(weights * (points - after[..., None]) ** 2, axis=-1)
-        return _told(
+        return _conditioned_belief(
             belief, seen, np.where(known, after, mean), np.where(known, spread, variance)
         )
 
@@ -328,9 +330,9 @@ def apply_event(process: Startable, belief: Belief, event: KnownEvent) -> Belief
     return Belief(after.time, after.mean, covariance)
 
 
-def _seen(process: Startable, belief: Belief) -> np.ndarray:
+def _observation_row(process: Startable, belief: Belief) -> np.ndarray:
     """Give what of the state a reading would see now."""
-    return np.asarray(process.seen(np.array([belief.time]))[0])
+    return np.asarray(process.observation_row(np.array([belief.time]))[0])
 
 
 def _value(belief: Belief, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -340,7 +342,9 @@ def _value(belief: Belief, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, variance
 
 
-def _told(belief: Belief, seen: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> Belief:
+def _conditioned_belief(
+    belief: Belief, seen: np.ndarray, mean: np.ndarray, variance: np.ndarray
+) -> Belief:
     """Belief whose quantity has this mean and variance, all else following by regression."""
     before, spread = _value(belief, seen)
     gain = (belief.covariance @ seen[..., None])[..., 0]

@@ -135,7 +135,7 @@ def fit(
     time, values, sds = history(slow_time, value, sd)
     prior, base = prior_of(time, values)
     jump_sd = 3.0 * float(base.sd)
-    given = _given(time, known, jump_sd)
+    given = _jumps_at_events(time, known, jump_sd)
     if given:
         prior, inner = prior_of(time, _levelled(time, values, [at for at, _ in given]))
         base = _vague(inner, base)
@@ -143,10 +143,10 @@ def fit(
     readings = time, values, sds
     plain = _smooth(readings, prior, base, given)
     scored = jump_selection.ScoredHistory(*readings, jump_sd, known=given)
-    scored = dataclasses.replace(scored, seeds=_seen(scored, suspected))
+    scored = dataclasses.replace(scored, seeds=_detected_jumps(scored, suspected))
     stepped = _with_jumps(scored, base)
     if stepped is None:
-        return _without_known(_told(*_with_waves(readings, plain, process)), given)
+        return _without_known(_with_evidence(*_with_waves(readings, plain, process)), given)
     found = _weighed(scored, plain, stepped, process)
     return _without_known(found, given)
 
@@ -173,7 +173,7 @@ def _weighed(
             without[0].wave_share > 0.5
             and jump_selection.regularity(scored, places) > _MAYBE_REGULAR
         ):
-            return _told(*without)
+            return _with_evidence(*without)
     elif (regular := jump_selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
         least = -np.inf if surely else there[1] - odds
@@ -181,25 +181,27 @@ def _weighed(
         edges = len(places) > 1
         without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
-            return _told(*without)
+            return _with_evidence(*without)
     if there[1] - odds <= without[1]:
-        return _told(*without)
+        return _with_evidence(*without)
     further = _further(scored, places, smooth)
     return dataclasses.replace(there[0], further=further, log_evidence=there[1] - odds)
 
 
-def _told(outlook: Outlook, log_evidence: float) -> Outlook:
+def _with_evidence(outlook: Outlook, log_evidence: float) -> Outlook:
     return dataclasses.replace(outlook, log_evidence=log_evidence)
 
 
-def _given(time: Usable, known: Sequence[KnownEvent], jump_sd: float) -> tuple[Jump, ...]:
+def _jumps_at_events(
+    time: Usable, known: Sequence[KnownEvent], jump_sd: float
+) -> tuple[Jump, ...]:
     """Jumps at the known events that have readings on either side, one between two readings."""
     at = [e.time for e in known if is_jump(e) and time[0] <= e.time < time[-1]]
     places = np.unique(np.searchsorted(time, at, "right"))
     return tuple((float(time[place - 1]), jump_sd) for place in places.tolist())
 
 
-def _seen(
+def _detected_jumps(
     scored: jump_selection.ScoredHistory, suspected: Sequence[float]
 ) -> jump_selection.Places:
     """Find the readings before which a jump was seen that nobody has told of."""

@@ -91,7 +91,7 @@ def learn_parameters(
 def _about(best: Optimum) -> Points:
     """Spread points about the optimum, somewhat wider than its curvature asks for."""
     factor = np.linalg.cholesky(np.linalg.inv(best.curvature))
-    normal = hyperparameters.spread(NET, len(best.point))
+    normal = hyperparameters.quasi_random_points(NET, len(best.point))
     points: Points = best.point + _WIDER * normal @ factor.T
     return points
 

@@ -113,7 +113,7 @@ def changes_from_frequencies(
     first = _foretold(surrogates, prior, normal)
     believed = first.changes.std(axis=0)
     found = [
-        _turned(surrogates, prior, normal, first, f, sd, level)
+        _invert_one(surrogates, prior, normal, first, f, sd, level)
         for f, sd in zip(frequency_hz, frequency_sd_hz, strict=True)
     ]
     ratios = np.array([one.sd for one in found]) / believed
@@ -156,7 +156,7 @@ def _foretold(
     )
 
 
-def _turned(
+def _invert_one(
     surrogates: Sequence[Surrogate],
     prior: Sequence[Any],
     even: np.ndarray,
@@ -181,7 +181,7 @@ def _turned(
         weight = _normalised(log)
         if _effective(weight) >= ENOUGH:
             break
-        normal, proposed = _moved(even, normal, log)
+        normal, proposed = _proposal_draws(even, normal, log)
         told = _foretold(surrogates, prior, normal)
     nearest = float(np.sqrt(np.min(np.sum(away, axis=1))))
     return _summed(told.changes, weight, level, nearest)
@@ -197,7 +197,7 @@ def _effective(weight: np.ndarray) -> float:
     return float(1.0 / np.sum(weight**2))
 
 
-def _moved(
+def _proposal_draws(
     even: np.ndarray, normal: np.ndarray, log: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draws where those of weight are, and the logarithm of their density."""

@@ -168,7 +168,10 @@ def estimate(
     sets = (measured,) if isinstance(measured, MeasuredModes) else tuple(measured)
     sd = check_prior(structure, prior_sd)
     ends: list[Optimum] = []
-    for start in [np.zeros(len(sd)), *(sd * hyperparameters.spread(starts, len(sd)))]:
+    for start in [
+        np.zeros(len(sd)),
+        *(sd * hyperparameters.quasi_random_points(starts, len(sd))),
+    ]:
         end = optimise_from(structure, sets, sd, start)
         if not any(_one_place(end, other) for other in ends):
             ends.append(end)

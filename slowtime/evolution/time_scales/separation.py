@@ -180,7 +180,7 @@ def _averaged(
     found = []
     for one in members:
         taken = np.sum([one.part(i) for i in parts], axis=0) != 0.0
-        asked = one.seen(slow_time) * taken
+        asked = one.observation_row(slow_time) * taken
         found.append(streaming.smooth(one, slow_time, value, sd, part=asked))
     means, sds = np.array([f.mean for f in found]), np.array([f.sd for f in found])
     mean = weights @ means

@@ -166,7 +166,7 @@ def _sample(readings: ScreenedHistory, fits: list[LaplaceFit]) -> tuple[Ensemble
 
 def _normal_points(dimensions: int) -> Float[np.ndarray, "draw coordinate"]:
     """Quasi-random standard normal points, the first of them at the origin."""
-    points = hyperparameters.spread(_DRAWS, dimensions)
+    points = hyperparameters.quasi_random_points(_DRAWS, dimensions)
     points[0] = 0.0
     return points
 

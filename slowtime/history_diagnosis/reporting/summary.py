@@ -156,8 +156,8 @@ def _sensor_faults(
         )
         share = EffectParameter("share", Measured(100.0 * float(swap.which.mean()), 0.0), "%")
         sentence = (
-            f"{_told(share)} of the readings lie together at {_told(offset)} from the others: "
-            "another mode is read in the place of this one"
+            f"{_parameter_text(share)} of the readings lie at {_parameter_text(offset)} "
+            "from the others: another mode is read in the place of this one"
         )
         found.append(_fault("mode_swap", (offset, share), _SWAP_PROBABILITY, sentence))
     if departed is not None:
@@ -168,8 +168,8 @@ def _sensor_faults(
             EffectParameter("time", Measured(departed.time, 0.0), units.time),
         )
         sentence = (
-            f"mode {departed.mode} alone changes by {_told(numbers[1])} at "
-            f"{_told(numbers[2])}, the others do not: look at its sensor or tracking"
+            f"mode {departed.mode} alone changes by {_parameter_text(numbers[1])} at "
+            f"{_parameter_text(numbers[2])}, the others do not: look at its sensor or tracking"
         )
         found.append(_fault("sensor_change", numbers, departed.probability, sentence))
     return found
@@ -181,7 +181,7 @@ def _fault(
     return HistoryEffect(name, "sensor", None, numbers, probability, (), sentence, None)
 
 
-def _told(number: EffectParameter) -> str:
+def _parameter_text(number: EffectParameter) -> str:
     return sentences.format_measured(number.measured, number.unit)
 
 

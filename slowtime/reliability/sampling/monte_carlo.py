@@ -33,7 +33,7 @@ def monte_carlo(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
     rare = False
     while True:
         left = stopping.calls - count
-        wanted = _wanted(failed, count, stopping)
+        wanted = _further_points(failed, count, stopping)
         number = int(min(max(wanted, 100), BATCH, left))
         failed += int(np.sum(g(rng.standard_normal((number, problem.size))) <= 0.0))
         count += number
@@ -65,7 +65,7 @@ def _upper(failed: int, count: int, chance: float) -> float:
     return float(stats.beta.isf(chance, failed + 1, count - failed)) if failed < count else 1.0
 
 
-def _wanted(failed: int, count: int, stopping: Stopping) -> float:
+def _further_points(failed: int, count: int, stopping: Stopping) -> float:
     """Further points that the target needs as far as is known."""
     if not failed:
         return 1000.0 if not count else float(BATCH)

@@ -50,7 +50,7 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
         failed += np.bincount(ring[g(u) <= 0.0], minlength=RINGS)
         drawn += counts
         value = float(held @ (failed / drawn))
-        spread = _spread(failed, drawn)
+        spread = _variance_within(failed, drawn)
         error = float(np.sqrt(np.sum(held**2 * spread / drawn)))
         variation = error / value if value > 0.0 else np.inf
         if variation <= stopping.variation or g.calls >= stopping.calls:
@@ -65,7 +65,7 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
     return sampled("stratified", value, variation, g.calls, stopping, warnings=warnings)
 
 
-def _spread(failed: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+def _variance_within(failed: np.ndarray, drawn: np.ndarray) -> np.ndarray:
     """Variance within each stratum: of rings in which none failed, not quite 0.
 
     Rings further in than `SAFE` below the innermost failure count as safe: a safe set that is

@@ -125,7 +125,9 @@ class CommonCause:
         """
         event = self.beta * np.min([marginals[name] for name in self.members], axis=0)
         failing = {
-            name: np.stack([_beside(marginals[name], event), np.ones_like(event)])
+            name: np.stack(
+                [_probability_without_event(marginals[name], event), np.ones_like(event)]
+            )
             for name in self.members
         }
         return Conditional(np.stack([1.0 - event, event]), failing)
@@ -151,7 +153,8 @@ class CommonCause:
         least = self.beta * min(marginals[name] for name in self.members)
         event = rng.random(count) < least
         return {
-            name: event | (rng.random(count) < _beside(np.array(marginals[name]), least))
+            name: event
+            | (rng.random(count) < _probability_without_event(np.array(marginals[name]), least))
             for name in self.members
         }
 
@@ -198,11 +201,12 @@ class Equicorrelated:
         """
         z, weights = _factor(self.rho)
         failing = {
-            name: self._given(np.asarray(marginals[name]), z[:, None]) for name in self.members
+            name: self._conditional_probabilities(np.asarray(marginals[name]), z[:, None])
+            for name in self.members
         }
         return Conditional(weights[:, None], failing)
 
-    def _given(
+    def _conditional_probabilities(
         self, marginal: Float[np.ndarray, " case"], z: Float[np.ndarray, "value 1"]
     ) -> Float[np.ndarray, "value case"]:
         argument = (ndtri(marginal) - math.sqrt(self.rho) * z) / math.sqrt(1.0 - self.rho)
@@ -270,7 +274,7 @@ def _check_group(members: tuple[str, ...]) -> None:
         )
 
 
-def _beside(
+def _probability_without_event(
     marginal: Float[np.ndarray, "*case"], event: Float[np.ndarray, "*case"] | float
 ) -> Float[np.ndarray, "*case"]:
     """Probability of a failure that is not the common event."""

@@ -207,14 +207,16 @@ class Diagram:
         return node, node
 
     def _node(self, variable: int, low: int, high: int) -> int:
-        return low if low == high else self._kept(self._functions, (variable, low, high))
+        return low if low == high else self._unique_node(self._functions, (variable, low, high))
 
     def _set(self, variable: int, without: int, having: int) -> int:
         if having == 0:
             return without
-        return self._kept(self._sets, (variable, without, having))
+        return self._unique_node(self._sets, (variable, without, having))
 
-    def _kept(self, table: dict[tuple[int, int, int], int], key: tuple[int, int, int]) -> int:
+    def _unique_node(
+        self, table: dict[tuple[int, int, int], int], key: tuple[int, int, int]
+    ) -> int:
         known = table.get(key)
         if known is None:
             known = table[key] = len(self.variable)

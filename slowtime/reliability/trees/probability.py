@@ -177,7 +177,7 @@ class _Plan:
         """Probability of each of some functions, in each case."""
         blocks = self._blocks(roots)
         cases = len(marginals[self.names[0]])
-        first = self._given({name: marginals[name][:1] for name in self.names})
+        first = self._conditionals({name: marginals[name][:1] for name in self.names})
         most = max(
             len(one.weights) * (len(one.failing) + len(blocks.get(number, ())))
             for number, one in enumerate(first)
@@ -186,7 +186,7 @@ class _Plan:
         parts = []
         for start in range(0, cases, step):
             part = {name: marginals[name][start : start + step] for name in self.names}
-            mean = self._sweep(blocks, self._given(part), min(step, cases - start))
+            mean = self._sweep(blocks, self._conditionals(part), min(step, cases - start))
             parts.append(np.stack([mean[root] for root in roots]))
         # Weights sum to one but for rounding.
         return np.asarray(np.clip(np.concatenate(parts, axis=1), 0.0, 1.0))
@@ -198,7 +198,7 @@ class _Plan:
         that it gets there, times the difference of what is below: so all members cost one more
         pass, from the root down.
         """
-        blocks, given = self._blocks([self.root]), self._given(marginals)
+        blocks, given = self._blocks([self.root]), self._conditionals(marginals)
         within: dict[int, Float[np.ndarray, "value 1"]] = {}
         mean = self._sweep(blocks, given, 1, within)
         critical, at_fault = dict.fromkeys(self.names, 0.0), dict.fromkeys(self.names, 0.0)
@@ -222,7 +222,7 @@ class _Plan:
                         entered[end] = entered.get(end, 0.0) + float(np.sum(path * chance))
         return critical, at_fault
 
-    def _given(self, marginals: Marginals) -> list[Conditional]:
+    def _conditionals(self, marginals: Marginals) -> list[Conditional]:
         return [group.given(marginals) for group in self._groups]
 
     def _blocks(self, roots: Sequence[int]) -> dict[int, list[int]]:

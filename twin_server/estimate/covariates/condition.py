@@ -137,8 +137,8 @@ class Condition:
         return Removed(
             math.exp(-float(moved @ normal.belief.mean[:-1])),
             math.hypot(wander.sd, wander.noise),
-            _spread(normal, here),
-            _spread(normal, moved),
+            _prediction_sd(normal, here),
+            _prediction_sd(normal, moved),
             0 if inside else st.BEYOND_COVARIATES,
         )
 
@@ -264,6 +264,6 @@ def _features(
     return np.asarray(normal.basis.features(covariates[None, :])[0])
 
 
-def _spread(normal: NormalModel, features: Float[np.ndarray, " coefficient"]) -> float:
+def _prediction_sd(normal: NormalModel, features: Float[np.ndarray, " coefficient"]) -> float:
     covariance = normal.belief.covariance[:-1, :-1]
     return math.sqrt(max(float(features @ covariance @ features), 0.0))

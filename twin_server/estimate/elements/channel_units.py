@@ -125,10 +125,10 @@ def told_shape(mode: Mode, features: Features, model: Model) -> dict[str, Any] |
         return None
     largest = moved[np.argmax(np.abs(moved))]
     moved = moved * (largest.conjugate() / abs(largest) / norm)
-    return {"re": _told(moved.real), "im": _told(moved.imag), "sd": (sd / norm).tolist()}
+    return {"re": _rounded(moved.real), "im": _rounded(moved.imag), "sd": (sd / norm).tolist()}
 
 
-def _told(values: Float[np.ndarray, " channel"]) -> list[float]:
+def _rounded(values: Float[np.ndarray, " channel"]) -> list[float]:
     rounded: list[float] = (values.round(DIGITS) + 0.0).tolist()
     return rounded
 

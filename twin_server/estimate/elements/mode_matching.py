@@ -108,7 +108,7 @@ def update_reference(reference: Reference, mode: ObservedMode | None, boot: str)
     if mode is None:
         return dataclasses.replace(reference, missed=reference.missed + 1)
     away = np.log(mode.frequency_hz / reference.frequency_hz)
-    shape = _turned(reference.shape, mode)
+    shape = _updated_shape(reference.shape, mode)
     return Reference(
         float(reference.frequency_hz * np.exp(LIMITS.learning_rate * away)),
         shape,
@@ -206,7 +206,9 @@ def _cost(reference: Reference, mode: ObservedMode, boot: str) -> float:
     )
 
 
-def _turned(known: tuple[float, ...] | None, mode: ObservedMode) -> tuple[float, ...] | None:
+def _updated_shape(
+    known: tuple[float, ...] | None, mode: ObservedMode
+) -> tuple[float, ...] | None:
     """Move a remembered shape a little towards a new one."""
     if mode.shape is None:
         return known

@@ -92,14 +92,14 @@ def nominals_of(
     notices: list[list[Notice]] = []
     for twin, rows in zip(twins, rows_of, strict=True):
         conditioned = twin.registration.covariates is not None
-        one = _under_covariates if conditioned else _plain
+        one = _under_covariates if conditioned else _fill_in_nominals
         checkpoint, told = one(twin, features, given, rows, nominals)
         checkpoints.append(checkpoint)
         notices.append(told)
     return nominals, checkpoints, notices
 
 
-def _plain(
+def _fill_in_nominals(
     twin: Twin,
     features: Sequence[Features],
     given: Columns,

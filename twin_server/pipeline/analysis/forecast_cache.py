@@ -271,7 +271,7 @@ class ForecastCache:
             kept.asked = True
             self._absorb(kept, twin)
             ready = kept.sound and kept.prospect is not None
-            due = not kept.sound or kept.learnt_from != self._wanted(kept, twin)
+            due = not kept.sound or kept.learnt_from != self._learning_input(kept, twin)
         if due and (not ready or self._thread is None):
             self._renew(twin_id, kept)
         elif due:
@@ -309,7 +309,7 @@ class ForecastCache:
                 continue
             numbers = [number for number, _, _ in news.runs]
             first = numbers[0] << SHIFT | int(news.states["sequence"][0])
-            past = _past(twin, news.states, news.bodies)
+            past = _past_states(twin, news.states, news.bodies)
             try:
                 if first <= kept.last:
                     raise ValueError
@@ -323,7 +323,7 @@ class ForecastCache:
             kept.rows = kept.rows.with_more(numbers, news.states)
             kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
 
-    def _wanted(self, kept: _Kept, twin: Twin) -> LearningInput | None:
+    def _learning_input(self, kept: _Kept, twin: Twin) -> LearningInput | None:
         """Make the learning input that the readings so far call for; None without readings."""
         rows = kept.rows
         if rows is None:
@@ -343,7 +343,7 @@ class ForecastCache:
             with kept.lock:
                 # What has been told is in the history, and is read from it.
                 self._absorb(kept, twin)
-                if kept.sound and kept.learnt_from == self._wanted(kept, twin):
+                if kept.sound and kept.learnt_from == self._learning_input(kept, twin):
                     return
                 kept.waiting.clear()
                 kept.count = 0
@@ -397,9 +397,9 @@ class ForecastCache:
             events = [e for e in events if happened_by(e, last_ns, last)]
         if not events:
             return _ToldEvents((), {})
-        names = _past(twin, states[-1:], found.bodies[-1:])
+        names = _past_states(twin, states[-1:], found.bodies[-1:])
         if not names:
-            names = _past(twin, states, found.bodies)
+            names = _past_states(twin, states, found.bodies)
         known = known_of(events, states["t_ns"], states["slow_time"], names)
         return _ToldEvents(events, known)
 
@@ -468,7 +468,7 @@ def _forecast_state(
     later = slice(last + 1, None)
     bodies = found.bodies[later] if found.bodies else ()
     try:
-        return advance(prospect, _past(twin, found.states[later], bodies))
+        return advance(prospect, _past_states(twin, found.states[later], bodies))
     except ValueError:
         # Some of them are of an earlier time: all of them in order.
         return forecast_state_of(_past_until(twin, found, len(found.states)), laws, known)
@@ -476,10 +476,10 @@ def _forecast_state(
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:
     """Return the past of a twin from its first `count` states of `found`."""
-    return _past(twin, found.states[:count], found.bodies[:count])
+    return _past_states(twin, found.states[:count], found.bodies[:count])
 
 
-def _past(twin: Twin, states: States, bodies: Any) -> dict[str, Past]:
+def _past_states(twin: Twin, states: States, bodies: Any) -> dict[str, Past]:
     elements = twin.checkpoint.elements
     if elements is None:
         return past_of(states, twin.checkpoint.known)

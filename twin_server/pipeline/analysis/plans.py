@@ -117,7 +117,7 @@ class PlanCache:
         if costs is None or decision is None or prospect is None:
             return None
         quantity = decision.failure.quantity
-        past = _past(twin, found).get(quantity)
+        past = _past_states(twin, found).get(quantity)
         if quantity not in prospect.laws or past is None or len(past.slow_time) < 2:
             return None
         steps = np.diff(past.slow_time)
@@ -150,7 +150,7 @@ def pace_of(found: History) -> float | None:
     return took / went if went > 0 and took > 0 else None
 
 
-def _past(twin: Twin, found: History) -> dict[str, Past]:
+def _past_states(twin: Twin, found: History) -> dict[str, Past]:
     elements = twin.checkpoint.elements
     if elements is None:
         return past_of(found.states, twin.checkpoint.known)

@@ -114,10 +114,12 @@ def answered(
     )
     today = dataclasses.replace(today, parts=effects)
     unit = found.boots[found.number[-1]][1]
-    return to_json(_told(twin_id, twin, today, unit, order, simulate(today, order)))
+    return to_json(
+        _simulation_document(twin_id, twin, today, unit, order, simulate(today, order))
+    )
 
 
-def _told(
+def _simulation_document(
     twin_id: str,
     twin: Twin,
     today: CurrentStructure,

@@ -110,12 +110,14 @@ class Diagnoses:
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
         """Return all diagnoses of a twin, the newest first, with a summary of each result."""
-        return [self._told(row) for row in reversed(self._store.diagnoses(twin_id))]
+        return [
+            self._diagnosis_document(row) for row in reversed(self._store.diagnoses(twin_id))
+        ]
 
     def one(self, twin_id: str, number: int) -> dict[str, Any] | None:
         """One diagnosis; None where there is none of that number."""
         rows = self._store.diagnoses(twin_id, number)
-        return self._told(rows[0]) if rows else None
+        return self._diagnosis_document(rows[0]) if rows else None
 
     def file(self, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
@@ -287,7 +289,7 @@ class Diagnoses:
         taken = Covariates(names=together, train_epochs=learnt, reference=at)
         return taken.model_dump(mode="json")
 
-    def _told(self, row: DiagnosisRow) -> dict[str, Any]:
+    def _diagnosis_document(self, row: DiagnosisRow) -> dict[str, Any]:
         report = json.loads(row.report) if row.report else None
         told: dict[str, Any] = {
             "number": row.number,

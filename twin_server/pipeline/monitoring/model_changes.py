@@ -188,7 +188,7 @@ class ModelChangeMonitor:
                 else past_of_elements(news.states, news.bodies, elements)
             )
             renewed = _renewals(body for _, body in news.events)
-            for name, found, at, _ in self._taken(twin_id, past, odds, renewed):
+            for name, found, at, _ in self._detect_changes(twin_id, past, odds, renewed):
                 self._say(twin_id, name, found, at)
 
     def _look_back(self, twin_id: str, odds: float) -> None:
@@ -215,13 +215,13 @@ class ModelChangeMonitor:
             name: ChangeDetector(odds, tuple(times))
             for name, times in jump_times(known).items()
         }
-        every = self._taken(twin_id, past, odds, _renewals(row.body for row in rows))
-        told = self._told(twin_id) if every else set()
+        every = self._detect_changes(twin_id, past, odds, _renewals(row.body for row in rows))
+        told = self._reported_changes(twin_id) if every else set()
         for name, noticed, at, left in every:
             if (left < LATE or at > seen) and not was_told(told, name, noticed, at):
                 self._say(twin_id, name, noticed, at)
 
-    def _taken(
+    def _detect_changes(
         self,
         twin_id: str,
         past: Mapping[str, Past],
@@ -248,7 +248,7 @@ class ModelChangeMonitor:
                     found.append((name, noticed, at, len(one.value) - 1 - number))
         return found
 
-    def _told(self, twin_id: str) -> set[tuple[str, float]]:
+    def _reported_changes(self, twin_id: str) -> set[tuple[str, float]]:
         rows = self._store.events(twin_id, limit=10_000, newest=True)
         bodies = [json.loads(row.body) for row in rows]
         return {

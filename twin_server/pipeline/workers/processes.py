@@ -139,12 +139,12 @@ class WorkerProcesses:
             raise _ended("The server is ending.")
         # Without the lock: what the first one waits for is loaded for seconds.
         worker = _Worker(self._context)
-        if not self._kept(worker):
+        if not self._register(worker):
             worker.kill()
             raise _ended("The server is ending.")
         return worker
 
-    def _kept(self, worker: "_Worker") -> bool:
+    def _register(self, worker: "_Worker") -> bool:
         """Register a process, unless all have been ended meanwhile."""
         with self._lock:
             if not self._closed:

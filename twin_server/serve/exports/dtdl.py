@@ -64,7 +64,7 @@ def graph(assets: Sequence[Asset], composites: Mapping[str, Composite] | None = 
     for site in sorted({asset.id.partition(".")[0] for asset in assets}):
         twins.append(_twin(site, _shared("Site"), name=site))
     for asset in assets:
-        twins.append(_twin(asset.id, _own(asset.id), **_known(asset)))
+        twins.append(_twin(asset.id, _interface_name(asset.id), **_known(asset)))
         links.append(_link(asset.id.partition(".")[0], "hosts", asset.id))
         _add_parts(asset, twins, links)
     _add_composites({asset.id for asset in assets}, composites or {}, twins, links)
@@ -91,7 +91,7 @@ def _shared(name: str) -> str:
     return f"dtmi:slowtime:{name};1"
 
 
-def _own(twin_id: str) -> str:
+def _interface_name(twin_id: str) -> str:
     """Name a twin's own interface, which may have no more than 128 characters."""
     whole = f"dtmi:slowtime:twin:{':'.join(map(segment, twin_id.split('.')))};1"
     if len(whole) <= LONGEST_ID:
@@ -209,7 +209,7 @@ def _common() -> list[Node]:
 
 
 def _of_twin(asset: Asset) -> Node:
-    own = _own(asset.id)
+    own = _interface_name(asset.id)
     schema, schemas = _with_estimates(own)
     return _interface(
         own,

@@ -117,7 +117,7 @@ class ComputeQueue:
         ClientDisconnect
             Where the client disconnected.
         """
-        job = self._joined(work, group, share, light)
+        job = self._find_or_enqueue(work, group, share, light)
         job.waiting += 1
         gone = asyncio.ensure_future(_gone(request))
         try:
@@ -139,7 +139,7 @@ class ComputeQueue:
             job.ended.set()
         self._threads.shutdown(wait=False, cancel_futures=True)
 
-    def _joined(
+    def _find_or_enqueue(
         self, work: Callable[[], Any], group: object, share: object, light: bool
     ) -> _Job:
         for job in self._jobs:

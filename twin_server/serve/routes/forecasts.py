@@ -109,7 +109,7 @@ def routes(
         laws that it follows from, with their weights.
         """
         moment = moment_of("at", at)
-        asked = _asked(registration, threshold, quantity, toward)
+        asked = _thresholds(registration, threshold, quantity, toward)
 
         def foretold() -> bytes:
             return to_json(_forecast(knowledge, twin_id, horizon, count, asked, moment))
@@ -146,11 +146,11 @@ def foretell(
     ProblemError
         Where a threshold is of nothing that is estimated.
     """
-    asked = _asked(registration, threshold, quantity, toward)
+    asked = _thresholds(registration, threshold, quantity, toward)
     return _forecast(knowledge, twin_id, horizon, count, asked, at)
 
 
-def _asked(
+def _thresholds(
     registration: Registration,
     threshold: float | None,
     quantity: str | None,

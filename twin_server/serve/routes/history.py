@@ -61,7 +61,7 @@ def routes(
         """States from `start` to `end`, both included."""
         since, until = moment_of("start", start), moment_of("end", end)
 
-        def told() -> bytes:
+        def history_document() -> bytes:
             part = knowledge.history(twin_id, since, until, max_points)
             objects = state_texts(twin_id, part, shapes=shapes)
             if part.bands is None:
@@ -71,7 +71,9 @@ def routes(
             return points(objects, part.bands, part.units[-1], names)
 
         is_short = max_points <= MANY_POINTS
-        body = await (run_in_threadpool(told) if is_short else reading.run(told))
+        body = await (
+            run_in_threadpool(history_document) if is_short else reading.run(history_document)
+        )
         return Response(body, media_type=JSON)
 
     @api.get("/twins/{twin_id}/modes", response_model=ModesModel, responses=_PROBLEMS)

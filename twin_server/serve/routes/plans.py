@@ -86,11 +86,11 @@ def routes(
         """
         ids = [each for each in knowledge.ids() if principal_of(request.scope).sees(each)]
 
-        def told() -> bytes:
+        def plan_document() -> bytes:
             return to_json(fleet_answer(knowledge, ids, teams * visits, window_d, budget))
 
         share = ("fleet", tuple(ids), teams, visits, window_d, budget)
-        body = await queue.run(request, told, group="fleet plan", share=share)
+        body = await queue.run(request, plan_document, group="fleet plan", share=share)
         return Response(body, media_type="application/json")
 
     return api

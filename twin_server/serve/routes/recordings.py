@@ -139,14 +139,14 @@ def routes(recording_service: RecordingService) -> APIRouter:
     def reaches(request: Request) -> Reaches:
         return principal_of(request.scope).reaches
 
-    async def told(request: Request, status: int = 200) -> Response:
+    async def recording_response(request: Request, status: int = 200) -> Response:
         found = await threads.run(lambda: recording_service.listed(reaches(request)))
         return Response(to_json(found), status, media_type="application/json")
 
     @api.get("/recordings", response_model=RecordingList, responses=_PROBLEMS)
     async def list_recordings(request: Request) -> Response:
         """List the recordings that the server keeps, of the sites that you may see."""
-        return await told(request)
+        return await recording_response(request)
 
     @api.put(
         "/recordings/{name}",
@@ -170,7 +170,7 @@ def routes(recording_service: RecordingService) -> APIRouter:
         One of that name that is there already is never replaced.
         """
         await recording_service.take(name, request.stream(), reaches(request))
-        return await told(request, 201)
+        return await recording_response(request, 201)
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
     async def give(name: Name, request: Request) -> FileResponse:
@@ -182,7 +182,7 @@ def routes(recording_service: RecordingService) -> APIRouter:
     async def delete(name: Name, request: Request) -> Response:
         """Delete a recording: for good."""
         await threads.run(lambda: recording_service.delete(name, reaches(request)))
-        return await told(request)
+        return await recording_response(request)
 
     @api.post(
         "/recordings/{name}/replay",
@@ -197,12 +197,12 @@ def routes(recording_service: RecordingService) -> APIRouter:
         were recorded.
         """
         await threads.run(lambda: recording_service.play(name, order.speed, reaches(request)))
-        return await told(request, 202)
+        return await recording_response(request, 202)
 
     @api.delete("/recordings/{name}/replay", response_model=RecordingList, responses=_PROBLEMS)
     async def stop(name: Name, request: Request) -> Response:
         """End the replay of a recording; what was played stays."""
         await threads.run(lambda: recording_service.stop_playing(name, reaches(request)))
-        return await told(request)
+        return await recording_response(request)
 
     return api

@@ -91,8 +91,8 @@ class _JsonDecoder:
         stamps = None if self._stamp is None else _at(part, self._stamp)
         if not isinstance(counters, list) and not isinstance(stamps, list):
             at = len(rows) - 1 if self._last else 0
-            counter = None if counters is None else _whole(counters)
-            stamp = None if stamps is None else _whole(stamps)
+            counter = None if counters is None else _integer(counters)
+            stamp = None if stamps is None else _integer(stamps)
             return [Batch(rows, arrival_ns, counter, stamp, at, self._lane)]
         return split(
             rows, _each(counters, len(rows)), _each(stamps, len(rows)), arrival_ns,
@@ -115,7 +115,7 @@ class _CsvDecoder:
             cells = line.split(None if self._delimiter == " " else self._delimiter)
             rows.append([float(cells[n]) for n in self._channels])
             if self._counter is not None:
-                counters.append(_whole(float(cells[self._counter])))
+                counters.append(_integer(float(cells[self._counter])))
             if self._stamp is not None:
                 stamps.append(_whole_text(cells[self._stamp]))
         if not rows:
@@ -193,7 +193,7 @@ def _matrix(values: Any, columns: int | None) -> np.ndarray:
     return np.array(rows)
 
 
-def _whole(value: Any) -> int:
+def _integer(value: Any) -> int:
     if type(value) is int:
         return value
     if type(value) is float and value.is_integer():
@@ -214,4 +214,4 @@ def _each(values: Any, count: int) -> list[int] | None:
         return None
     if not isinstance(values, list) or len(values) != count:
         raise GarbledError(f"A counter or stamp for each of {count} samples was expected.")
-    return [_whole(value) for value in values]
+    return [_integer(value) for value in values]

@@ -38,8 +38,8 @@ def decode_frame(layout: PackedLayout, data: bytes, arrival_ns: int) -> Batch:
     return Batch(
         shaped,
         arrival_ns,
-        _whole(header.get("counter")),
-        _whole(header.get("stamp")),
+        _integer(header.get("counter")),
+        _integer(header.get("stamp")),
         count - 1 if last else 0,
     )
 
@@ -68,7 +68,7 @@ def samples_of(layout: PackedLayout, header: dict[str, int | float]) -> int | No
     -------
     Samples of each channel, or None.
     """
-    return _whole(header.get("samples")) if "samples" in header else layout.samples
+    return _integer(header.get("samples")) if "samples" in header else layout.samples
 
 
 def is_sound(layout: PackedLayout, frame: bytes) -> bool:
@@ -126,7 +126,7 @@ def numbers(layout: PackedLayout, body: bytes) -> np.ndarray:
     return np.frombuffer(body, kind).astype(np.float64)
 
 
-def _whole(value: int | float | None) -> int | None:
+def _integer(value: int | float | None) -> int | None:
     if value is None:
         return None
     if value != value or abs(value) == float("inf"):

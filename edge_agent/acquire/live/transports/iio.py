@@ -32,10 +32,10 @@ class Device:
 
     def __init__(self, root: Path, name: str) -> None:
         self._all = root / "sys/bus/iio/devices"
-        self.folder = self._found(name)
+        self.folder = self._device_folder(name)
         self.node = root / "dev" / self.folder.name
 
-    def _found(self, name: str) -> Path:
+    def _device_folder(self, name: str) -> Path:
         devices = sorted(self._all.glob("iio:device*"))
         for device in devices:
             if name == device.name or name == _text(device / "name"):

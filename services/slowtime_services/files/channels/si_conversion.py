@@ -88,7 +88,7 @@ def scaling_of(
             )
         said[column] = unit.value
     factors, targets = _factors(channels, said, scales)
-    notes += _told(channels, said, factors, targets, scales)
+    notes += _conversion_notes(channels, said, factors, targets, scales)
     return Scaling(tuple(factors), tuple(targets), tuple(notes))
 
 
@@ -192,7 +192,7 @@ def _scaled(samples: Values, factors: Sequence[float]) -> Values:
     return np.asarray(samples.astype(kind) * np.array(factors, dtype=kind))
 
 
-def _told(
+def _conversion_notes(
     channels: Sequence[str],
     units: Sequence[str],
     factors: Sequence[float],

@@ -156,7 +156,7 @@ def _clocks(
     """All that may be a clock, the likeliest first."""
     columns = sheet.columns
     yield from _stamped(columns, names, only)
-    yield from _parted(columns, names, only)
+    yield from _six_column_clock(columns, names, only)
     for place, column in enumerate(columns):
         if column.kind != "number" or (only is not None and place != only):
             continue
@@ -268,11 +268,14 @@ def _stamped(
         used: tuple[int, ...] = (place,)
         if not stamps.dated and dates:
             beside = min(dates, key=lambda date: abs(date - place))
-            stamps, used = _joined(columns[beside].stamps, stamps), (beside, place)
+            stamps, used = (
+                _combine_date_and_time(columns[beside].stamps, stamps),
+                (beside, place),
+            )
         yield _clock_of(used, names[place], stamps)
 
 
-def _joined(date: Stamps | None, time: Stamps) -> Stamps:
+def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
     assert date is not None
     return Stamps(date.ns + time.ns, True, time.zoned, time.quantum_ns, date.ambiguous)
 
@@ -312,7 +315,7 @@ def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
     )
 
 
-def _parted(
+def _six_column_clock(
     columns: Sequence[Column], names: tuple[str, ...], only: int | None
 ) -> Iterator[Clock | RecordError]:
     """Read a clock of six columns: year, month, day, hour, minute, second."""

@@ -55,7 +55,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     stated = _first(heading, "channels", dialect)
     most = max(map(len, rows), default=1)
     count = int(stated) if stated and 1 <= stated <= most else max(len(titles) - 2, 1)
-    rows = _whole(rows, count, name)
+    rows = _complete_rows(rows, count, name)
     multiple = settings.get("x_columns", "one").casefold() == "multi"
     places = [2 * i + 1 for i in range(count)] if multiple else list(range(1, count + 1))
     units = [*heading.get("y_unit_label", []), *[""] * count]
@@ -115,7 +115,7 @@ def _first(heading: dict[str, list[str]], key: str, dialect: Dialect) -> float |
     return number if math.isfinite(number) else None
 
 
-def _whole(rows: list[list[str]], count: int, name: str) -> list[list[str]]:
+def _complete_rows(rows: list[list[str]], count: int, name: str) -> list[list[str]]:
     """Rows without a last one that is cut short, and none of the lines of the next heading."""
     if not rows:
         raise RecordError(

@@ -161,7 +161,7 @@ def read_time(
     coarse = bool(digit) and abs(digit / even - 1) > 0.1 and (np.diff(seconds) >= 0).all()
     printed = coarse and _scatter(seconds, instants, even) <= MAX_ROUNDING_DIGITS * digit
     if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
-        spread = _spread(seconds, name)
+        spread = _spread_equal_times(seconds, name)
         if spread is not None:
             seconds, said = spread
             notes, even = (said,), _even_step(seconds, instants)
@@ -241,7 +241,7 @@ def _scatter(
     return float(np.ptp(seconds - instants * step))
 
 
-def _spread(
+def _spread_equal_times(
     seconds: Float[np.ndarray, " time"], name: str
 ) -> tuple[Float[np.ndarray, " time"], str] | None:
     """Spread times that equally many rows share, as of a clock printed to whole seconds.

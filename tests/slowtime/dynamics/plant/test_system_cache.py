@@ -102,13 +102,13 @@ def test_every_level_is_the_exponential_of_its_own_step(powers, deep):
 @pytest.mark.parametrize("hold", ["zero", "first", "band_limited"])
 def test_inputs_too_long_to_be_kept_are_the_same_between_samples(monkeypatch, hold):
     columns = np.random.default_rng(2).standard_normal((300, 2))
-    sensing._kept.cache_clear()
+    sensing._cached_polynomials.cache_clear()
     kept = sensing.held(columns, (hold, "zero"))
-    assert sensing._kept.cache_info().currsize == 2
+    assert sensing._cached_polynomials.cache_info().currsize == 2
     monkeypatch.setattr(sensing, "LONG", 300)
-    sensing._kept.cache_clear()
+    sensing._cached_polynomials.cache_clear()
     np.testing.assert_array_equal(sensing.held(columns, (hold, "zero")), kept)
-    assert sensing._kept.cache_info().currsize == 0
+    assert sensing._cached_polynomials.cache_info().currsize == 0
 
 
 @pytest.mark.parametrize("rows", range(1, 2 * ROUND + 2))
