@@ -6,7 +6,7 @@ import pytest
 from scipy import linalg
 
 from slowtime.estimation import kernels, matern
-from slowtime.estimation.hyperparameters import fit, spread
+from slowtime.estimation.hyperparameters import fit, quasi_random_points
 from slowtime.estimation.matern import SlowProcess
 
 SMOOTHNESS = pytest.mark.parametrize("smoothness", [0.5, 1.5, 2.5])
@@ -219,8 +219,8 @@ def test_the_bands_of_the_smoother_cover():
 
 
 def test_the_net_of_the_search_is_even_and_always_the_same():
-    points = spread(256, 3)
-    np.testing.assert_array_equal(points, spread(256, 3))
+    points = quasi_random_points(256, 3)
+    np.testing.assert_array_equal(points, quasi_random_points(256, 3))
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.06)
     np.testing.assert_allclose(np.cov(points.T), np.eye(3), atol=0.1)
 
