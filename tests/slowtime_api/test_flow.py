@@ -119,7 +119,9 @@ def test_a_missing_friction_is_named_from_signals(tmp_path):
             return [y[1], drive - 0.4 * y[1] - 400.0 * y[0] - friction]
 
         found = solve_ivp(rate_of, (0, t[-1]), [0, 0], "Radau", t, rtol=1e-6, atol=1e-9)
-        return np.stack([force, found.y[0]], axis=1)
+        x = found.y[0]
+        noise = 0.005 * x.std() * np.random.default_rng(7).standard_normal(len(t))
+        return np.stack([force, x + noise], axis=1)
 
     (tmp_path / "rig.yaml").write_text(
         "slowtime_model: 1\nname: rig\nnodes:\n  - {id: m1, mass_kg: 1.0}\nelements:\n"
