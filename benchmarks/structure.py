@@ -20,6 +20,7 @@ SOURCES = {
     "slowtime_services": ROOT / "services" / "slowtime_services",
     "edge_agent": ROOT / "edge_agent",
     "twin_server": ROOT / "twin_server",
+    "slowtime_api": ROOT / "slowtime_api",
     "slowtime_cli": ROOT / "slowtime_cli",
 }
 """Import packages, and the folders that hold them."""

@@ -1,1 +1,68 @@
-"""Vibration in, knowledge about stiffness and mass out: arithmetic on arrays, nothing else."""
+"""slowtime: a digital twin for things that vibrate.
+
+The functions below are what users need; each is imported when it is first used. The packages
+of `slowtime` (`dynamics`, `identification`, `discrepancy`, ...) hold the arithmetic: functions
+of arrays, without files, clocks or networks.
+
+Examples
+--------
+>>> import slowtime as st
+>>> model = st.Model.chain([1.0, 1.0], [400.0, 400.0], rayleigh=(0.1, 1e-4))
+>>> signals = st.simulate(model, rate_hz=50.0, duration_s=600.0, seed=1)
+>>> modes = st.identify(signals, method="modes")
+>>> len(modes)
+2
+"""
+
+import importlib
+from typing import Any
+
+_MODULES = {
+    "slowtime_api.signals": ("Signals", "read"),
+    "slowtime_api.modal_estimates": ("EstimatedMode", "Modes", "identify"),
+    "slowtime_api.models": ("Model", "simulate"),
+    "slowtime_api.diagnoses": ("DiagnosisResult", "diagnose"),
+    "slowtime_api.twins": ("Twin", "connect"),
+}
+_EXTRAS = {"slowtime_api.twins": "twin"}
+"""Extra that a module needs; `analysis` where none is listed."""
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = [
+    "DiagnosisResult",
+    "EstimatedMode",
+    "Model",
+    "Modes",
+    "Signals",
+    "Twin",
+    "__version__",
+    "connect",
+    "diagnose",
+    "identify",
+    "read",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used (SPEC 1, lazy loading)."""
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("slowtime")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'slowtime' has no attribute {name!r}")
+    module = _MODULE_OF[name]
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get(module, "analysis")
+        raise ImportError(
+            f"slowtime.{name} needs {error.name}, which is not installed. Install it with: "
+            f"pip install 'slowtime[{extra}]'"
+        ) from error
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

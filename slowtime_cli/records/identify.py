@@ -8,17 +8,13 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
-from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified
-from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
-from slowtime.identification.single_mode.estimation import all_modes
 from slowtime.identification.single_mode.excitation import Excitation, excitation
 from slowtime.identification.single_mode.machine_lines import (
     LINE,
     ModesAndLines,
-    modes_and_machine_lines,
 )
 from slowtime.identification.single_mode.sliding_windows import (
     Epoch,
@@ -27,9 +23,9 @@ from slowtime.identification.single_mode.sliding_windows import (
 )
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
-from slowtime_cli.verbs.records.identify import ALL_CHANNELS
 from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
 from slowtime_services.modal import UNIVERSAL, read_geometry
+from slowtime_services.modal.identification import identify_part, is_decay, stretches
 from slowtime_services.models import read_description
 
 from . import mode_tables
@@ -99,7 +95,7 @@ def identify(
         part = _longest(record, samples)
         with counting("Identifying"):
             force = excitation(part, record.rate_hz)
-            told, whole = _identify(part, record.rate_hz, band_hz, method, force)
+            told, whole = identify_part(part, record.rate_hz, band_hz, method, force)
         span_s = len(part) / record.rate_hz
         _say_force(force, span_s, told, whole)
         _say_lines(told)
@@ -173,48 +169,11 @@ def without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
     return {**body, "shape": None, "flags": [*body["flags"], MIXED]}
 
 
-def _identify(
-    part: Samples,
-    rate_hz: float,
-    band_hz: tuple[float, float] | None,
-    method: Any,
-    force: Excitation,
-) -> tuple[ModesAndLines, ModalResult | None]:
-    """Modes one by one, or all channels together where asked for or called for.
-
-    Left to itself, a record of many channels that is not explained by decays is taken for the
-    response to an unknown steady force. Where the force plainly was none, only decays are
-    told.
-    """
-    nothing = ModesAndLines((), (), ())
-    if force.flags and method == "auto":
-        found = all_modes(part, rate_hz, band_hz=band_hz)
-        return dataclasses.replace(nothing, modes=tuple(m for m in found if _decays(m))), None
-    told, whole = _by_method(part, rate_hz, band_hz, method)
-    if force.flags and whole is not None:
-        modes = tuple(_flagged(mode, force) for mode in whole.modes)
-        whole = dataclasses.replace(whole, modes=modes)
-    if force.flags:
-        told = dataclasses.replace(told, modes=tuple(_flagged(m, force) for m in told.modes))
-    return told, whole
-
-
-def _decays(mode: Identified) -> bool:
-    damping = mode.damping_ratio
-    return mode.method == "free_decay" and damping.value > 2 * damping.sd
-
-
-def _flagged(mode: F, force: Excitation) -> F:
-    """Add flags of the force to those of a mode, once."""
-    new: tuple[str, ...] = tuple(f for f in force.flags if f not in mode.flags)
-    return dataclasses.replace(mode, flags=(*mode.flags, *new))
-
-
 def _say_force(
     force: Excitation, duration_s: float, told: ModesAndLines, whole: ModalResult | None
 ) -> None:
     """Report that the force violates the assumptions of ambient identification."""
-    if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
+    if not force.flags or (told.modes and all(is_decay(mode) for mode in told.modes)):
         return
     why = []
     if force.event_s is not None:
@@ -234,24 +193,6 @@ def _say_force(
             "under a steady random force or of free decay; --method modes tries all the same."
         )
     note(f"the force was no steady random one: {', and '.join(why)}. {doing}")
-
-
-def _by_method(
-    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
-) -> tuple[ModesAndLines, ModalResult | None]:
-    """Modes by the method asked for, or by the one that the record calls for."""
-    if method in ALL_CHANNELS:
-        return ModesAndLines((), (), ()), by_method(
-            part, rate_hz, method=method, band_hz=band_hz
-        )
-    if method == "auto" and part.shape[1] == 1:
-        return modes_and_machine_lines(part, rate_hz, band_hz=band_hz), None
-    modes = ModesAndLines(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
-    decays = bool(modes.modes) and all(mode.method == "free_decay" for mode in modes.modes)
-    if method != "auto" or decays:
-        return modes, None
-    whole = identify_modes(part, rate_hz, band_hz=band_hz)
-    return (modes, None) if not whole.modes else (ModesAndLines((), (), ()), whole)
 
 
 def _say_lines(told: ModesAndLines) -> None:
@@ -300,18 +241,8 @@ def _say_constant(record: Record, samples: Samples) -> None:
         note(f"{', '.join(dead)} never changes and says nothing. Check the sensor.")
 
 
-def _stretches(record: Record) -> list[tuple[int, int, int]]:
-    """First row, last row and rows missing before, of each part without a gap."""
-    starts = [0, *(gap.row for gap in record.gaps), len(record.samples)]
-    lost = np.cumsum([0, *(gap.missing for gap in record.gaps)])
-    return [
-        (a, b, int(missing))
-        for a, b, missing in zip(starts[:-1], starts[1:], lost, strict=True)
-    ]
-
-
 def _longest(record: Record, samples: Samples) -> Samples:
-    first, last, _ = max(_stretches(record), key=lambda part: part[1] - part[0])
+    first, last, _ = max(stretches(record), key=lambda part: part[1] - part[0])
     if record.gaps:
         note(
             "only the longest part without a gap is used, "
@@ -329,9 +260,9 @@ def _windows(
     method: Any,
 ) -> list[Epoch]:
     shortest = round(window_s * record.rate_hz)
-    parts = [part for part in _stretches(record) if part[1] - part[0] >= shortest]
+    parts = [part for part in stretches(record) if part[1] - part[0] >= shortest]
     if not parts:
-        longest = max(b - a for a, b, _ in _stretches(record)) / record.rate_hz
+        longest = max(b - a for a, b, _ in stretches(record)) / record.rate_hz
         raise click.UsageError(
             f"--window-s {window_s:g} is longer than the longest part of the record without a "
             f"gap, {longest:g} s. Give a shorter window."

@@ -1,0 +1,13 @@
+from slowtime_api.diagnoses import DiagnosisResult as DiagnosisResult
+from slowtime_api.diagnoses import diagnose as diagnose
+from slowtime_api.modal_estimates import EstimatedMode as EstimatedMode
+from slowtime_api.modal_estimates import Modes as Modes
+from slowtime_api.modal_estimates import identify as identify
+from slowtime_api.models import Model as Model
+from slowtime_api.models import simulate as simulate
+from slowtime_api.signals import Signals as Signals
+from slowtime_api.signals import read as read
+from slowtime_api.twins import Twin as Twin
+from slowtime_api.twins import connect as connect
+
+__version__: str

@@ -1,0 +1,1 @@
+"""The Python interface: what ``import slowtime`` offers, over records, models and twins."""

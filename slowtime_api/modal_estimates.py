@@ -1,0 +1,365 @@
+"""Modes of vibration identified from signals."""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from slowtime.identification.automatic.modal_result import ModalResult
+from slowtime.identification.estimates import Measured
+from slowtime.identification.single_mode.excitation import excitation
+from slowtime.identification.single_mode.machine_lines import LINE
+from slowtime_schemas.files.modes import ModesFile
+from slowtime_services.files import accelerations, bridged, mixed_units
+from slowtime_services.modal import read_geometry, write_modes
+from slowtime_services.modal.identification import Method, identify_part, stretches
+
+from .optional import optional
+from .plotting import Figure, new_figure, save
+from .signals import Signals
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EstimatedMode:
+    """One mode of vibration, or the line of a machine.
+
+    Parameters
+    ----------
+    frequency_hz
+        Undamped natural frequency and its standard deviation [Hz].
+    damping_ratio
+        Damping ratio and its standard deviation [1].
+    shape, shape_sd
+        Mode shape of unit norm over the channels, and standard deviations; None where the
+        method finds no shapes, or channels have several units.
+    kind
+        ``"structural"``, or ``"harmonic"`` for the line of a machine.
+    method
+        Method that found it.
+    flags
+        Reasons to distrust it; empty where there are none.
+    correlation
+        Between the errors of frequency and damping ratio [1].
+    span_s
+        Part of the signals that was used [s].
+    quality
+        Share of the model orders that show the mode [1]; None where it was not judged.
+    """
+
+    frequency_hz: Measured
+    damping_ratio: Measured
+    shape: Complex[np.ndarray, " channel"] | None
+    shape_sd: Float[np.ndarray, " channel"] | None
+    kind: str
+    method: str
+    flags: tuple[str, ...]
+    correlation: float
+    span_s: tuple[float, float]
+    quality: float | None
+
+
+class Modes(Sequence[EstimatedMode]):
+    """Identified modes, ascending in frequency.
+
+    Parameters
+    ----------
+    modes
+        The modes.
+    signals
+        Signals that they were identified from.
+    notes
+        Remarks on the record and its excitation.
+    detail
+        Stabilisation diagram and spectra, where all channels were identified together.
+    """
+
+    def __init__(
+        self,
+        modes: Sequence[EstimatedMode],
+        signals: Signals,
+        notes: Sequence[str],
+        detail: ModalResult | None,
+    ) -> None:
+        self._modes, self.signals = tuple(modes), signals
+        self.notes, self.detail = tuple(notes), detail
+
+    def __len__(self) -> int:
+        return len(self._modes)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._modes[index]
+
+    def __iter__(self) -> Iterator[EstimatedMode]:
+        return iter(self._modes)
+
+    @property
+    def frequencies_hz(self) -> Float[np.ndarray, " mode"]:
+        """Natural frequencies [Hz]."""
+        return np.array([mode.frequency_hz.value for mode in self._modes])
+
+    @property
+    def damping_ratios(self) -> Float[np.ndarray, " mode"]:
+        """Damping ratios [1]."""
+        return np.array([mode.damping_ratio.value for mode in self._modes])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return frequency, damping, kind, method and flags of each mode as plain values."""
+        return [
+            {
+                "frequency_hz": mode.frequency_hz.value,
+                "frequency_sd": mode.frequency_hz.sd,
+                "damping_ratio": mode.damping_ratio.value,
+                "damping_sd": mode.damping_ratio.sd,
+                "kind": mode.kind,
+                "method": mode.method,
+                "flags": ", ".join(mode.flags),
+            }
+            for mode in self._modes
+        ]
+
+    def table(self) -> str:
+        """Return the modes as text: one line per mode, with one standard deviation."""
+        lines = ["  frequency [Hz]        damping [%]       method        flags"]
+        for row in self.rows():
+            damping = "machine"
+            if row["kind"] == "structural":
+                damping = f"{100 * row['damping_ratio']:.3f} ± {100 * row['damping_sd']:.3f}"
+            frequency = f"{row['frequency_hz']:.4f} ± {row['frequency_sd']:.4f}"
+            lines.append(
+                f"  {frequency:20}  {damping:16}  {row['method']:12}  {row['flags']}".rstrip()
+            )
+        return "\n".join(lines)
+
+    def to_dataframe(self) -> Any:
+        """Convert to a pandas DataFrame, one row per mode."""
+        return optional("pandas").DataFrame(self.rows())
+
+    def to_uff(self, path: str | Path, geometry: str | Path | None = None) -> None:
+        """Write the modes as a universal file (dataset 55).
+
+        Parameters
+        ----------
+        path
+            File to write (.uff or .unv).
+        geometry
+            Places of the channels: CSV with channel, x, y, z and direction, or a universal
+            file with nodes.
+
+        Raises
+        ------
+        ValueError
+            If no mode has a shape.
+        """
+        if not any(mode.shape is not None for mode in self._modes):
+            raise ValueError(
+                "No mode has a shape. Identify with method='modes', from channels of one unit."
+            )
+        places = read_geometry(Path(geometry)) if geometry is not None else None
+        write_modes(Path(path), self._file(), places, self.signals.units[0])
+
+    def _file(self) -> ModesFile:
+        """Return the content of a modes file."""
+        return ModesFile.model_validate(
+            {
+                "slowtime_modes": 1,
+                "record": "signals",
+                "rate_hz": self.signals.rate_hz,
+                "channels": self.signals.channels,
+                "duration_s": self.signals.duration_s,
+                "assumptions": self.notes,
+                "modes": [_entry(mode) for mode in self._modes],
+            }
+        )
+
+    def plot_stabilisation(self, path: str | Path | None = None) -> Figure:
+        """Draw the stabilisation diagram: poles over model order, and the identified modes.
+
+        Parameters
+        ----------
+        path
+            File to write (.png, .pdf, .svg); None for none.
+
+        Returns
+        -------
+        The matplotlib figure.
+
+        Raises
+        ------
+        ValueError
+            If the modes were not identified from all channels together.
+        """
+        if self.detail is None or not len(self.detail.stabilisation.order):
+            raise ValueError(
+                "There is no stabilisation diagram, as each mode was identified by itself. "
+                "Identify with method='modes'."
+            )
+        poles = self.detail.stabilisation
+        figure, (axes,) = new_figure(1)
+        sound = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
+        for chosen, label, style in (
+            (sound & (poles.mode < 0), "other pole", {"color": "0.7", "marker": "."}),
+            (sound & (poles.mode >= 0), "pole of a mode", {"color": "C0", "marker": "x"}),
+        ):
+            axes.scatter(
+                poles.frequency_hz[chosen], poles.order[chosen], label=label, s=14, **style
+            )
+        for hz in self.frequencies_hz:
+            axes.axvline(hz, color="C1", linewidth=0.8)
+        highest = 1.4 * self.frequencies_hz.max() if len(self) else self.signals.rate_hz / 2
+        axes.set(xlabel="frequency [Hz]", ylabel="model order", xlim=(0, highest))
+        axes.legend(loc="upper right")
+        return save(figure, path)
+
+    def plot_shapes(self, path: str | Path | None = None) -> Figure:
+        """Draw the mode shapes over the channels, with one standard deviation.
+
+        Parameters
+        ----------
+        path
+            File to write (.png, .pdf, .svg); None for none.
+
+        Returns
+        -------
+        The matplotlib figure.
+
+        Raises
+        ------
+        ValueError
+            If no mode has a shape.
+        """
+        shown = [mode for mode in self._modes if mode.shape is not None]
+        if not shown:
+            raise ValueError(
+                "No mode has a shape. Identify with method='modes', from channels of one unit."
+            )
+        figure, (axes,) = new_figure(1)
+        for mode in shown:
+            assert mode.shape is not None
+            axes.errorbar(
+                range(len(mode.shape)), mode.shape.real, yerr=mode.shape_sd, marker="o",
+                label=f"{mode.frequency_hz.value:.4g} Hz", capsize=2,
+            )  # fmt: skip
+        axes.axhline(0.0, color="0.8", linewidth=0.8)
+        axes.set_xticks(range(len(self.signals.channels)), self.signals.channels)
+        axes.set(xlabel="channel", ylabel="mode shape, real part (unit norm)")
+        axes.legend()
+        return save(figure, path)
+
+    def __repr__(self) -> str:
+        return f"Modes: {len(self)} identified\n{self.table()}"
+
+
+def identify(
+    signals: Signals,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    method: Method = "auto",
+) -> Modes:
+    """Find natural frequencies, damping ratios and mode shapes, with standard deviations.
+
+    Parameters
+    ----------
+    signals
+        Vibration, under a steady random excitation or in free decay.
+    band_hz
+        Band of the modes [Hz]; where not given, all that the record can show.
+    method
+        ``"auto"`` chooses by the record. ``"modes"``: all modes of all channels, with shapes
+        (covariance-driven subspace identification). ``"bayes"``: these by the fast Bayesian
+        FFT method. ``"efdd"``, ``"fdd"``: frequency domain decomposition, with and without
+        damping. ``"ambient"``, ``"free_decay"``, ``"peak"``: mode by mode.
+
+    Returns
+    -------
+    Modes, ascending in frequency. `Modes.notes` says where assumptions about the excitation do
+    not hold.
+
+    Raises
+    ------
+    ValueError
+        If the record is too short for the band, or the band is outside the measured range.
+    """
+    record = signals.record
+    chosen = accelerations(record.channels, record.units)
+    notes = list(signals.notes)
+    if len(chosen) < len(record.channels):
+        left_out = [name for name in record.channels if name not in chosen]
+        notes.append(f"Left out, as they are no accelerations: {', '.join(left_out)}.")
+        signals = signals[list(chosen)]
+    record, said = bridged(signals.record)
+    notes += [said] if said else []
+    samples = np.asarray(record.samples, dtype=float)
+    first, last, _ = max(stretches(record), key=lambda one: one[1] - one[0])
+    if last - first < len(samples):
+        used_s = (last - first) / record.rate_hz
+        notes.append(f"Only the longest part without a gap was used: {used_s:.4g} s.")
+    part = samples[first:last]
+    force = excitation(part, record.rate_hz)
+    single, whole = identify_part(part, record.rate_hz, band_hz, method, force)
+    if force.flags:
+        notes.append(
+            "The excitation was not a steady random one, so the assumptions of ambient "
+            "identification do not hold."
+        )
+    if mixed_units(record.channels, record.units) and whole is not None:
+        notes.append("Channels have several units: there are no mode shapes.")
+    modes = _single(single) if whole is None else _of_all_channels(whole, method, record, part)
+    return Modes(sorted(modes, key=lambda mode: mode.frequency_hz.value), signals, notes, whole)
+
+
+def _single(found: Any) -> list[EstimatedMode]:
+    """Convert modes that were identified one by one."""
+    return [
+        EstimatedMode(
+            frequency_hz=mode.frequency_hz, damping_ratio=mode.damping_ratio, shape=None,
+            shape_sd=None, kind="harmonic" if mode.method == LINE else "structural",
+            method=mode.method, flags=mode.flags, correlation=mode.correlation,
+            span_s=mode.span_s, quality=None,
+        )
+        for mode in [*found.modes, *found.lines]
+    ]  # fmt: skip
+
+
+def _of_all_channels(
+    found: ModalResult, method: str, record: Any, part: np.ndarray[Any, Any]
+) -> list[EstimatedMode]:
+    """Convert modes that were identified from all channels together."""
+    mixed = bool(mixed_units(record.channels, record.units)) and len(record.channels) > 1
+    return [
+        EstimatedMode(
+            frequency_hz=mode.frequency_hz, damping_ratio=mode.damping_ratio,
+            shape=None if mixed else mode.shape, shape_sd=None if mixed else mode.shape_sd,
+            kind=mode.kind, method="modes" if method == "auto" else method, flags=mode.flags,
+            correlation=mode.correlation, span_s=(0.0, len(part) / record.rate_hz),
+            quality=mode.quality,
+        )
+        for mode in found.modes
+    ]  # fmt: skip
+
+
+def _entry(mode: EstimatedMode) -> dict[str, Any]:
+    """Return the entry of a modes file."""
+    shape = None
+    if mode.shape is not None and mode.shape_sd is not None:
+        shape = {
+            "re": mode.shape.real.tolist(),
+            "im": mode.shape.imag.tolist(),
+            "sd": mode.shape_sd.tolist(),
+        }
+    damped = bool(np.isfinite(mode.damping_ratio.value))
+    ratio = mode.damping_ratio if damped else Measured(0.0, 0.0)
+    return {
+        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
+        "damping_ratio": {"value": ratio.value, "sd": ratio.sd},
+        "correlation": mode.correlation if damped else 0.0,
+        "shape": shape,
+        "kind": mode.kind,
+        "quality": mode.quality,
+        "snr_db": None,
+        "method": mode.method,
+        "span_s": list(mode.span_s),
+        "flags": list(mode.flags),
+    }

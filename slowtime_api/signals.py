@@ -1,0 +1,367 @@
+"""Signals: channels sampled together, from a file or from arrays."""
+
+import dataclasses
+import datetime
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from scipy import signal
+
+from slowtime_services.diagnose.sources import part_of
+from slowtime_services.files import DateOrder, Record, RecordError, find_column, read_record
+from slowtime_services.files.channels.si_conversion import in_si
+
+from .optional import optional
+from .plotting import Figure, new_figure, save
+
+SEGMENTS = 16
+"""[1] Segments without overlap that a density is averaged over, where none is given. Source:
+its relative standard deviation is then about 20 % with half overlap (Welch 1967)."""
+
+
+class Signals:
+    """Channels sampled together at one rate.
+
+    `slowtime.read` makes them from a file. Arrays of your own become signals directly.
+
+    Parameters
+    ----------
+    samples
+        One row per instant, one column per channel [time, channel]; one series is one channel.
+    rate_hz
+        Sampling rate [Hz].
+    channels
+        Names of the channels; ``"ch0"``, ``"ch1"`` and so on where not given.
+    units
+        Unit of each channel, or one for all. Motion is converted to SI.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the rate is not positive, or a value is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> signals = Signals(np.zeros((500, 2)), rate_hz=100.0, channels=["x", "y"], units="m/s^2")
+    >>> signals
+    Signals: 2 channels (x, y), 500 samples at 100 Hz (5 s)
+    >>> signals["x"].samples.shape
+    (500, 1)
+    """
+
+    def __init__(
+        self,
+        samples: Any,
+        rate_hz: float,
+        channels: Sequence[str] | None = None,
+        units: str | Sequence[str] = "",
+    ) -> None:
+        values = np.asarray(samples, dtype=float)
+        values = values[:, None] if values.ndim == 1 else values
+        if values.ndim != 2 or len(values) < 2:
+            raise ValueError(
+                f"The samples have shape {np.shape(samples)}. Give one row per instant and one "
+                "column per channel, and at least two rows."
+            )
+        if not np.isfinite(values).all():
+            raise ValueError(
+                f"{int((~np.isfinite(values)).sum())} samples are not finite. Fill them, or "
+                "leave these rows out."
+            )
+        if not rate_hz > 0 or not np.isfinite(rate_hz):
+            raise ValueError(f"A sampling rate of {rate_hz} Hz is not possible. Give Hz > 0.")
+        count = values.shape[1]
+        names = (
+            tuple(channels) if channels is not None else tuple(f"ch{i}" for i in range(count))
+        )
+        given = (units,) * count if isinstance(units, str) else tuple(units)
+        for what, found in (("channels", names), ("units", given)):
+            if len(found) != count:
+                raise ValueError(
+                    f"{len(found)} {what} were given for {count} columns. Give one for each."
+                )
+        if len(set(names)) != count:
+            raise ValueError(f"Names of channels repeat: {', '.join(names)}.")
+        self._record = in_si(
+            Record(samples=values, rate_hz=float(rate_hz), channels=names, units=given), (), ()
+        )
+
+    @classmethod
+    def from_record(cls, record: Record) -> "Signals":
+        """Wrap a record of the readers of files.
+
+        Parameters
+        ----------
+        record
+            Record of `slowtime_services.files`.
+
+        Returns
+        -------
+        Signals that share its samples.
+        """
+        found = object.__new__(cls)
+        found._record = record
+        return found
+
+    @property
+    def record(self) -> Record:
+        """The record, as the functions of `slowtime_services` take it."""
+        return self._record
+
+    @property
+    def samples(self) -> Shaped[np.ndarray, "time channel"]:
+        """Samples in the units of the channels [time, channel]."""
+        return self._record.samples
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]."""
+        return self._record.rate_hz
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return self._record.channels
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the channels; empty where they are not known."""
+        return self._record.units
+
+    @property
+    def start(self) -> datetime.datetime | None:
+        """Time of the first sample, in UTC; None where it is not known."""
+        if self._record.start_ns is None:
+            return None
+        epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+        return epoch + datetime.timedelta(microseconds=self._record.start_ns / 1000)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration, gaps included [s]."""
+        return self._record.duration_s
+
+    @property
+    def times_s(self) -> Float[np.ndarray, " time"]:
+        """Time of each sample since the first, gaps included [s]."""
+        rows = np.arange(len(self._record.samples), dtype=float)
+        for gap in self._record.gaps:
+            rows[gap.row :] += gap.missing
+        return rows / self.rate_hz
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks of the reader: what it assumed about the file, and what is doubtful."""
+        return (*self._record.assumptions, *self._record.notes)
+
+    def __len__(self) -> int:
+        return len(self._record.samples)
+
+    @overload
+    def __getitem__(self, chosen: str) -> "Signals": ...
+    @overload
+    def __getitem__(self, chosen: Sequence[str]) -> "Signals": ...
+    def __getitem__(self, chosen: str | Sequence[str]) -> "Signals":
+        """Select channels by name.
+
+        Raises
+        ------
+        KeyError
+            If no channel has that name.
+        """
+        names = [chosen] if isinstance(chosen, str) else list(chosen)
+        try:
+            columns = [find_column(name, self.channels) for name in names]
+        except RecordError as error:
+            raise KeyError(str(error)) from None
+        return Signals.from_record(
+            dataclasses.replace(
+                self._record,
+                samples=self._record.samples[:, columns],
+                channels=tuple(self.channels[i] for i in columns),
+                units=tuple(self.units[i] for i in columns),
+            )
+        )
+
+    def between(self, first_s: float, last_s: float) -> "Signals":
+        """Cut out a span of time.
+
+        Parameters
+        ----------
+        first_s, last_s
+            Beginning and end, since the first sample [s].
+
+        Returns
+        -------
+        Samples from `first_s` up to, and without, `last_s`.
+
+        Raises
+        ------
+        ValueError
+            If the span holds fewer than two samples.
+        """
+        return Signals.from_record(part_of(self._record, first_s, last_s, name="the record"))
+
+    def psd(
+        self, segment_s: float | None = None
+    ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency channel"]]:
+        """Estimate one-sided power spectral densities (Welch's method, Hann window).
+
+        Parameters
+        ----------
+        segment_s
+            Length of a segment [s]; a sixteenth of the record where not given.
+
+        Returns
+        -------
+        Frequencies [Hz], and densities in squared units per hertz.
+
+        Raises
+        ------
+        ValueError
+            If a segment is longer than the record or has fewer than 8 samples.
+        """
+        count = len(self) if segment_s is None else round(segment_s * self.rate_hz)
+        count = max(count // SEGMENTS, 8) if segment_s is None else count
+        if not 8 <= count <= len(self):
+            raise ValueError(
+                f"A segment of {segment_s:g} s has {count} samples. Give between "
+                f"{8 / self.rate_hz:g} and {len(self) / self.rate_hz:g} s."
+            )
+        frequency, density = signal.welch(
+            np.asarray(self.samples, dtype=float), self.rate_hz, nperseg=count, axis=0
+        )
+        return frequency, density
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw the channels over time, and their densities.
+
+        Parameters
+        ----------
+        path
+            File to write (.png, .pdf, .svg); None for none.
+
+        Returns
+        -------
+        The matplotlib figure.
+        """
+        figure, (over_time, over_frequency) = new_figure(2)
+        frequency, density = self.psd()
+        for column, name in enumerate(self.channels):
+            unit = self.units[column]
+            label = f"{name} [{unit}]" if unit else name
+            over_time.plot(self.times_s, self.samples[:, column], label=label, linewidth=0.7)
+            over_frequency.semilogy(frequency[1:], density[1:, column], label=name)
+        over_time.set(xlabel="time [s]", ylabel=", ".join(dict.fromkeys(self.units)))
+        over_time.legend(loc="upper right")
+        over_frequency.set(xlabel="frequency [Hz]", ylabel="power spectral density [unit²/Hz]")
+        return save(figure, path)
+
+    def to_dataframe(self) -> Any:
+        """Convert to a pandas DataFrame: one column per channel over time.
+
+        The index is the time in UTC where the start is known, else seconds since the start.
+        """
+        pandas = optional("pandas")
+        if self._record.start_ns is None:
+            index = pandas.Index(self.times_s, name="time_s")
+        else:
+            ns = self._record.start_ns + np.round(self.times_s * 1e9).astype(np.int64)
+            index = pandas.DatetimeIndex(ns, tz="UTC", name="time")
+        return pandas.DataFrame(self.samples, index=index, columns=list(self.channels))
+
+    def to_xarray(self) -> Any:
+        """Convert to an xarray Dataset: one variable per channel, units in its attributes."""
+        xarray = optional("xarray")
+        return xarray.Dataset(
+            {
+                name: ("time_s", self.samples[:, i], {"units": self.units[i]})
+                for i, name in enumerate(self.channels)
+            },
+            coords={"time_s": self.times_s},
+            attrs={"rate_hz": self.rate_hz},
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.channels[:6]) + (", ..." if len(self.channels) > 6 else "")
+        count = len(self.channels)
+        return (
+            f"Signals: {count} {'channel' if count == 1 else 'channels'} ({names}), "
+            f"{len(self)} samples at {self.rate_hz:g} Hz ({self.duration_s:g} s)"
+        )
+
+
+def read(
+    path: str | Path,
+    *,
+    rate_hz: float | None = None,
+    channels: Sequence[str] | None = None,
+    units: str | Sequence[str] = (),
+    sensitivities: str | Sequence[str] = (),
+    skip_lines: int | None = None,
+    columns: Sequence[str] | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    date_order: DateOrder | None = None,
+) -> Signals:
+    """Read a file of measurements.
+
+    Text of any delimiter, NumPy, MATLAB and MCAP recordings are read without further packages;
+    Excel, TDMS, WAV, miniSEED, HDF5, Parquet, UFF and ROS 2 with ``slowtime[formats]``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    rate_hz
+        Sampling rate [Hz], where the file does not state it; overrules what it states.
+    channels
+        Columns to use, by name or by number from 0; where not given, all but clocks, counters
+        and the like.
+    units
+        Unit of all channels, or several ``"CHANNEL=UNIT"``, where the file does not state it.
+    sensitivities
+        Scale of volts or counts, such as ``"100mV/g"`` or ``"x=256LSB/g"``.
+    skip_lines
+        Lines of text before the header or the data; detected where not given.
+    columns
+        Names of all columns, for a file without a header.
+    time_column, time_unit, date_order
+        Column of the time (``"none"`` if there is none), its unit, and whether day (``"dmy"``)
+        or month (``"mdy"``) comes first; detected where not given.
+
+    Returns
+    -------
+    Signals in SI units where the unit of a channel is known. `Signals.notes` says what was
+    assumed about the file.
+
+    Raises
+    ------
+    ValueError
+        If the file is no record, or can be read in several ways; the message says what to
+        state.
+    FileNotFoundError
+        If there is no such file.
+    """
+    path = Path(path)
+    of_units = (units,) if isinstance(units, str) else tuple(units)
+    scales = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+    if path.suffix.lower() == ".mcap":
+        from slowtime_services.replay import record_or_foreign
+
+        record = in_si(record_or_foreign(path), of_units, scales)
+        if rate_hz is not None:
+            record = dataclasses.replace(record, rate_hz=rate_hz)
+        found = Signals.from_record(record)
+        return found if channels is None else found[list(channels)]
+    return Signals.from_record(
+        read_record(
+            path, rate_hz=rate_hz, channels=channels, skip_lines=skip_lines, columns=columns,
+            time_column=time_column, time_unit=time_unit, date_order=date_order,
+            units=of_units, sensitivities=scales,
+        )
+    )  # fmt: skip
