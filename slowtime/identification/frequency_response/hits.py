@@ -1,0 +1,210 @@
+"""Hammer blows in a record of force: where they are, and which are of no use.
+
+A blow is of no use if the hammer bounced (a second pulse within the block), if force or
+response reached the limit of the measuring range, if the block does not fit into the record,
+or if the structure was still ringing strongly from the blow before it.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+TRIGGER = 0.2
+"""[largest force] From which a blow is a blow. Source: common practice, 5-20 % of the range."""
+
+BOUNCE = 0.05
+"""[peak of the blow] From which a second pulse is a double hit. A bounce of 5 % bends the force
+spectrum by as much."""
+
+PULSE = 0.02
+"""[peak of the blow] Below which the pulse is over."""
+
+NOISE_FACTOR = 6.0
+"""[standard deviations of the force at rest] Below which nothing counts as a pulse."""
+
+CLIPPED_SAMPLES = 2
+"""Neighbouring samples at the largest value of the whole record that show an overload."""
+
+PRE_SHARE = 0.02
+"""[block] Before the blow, so that the pulse is seen from its very beginning."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Hit:
+    """One blow.
+
+    Parameters
+    ----------
+    first, last
+        First sample of the block, and sample after its last.
+    pulse
+        First sample of the pulse and sample after its last.
+    at_s
+        Time of the peak [s].
+    peak
+        Largest force, in the unit of the record.
+    refused
+        Why the blow is of no use; empty where it is used.
+    """
+
+    first: int
+    last: int
+    pulse: tuple[int, int]
+    at_s: float
+    peak: float
+    refused: str
+
+
+def find_hits(
+    force: Float[np.ndarray, " time"],
+    responses: Float[np.ndarray, "time output"],
+    rate_hz: float,
+    *,
+    block_s: float | None = None,
+    limits: Float[np.ndarray, " channel"] | None = None,
+) -> tuple[Hit, ...]:
+    """Find the blows of a record, and judge each.
+
+    Parameters
+    ----------
+    force
+        Measured force, of either sign.
+    responses
+        Measured responses, for overloads.
+    rate_hz
+        Sampling rate [Hz].
+    block_s
+        Length of a block [s]; by default from a blow to the next, the shortest such.
+    limits
+        Largest value that force and responses can have, where it is known. Otherwise an
+        overload is told by neighbouring samples of the same, largest value.
+
+    Returns
+    -------
+    All blows in order of time.
+
+    Raises
+    ------
+    ValueError
+        Where the record holds no blow.
+    """
+    signed = _upright(force)
+    threshold = max(TRIGGER * signed.max(), NOISE_FACTOR * _noise(signed))
+    starts = _starts(signed, threshold, rate_hz)
+    if len(starts) == 0 or signed.max() <= NOISE_FACTOR * _noise(signed):
+        raise ValueError(
+            f"No blow was found in {len(force)} samples of force (largest "
+            f"{np.abs(force).max():.4g}). Give the channel of the hammer, or a record with "
+            "blows."
+        )
+    length = _length(starts, len(force), rate_hz, block_s)
+    overloaded = _overloads(np.column_stack([force, responses]), limits)
+    found = []
+    for start in starts:
+        first = start - round(PRE_SHARE * length)
+        found.append(_judged(signed, overloaded, first, length, start, rate_hz))
+    return tuple(found)
+
+
+def _upright(force: np.ndarray) -> np.ndarray:
+    centred = force - np.median(force)
+    return np.asarray(centred if centred.max() >= -centred.min() else -centred)
+
+
+def _noise(signed: np.ndarray) -> float:
+    """Standard deviation of the force between blows, by the median of its size."""
+    return 1.4826 * float(np.median(np.abs(signed)))
+
+
+def _starts(signed: np.ndarray, threshold: float, rate_hz: float) -> np.ndarray:
+    """Samples where a blow begins: upward crossings, those of a bounce joined to the first."""
+    above = np.flatnonzero((signed[1:] >= threshold) & (signed[:-1] < threshold)) + 1
+    if len(above) < 2:
+        return above
+    gaps = np.diff(above)
+    # A bounce follows within a small part of the usual distance of blows.
+    usual = float(np.max(gaps))
+    apart = np.concatenate([[True], gaps > min(0.2 * usual, 0.5 * rate_hz)])
+    return np.asarray(above[apart])
+
+
+def _length(starts: np.ndarray, count: int, rate_hz: float, block_s: float | None) -> int:
+    if block_s is not None:
+        length = round(block_s * rate_hz)
+        if not 16 <= length <= count:
+            raise ValueError(
+                f"block_s={block_s:g} is {length} samples of a record of {count}. Give between "
+                f"{16 / rate_hz:g} and {count / rate_hz:g} s."
+            )
+        return length
+    gaps = np.diff(np.append(starts, count))
+    usual = np.median(gaps)
+    return int(min(gaps[gaps >= 0.5 * usual].min(), count) * (1.0 - PRE_SHARE))
+
+
+def _overloads(
+    channels: np.ndarray, limits: np.ndarray | None
+) -> Bool[np.ndarray, "time channel"]:
+    size = np.abs(channels)
+    if limits is not None:
+        return np.asarray(size >= 0.999 * np.asarray(limits))
+    same = (channels[1:] == channels[:-1]) & (size[1:] == size.max(axis=0))
+    run = np.zeros(channels.shape, dtype=bool)
+    run[1:] |= same
+    run[:-1] |= same
+    still = np.ptp(channels, axis=0) == 0
+    return np.asarray(run & ~still)
+
+
+def _judged(
+    signed: np.ndarray,
+    overloaded: np.ndarray,
+    first: int,
+    length: int,
+    start: int,
+    rate_hz: float,
+) -> Hit:
+    last = first + length
+    inside = signed[max(first, 0) : min(last, len(signed))]
+    peak_at = start + int(np.argmax(signed[start : min(start + length // 4 + 2, len(signed))]))
+    # The first pulse, even where the bounce is the greater.
+    end_of_first = start + _ends(signed[start:last], PULSE * signed[peak_at])
+    peak_at = start + int(np.argmax(signed[start : max(end_of_first, start + 1)]))
+    peak = float(signed[peak_at])
+    pulse = _pulse(signed, first, last, peak_at, peak)
+    rest = signed[pulse[1] : min(last, len(signed))]
+    bounce = float(rest.max(initial=0.0))
+    refused = ""
+    if first < 0 or last > len(signed):
+        refused = "its block reaches beyond the record"
+    elif overloaded[first:last].any():
+        which = int(np.argmax(overloaded[first:last].any(axis=0)))
+        name = "the force" if which == 0 else f"response {which}"
+        refused = f"overload of {name}"
+    elif bounce > max(BOUNCE * peak, NOISE_FACTOR * _noise(inside)):
+        refused = f"double hit, the second {100 * bounce / peak:.0f} % of the first"
+    return Hit(
+        first=first,
+        last=last,
+        pulse=pulse,
+        at_s=peak_at / rate_hz,
+        peak=peak,
+        refused=refused,
+    )
+
+
+def _ends(tail: np.ndarray, level: float) -> int:
+    below = np.flatnonzero(tail < level)
+    return int(below[0]) if len(below) else len(tail)
+
+
+def _pulse(
+    signed: np.ndarray, first: int, last: int, peak_at: int, peak: float
+) -> tuple[int, int]:
+    """Samples of the pulse: from and to where the force is small, with as much again."""
+    level = max(PULSE * peak, 3.0 * _noise(signed))
+    after = peak_at + _ends(signed[peak_at:last], level)
+    before = peak_at - _ends(signed[peak_at : max(first, 0) - 1 if first > 0 else None : -1], level)
+    wide = max(2, after - before)
+    return max(first, before - wide, 0), min(after + wide, last)

@@ -1,0 +1,141 @@
+r"""Functions of frequency of which a frequency response is a sum: poles and residual terms.
+
+With poles :math:`\lambda_k` and residues :math:`R_k`, a frequency response is
+
+.. math:: H(s) = s^p \sum_k \left( \frac{R_k}{s - \lambda_k}
+          + \frac{R_k^*}{s - \lambda_k^*} \right) + \sum_q c_q s^q ,
+
+with p = 0, 1, 2 for displacement, velocity, acceleration per force. The real residual terms
+stand for modes below the band (their mass line) and above it (their stiffness line).
+
+References
+----------
+.. [1] W. Heylen, S. Lammens, P. Sas, "Modal Analysis Theory and Testing", KU Leuven (1997),
+   section A.3: lower and upper residuals.
+"""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+Kind = Literal["displacement", "velocity", "acceleration", "transmissibility"]
+"""What a response is per input: of a force, or (transmissibility) an absolute motion per motion
+of the base of the same kind."""
+
+POWER: dict[Kind, int] = {
+    "displacement": 0,
+    "velocity": 1,
+    "acceleration": 2,
+    "transmissibility": 0,
+}
+"""Power p of s before the sum over poles."""
+
+RESIDUAL_POWERS: dict[Kind, tuple[int, ...]] = {
+    "displacement": (-2, 0),
+    "velocity": (-1, 1),
+    "acceleration": (0, 2),
+    "transmissibility": (0, 1, 2),
+}
+"""Powers q of the residual terms. A transmissibility has no mass line: it is 1 at rest."""
+
+END_POWERS = (0, 1)
+"""Powers of the smooth part of the spectrum of what a record does not end with [1]."""
+
+
+def modal_columns(
+    s: Complex[np.ndarray, " row"], poles: Complex[np.ndarray, " mode"], power: int
+) -> Complex[np.ndarray, "row column"]:
+    """Columns that multiply the real parts, then the imaginary parts, of the residues.
+
+    Parameters
+    ----------
+    s
+        Laplace variable of each row [rad/s].
+    poles
+        Poles of positive frequency [rad/s].
+    power
+        Power of s before the sum.
+
+    Returns
+    -------
+    Columns: one a mode for the real parts, then one a mode for the imaginary parts.
+    """
+    factor = s[:, None] ** power
+    own = factor / (s[:, None] - poles)
+    mirrored = factor / (s[:, None] - poles.conj())
+    return np.concatenate([own + mirrored, 1j * (own - mirrored)], axis=1)
+
+
+def residual_columns(
+    s: Complex[np.ndarray, " row"], powers: tuple[int, ...]
+) -> Complex[np.ndarray, "row term"]:
+    """Powers of s.
+
+    Parameters
+    ----------
+    s
+        Laplace variable of each row, not 0 [rad/s].
+    powers
+        Powers.
+
+    Returns
+    -------
+    One column a power.
+    """
+    return np.stack([s**power for power in powers], axis=1)
+
+
+def pole_derivatives(
+    s: Complex[np.ndarray, " row"],
+    poles: Complex[np.ndarray, " mode"],
+    power: int,
+    residues: Complex[np.ndarray, " mode"],
+) -> Complex[np.ndarray, "row parameter"]:
+    """Derivatives of the sum over poles by real, then by imaginary parts of the poles.
+
+    Parameters
+    ----------
+    s
+        Laplace variable of each row [rad/s].
+    poles
+        Poles of positive frequency [rad/s].
+    power
+        Power of s before the sum.
+    residues
+        Residue of each pole.
+
+    Returns
+    -------
+    One column a mode for the real parts, then one a mode for the imaginary parts.
+    """
+    factor = s[:, None] ** power
+    own = factor * residues / (s[:, None] - poles) ** 2
+    mirrored = factor * residues.conj() / (s[:, None] - poles.conj()) ** 2
+    return np.concatenate([own + mirrored, 1j * (own - mirrored)], axis=1)
+
+
+def pole_quantities(
+    poles: Complex[np.ndarray, " mode"],
+) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, " mode"], Float[np.ndarray, "mode 2 2"]]:
+    """Undamped natural frequency, damping ratio, and their derivatives by the pole.
+
+    Parameters
+    ----------
+    poles
+        Poles [rad/s].
+
+    Returns
+    -------
+    Frequencies [Hz], damping ratios [1], and derivatives of (frequency, damping ratio) by
+    (real part, imaginary part) of each pole.
+    """
+    size = np.abs(poles)
+    damping = -poles.real / size
+    turning = poles.imag / size
+    derivative = np.empty((len(poles), 2, 2))
+    derivative[:, 0, 0] = -damping / (2 * np.pi)
+    derivative[:, 0, 1] = turning / (2 * np.pi)
+    derivative[:, 1, 0] = -(1 - damping**2) / size
+    derivative[:, 1, 1] = -damping * turning / size
+    return size / (2 * np.pi), damping, derivative
