@@ -253,7 +253,9 @@ def _total_least_squares(spectra: SpectralMatrices) -> np.ndarray:
         joint[:, inputs, :inputs] = spectra.cross[:, output]
         joint[:, :inputs, inputs] = spectra.cross[:, output].conj()
         joint[:, inputs, inputs] = spectra.outputs[:, output]
-        scale = np.concatenate([of_inputs, np.sqrt(spectra.outputs[:, output])[:, None]], axis=1)
+        scale = np.concatenate(
+            [of_inputs, np.sqrt(spectra.outputs[:, output])[:, None]], axis=1
+        )
         scale = np.maximum(scale, 1e-300)
         _, vectors = np.linalg.eigh(joint / (scale[:, :, None] * scale[:, None, :]))
         least = vectors[:, :, 0] / scale

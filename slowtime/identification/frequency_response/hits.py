@@ -205,6 +205,8 @@ def _pulse(
     """Samples of the pulse: from and to where the force is small, with as much again."""
     level = max(PULSE * peak, 3.0 * _noise(signed))
     after = peak_at + _ends(signed[peak_at:last], level)
-    before = peak_at - _ends(signed[peak_at : max(first, 0) - 1 if first > 0 else None : -1], level)
+    before = peak_at - _ends(
+        signed[peak_at : max(first, 0) - 1 if first > 0 else None : -1], level
+    )
     wide = max(2, after - before)
     return max(first, before - wide, 0), min(after + wide, last)

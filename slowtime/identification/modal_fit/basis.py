@@ -117,7 +117,9 @@ def pole_derivatives(
 
 def pole_quantities(
     poles: Complex[np.ndarray, " mode"],
-) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, " mode"], Float[np.ndarray, "mode 2 2"]]:
+) -> tuple[
+    Float[np.ndarray, " mode"], Float[np.ndarray, " mode"], Float[np.ndarray, "mode 2 2"]
+]:
     """Undamped natural frequency, damping ratio, and their derivatives by the pole.
 
     Parameters

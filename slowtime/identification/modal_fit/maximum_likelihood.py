@@ -63,6 +63,10 @@ class PoleFit:
         Of each entry and input.
     residue_sd
         Standard deviation of the complex error of each residue, the poles given.
+    residue_slope
+        Derivatives of the residues by real, then imaginary parts of the poles.
+    information
+        Share of each row in what is known of each pole [1]; sums to 1 over rows.
     terms
         Coefficients of the residual terms of each entry and input.
     residuals
@@ -81,6 +85,8 @@ class PoleFit:
     covariance: Float[np.ndarray, "parameter parameter"]
     residues: Complex[np.ndarray, "entry input mode"]
     residue_sd: Float[np.ndarray, "entry input mode"]
+    residue_slope: Complex[np.ndarray, "entry input mode parameter"]
+    information: Float[np.ndarray, "row mode"]
     terms: Float[np.ndarray, "entry input term"]
     residuals: Complex[np.ndarray, "row entry"]
     leverage: Float[np.ndarray, "row entry"]
@@ -95,6 +101,7 @@ class _Projection:
 
     coefficients: np.ndarray
     coefficient_variance: np.ndarray
+    coefficient_slope: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
     leverage: np.ndarray
@@ -208,18 +215,18 @@ def _entry(
     derivative = _stacked(_derivatives(data, poles, coefficients) * weight[:, None])
     rows = len(data.s)
     power = np.sum(q**2, axis=1)
+    along = q.T @ derivative
     return _Projection(
         coefficients=coefficients,
         coefficient_variance=np.sum(inverse**2, axis=1) / size**2,
+        coefficient_slope=-(inverse @ along) / size[:, None],
         residual=right - q @ inner,
-        jacobian=derivative - q @ (q.T @ derivative),
+        jacobian=derivative - q @ along,
         leverage=0.5 * (power[:rows] + power[rows:]),
     )
 
 
-def _derivatives(
-    data: SpectralData, poles: np.ndarray, coefficients: np.ndarray
-) -> np.ndarray:
+def _derivatives(data: SpectralData, poles: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Derivatives of one entry by real and imaginary parts of the poles."""
     _, of_input, of_end = _sizes(data, len(poles))
     derivative = np.zeros((len(data.s), 2 * len(poles)), dtype=complex)
@@ -271,13 +278,17 @@ def _finished(
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True)
     inverse = inverse / np.outer(scale, scale)
     leverage = _leverage(parts, inverse)
-    covariance = _sandwich(parts, inverse, leverage, data.line_correlation)
+    covariance = _sandwich(data, parts, inverse, leverage)
+    # Noise that entries have in common moves the poles further, and is absorbed by them more.
+    leverage = _leverage(parts, covariance)
     modes, (count, of_input, _) = len(poles), _sizes(data, len(poles))
     inputs, entries = data.inputs.shape[1], len(parts)
     shape = (entries, inputs, of_input)
     own = np.stack([p.coefficients[: inputs * of_input] for p in parts]).reshape(shape)
     variance = np.stack([p.coefficient_variance[: inputs * of_input] for p in parts])
     variance = variance.reshape(shape)
+    slope = np.stack([p.coefficient_slope[: inputs * of_input] for p in parts])
+    slope = slope.reshape(*shape, 2 * modes)
     columns = np.concatenate(
         [
             modal_columns(data.s, poles, POWER[data.kind]),
@@ -293,7 +304,13 @@ def _finished(
         poles=poles[order],
         covariance=covariance[np.ix_(both, both)],
         residues=(own[..., :modes] + 1j * own[..., modes : 2 * modes])[..., order],
-        residue_sd=np.sqrt(variance[..., :modes] + variance[..., modes : 2 * modes])[..., order],
+        residue_sd=np.sqrt(variance[..., :modes] + variance[..., modes : 2 * modes])[
+            ..., order
+        ],
+        residue_slope=(slope[:, :, :modes] + 1j * slope[:, :, modes : 2 * modes])[:, :, order][
+            ..., both
+        ],
+        information=_information(parts, rows)[:, order],
         terms=own[..., 2 * modes :],
         residuals=residual * data.sd / np.sqrt(2.0),
         leverage=leverage,
@@ -303,29 +320,56 @@ def _finished(
     )
 
 
-def _leverage(parts: list[_Projection], inverse: np.ndarray) -> np.ndarray:
+def _information(parts: list[_Projection], rows: int) -> np.ndarray:
+    """Share of each row in the information on each pole."""
+    power = np.asarray(sum(p.jacobian[:rows] ** 2 + p.jacobian[rows:] ** 2 for p in parts))
+    modes = power.shape[1] // 2
+    power = power[:, :modes] + power[:, modes:]
+    return np.asarray(power / np.maximum(power.sum(axis=0), 1e-300))
+
+
+def _leverage(parts: list[_Projection], covariance: np.ndarray) -> np.ndarray:
     """Share of each row and entry in what was fitted, that of the poles included."""
     found = []
     for part in parts:
         rows = len(part.leverage)
-        of_poles = np.einsum("rp,pq,rq->r", part.jacobian, inverse, part.jacobian)
+        of_poles = np.einsum("rp,pq,rq->r", part.jacobian, covariance, part.jacobian)
         found.append(part.leverage + 0.5 * (of_poles[:rows] + of_poles[rows:]))
     return np.clip(np.stack(found, axis=1), 0.0, 0.95)
 
 
 def _sandwich(
-    parts: list[_Projection], inverse: np.ndarray, leverage: np.ndarray, lags: np.ndarray
+    data: SpectralData, parts: list[_Projection], inverse: np.ndarray, leverage: np.ndarray
 ) -> np.ndarray:
-    """Covariance of the poles, with the coherence of the noise of entries and of rows in it."""
+    """Covariance of the poles, with what the noise of entries and of rows has in common."""
+    lags = data.line_correlation
     if len(parts) == 1 and len(lags) == 1:
         return inverse
     rows = len(leverage)
-    left = np.stack([p.residual[:rows] + 1j * p.residual[rows:] for p in parts], axis=1)
-    left = left / np.sqrt(2.0 * (1.0 - leverage))
     jacobian = np.stack([p.jacobian[:rows] + 1j * p.jacobian[rows:] for p in parts], axis=1)
-    meat = np.zeros_like(inverse)
-    pieces = max(1, rows // COHERENCE_ROWS)
-    for piece in np.array_split(np.arange(rows), pieces):
+    if data.common is not None:
+        meat = _common_meat(jacobian, data.common / data.sd[:, :, None])
+    else:
+        left = np.stack([p.residual[:rows] + 1j * p.residual[rows:] for p in parts], axis=1)
+        meat = _coherent_meat(jacobian, left / np.sqrt(2.0 * (1.0 - leverage)), lags)
+    return np.asarray(inverse @ meat @ inverse)
+
+
+def _common_meat(jacobian: np.ndarray, common: np.ndarray) -> np.ndarray:
+    """Covariance of the score where the common noise is known."""
+    own = np.sqrt(np.maximum(1.0 - np.sum(np.abs(common) ** 2, axis=2), 0.0))
+    meat = np.einsum(
+        "rep,req->pq", (own[..., None] * jacobian).conj(), own[..., None] * jacobian
+    )
+    shared = np.einsum("rek,rep->rkp", common.conj(), jacobian)
+    return np.asarray((meat + np.einsum("rkp,rkq->pq", shared.conj(), shared)).real)
+
+
+def _coherent_meat(jacobian: np.ndarray, left: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Covariance of the score by the coherence of the residuals of entries."""
+    rows, parameters = len(left), jacobian.shape[2]
+    meat = np.zeros((parameters, parameters))
+    for piece in np.array_split(np.arange(rows), max(1, rows // COHERENCE_ROWS)):
         power = left[piece].T @ left[piece].conj() / len(piece)
         size = np.sqrt(np.maximum(np.diag(power).real, 1e-300))
         coherence = power / np.outer(size, size)
@@ -334,4 +378,4 @@ def _sandwich(
             mixed = np.einsum("ef,rfp->rep", shared * coherence, jacobian[later])
             part = np.einsum("rep,req->pq", jacobian[piece[: len(later)]].conj(), mixed).real
             meat += part if lag == 0 else part + part.T
-    return np.asarray(inverse @ meat @ inverse)
+    return meat

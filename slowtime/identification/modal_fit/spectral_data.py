@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from .basis import Kind
+from .noise import NoiseModel
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +36,9 @@ class SpectralData:
     line_correlation
         Of the noise of a row and of the rows after it, from lag 0 on [1]: of windowed records
         neighbouring rows share noise. Rows are then neighbouring lines.
+    common
+        Noise that entries have in common, as amplitudes whose products over entries are the
+        covariance; None where this is to be estimated from the residuals.
     """
 
     s: Complex[np.ndarray, " row"]
@@ -47,16 +51,18 @@ class SpectralData:
         default_factory=lambda: np.ones(1, dtype=complex)
     )
 
-    def with_sd(self, sd: Float[np.ndarray, "row entry"]) -> "SpectralData":
+    common: Complex[np.ndarray, "row entry mode"] | None = None
+
+    def with_noise(self, noise: NoiseModel) -> "SpectralData":
         """Give the same data with another noise.
 
         Parameters
         ----------
-        sd
-            Standard deviation of the complex noise.
+        noise
+            Its standard deviation, and what entries have in common.
 
         Returns
         -------
         Data with that noise.
         """
-        return dataclasses.replace(self, sd=sd)
+        return dataclasses.replace(self, sd=noise.sd, common=noise.common)

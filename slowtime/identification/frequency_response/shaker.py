@@ -1,0 +1,108 @@
+"""Frequency responses from continuous excitation: averaged blocks with a Hann window."""
+
+import math
+
+import numpy as np
+import scipy.fft as fft
+from jaxtyping import Float
+
+from slowtime.identification.modal_fit.basis import Kind
+from slowtime.signals.finite_filters import taper
+
+from .estimators import (
+    Estimator,
+    estimate_response,
+    multiple_coherence,
+    random_error,
+    spectral_matrices,
+)
+from .response import FrequencyResponse
+
+BLOCKS = 16
+"""Blocks that a record is divided into by default, besides those that overlap."""
+
+OVERLAP_LOSS = 1.9
+"""[1] Blocks with a Hann window that overlap by half are worth 1.9 times those side by side
+(P. D. Welch, IEEE Trans. Audio Electroacoustics 15, 1967)."""
+
+
+def block_samples(count: int, blocks: int = BLOCKS) -> int:
+    """Length of a block by default: a power of two, of about a sixteenth of the record.
+
+    Parameters
+    ----------
+    count
+        Samples of the record.
+    blocks
+        Blocks wanted.
+
+    Returns
+    -------
+    Samples of a block.
+
+    Examples
+    --------
+    >>> block_samples(100_000)
+    4096
+    """
+    return int(2 ** max(5, math.floor(math.log2(count / blocks))))
+
+
+def shaker_response(
+    inputs: Float[np.ndarray, "time input"],
+    outputs: Float[np.ndarray, "time output"],
+    rate_hz: float,
+    *,
+    kind: Kind = "acceleration",
+    estimator: Estimator = "h1",
+    block: int | None = None,
+) -> FrequencyResponse:
+    """Average frequency responses over blocks that overlap by half.
+
+    Parameters
+    ----------
+    inputs, outputs
+        Samples of one record.
+    rate_hz
+        Sampling rate [Hz].
+    kind
+        What the responses are.
+    estimator
+        `h1`, `h2` (one input) or `hv`.
+    block
+        Samples of a block; by default a sixteenth of the record.
+
+    Returns
+    -------
+    Frequency responses with their random errors. The leakage of resonances that are narrower
+    than four lines is a bias besides, which these errors do not contain.
+
+    Raises
+    ------
+    ValueError
+        Where inputs are coherent, or blocks do not fit.
+    """
+    count = len(inputs)
+    size = block_samples(count) if block is None else block
+    if not 16 <= size <= count:
+        raise ValueError(
+            f"block={size} samples was given for a record of {count}. Give 16 to {count}."
+        )
+    starts = np.arange(0, count - size + 1, max(1, size // 2))
+    rows = starts[:, None] + np.arange(size)
+    window = taper("hann", size)[:, None]
+    u, y = (
+        fft.rfft((x[rows] - x[rows].mean(axis=1, keepdims=True)) * window, axis=1)
+        for x in (inputs, outputs)
+    )
+    averages = max(1.0, count / size * OVERLAP_LOSS - 1.0) if len(starts) > 1 else 1.0
+    spectra = spectral_matrices(u, y, averages=min(averages, float(len(starts))))
+    lines = slice(1, None)
+    return FrequencyResponse(
+        frequency_hz=fft.rfftfreq(size, 1 / rate_hz)[lines],
+        response=estimate_response(spectra, estimator)[lines],
+        sd=random_error(spectra)[lines],
+        coherence=multiple_coherence(spectra)[lines],
+        averages=int(averages),
+        kind=kind,
+    )

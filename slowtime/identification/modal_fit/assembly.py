@@ -1,0 +1,157 @@
+"""The result of a modal test: modes, constants, diagram, measured and fitted responses."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Complex
+
+from slowtime.identification.automatic.modal_result import ModalResult, join_stabilisation
+from slowtime.identification.frequency_response.response import FrequencyResponse
+from slowtime.identification.modes import Mode
+from slowtime.identification.subspace.poles import Poles
+from slowtime.identification.subspace.stabilisation import StablePole
+
+from .basis import POWER, RESIDUAL_POWERS, modal_columns, residual_columns
+from .maximum_likelihood import PoleFit
+from .modal_constants import ModalConstants, modal_constants, modes_of_fit
+
+MISFIT = 1.2
+"""[1] Chi-square over its expectation beyond which the model does not explain the responses
+within their noise. Standard deviations are then enlarged by its root, and modes flagged."""
+
+MISFIT_FLAG = "misfit"
+"""Flag of modes of a model that leaves more than the noise."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModalTest:
+    """Modes of a structure with measured inputs.
+
+    Parameters
+    ----------
+    result
+        Modes, stabilisation diagram, singular values of the frequency responses (complex mode
+        indicator functions).
+    constants
+        Residues, participation and modal masses, one for each mode.
+    response
+        Frequency responses that were measured, in the band.
+    fitted
+        The same by the model; None where no mode was found.
+    chi_square_ratio
+        Chi-square of the fit over its expectation; 1 if the model holds within the noise.
+    """
+
+    result: ModalResult
+    constants: tuple[ModalConstants, ...]
+    response: FrequencyResponse
+    fitted: Complex[np.ndarray, "line output input"] | None
+    chi_square_ratio: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Poles of all orders, and the stable pole that each mode was found from."""
+
+    poles: Poles
+    chosen: Sequence[StablePole]
+
+
+def assemble_test(
+    response: FrequencyResponse,
+    candidates: Candidates,
+    fit: PoleFit | None,
+    driving_points: Sequence[tuple[int, int]],
+    *,
+    known: bool,
+) -> ModalTest:
+    """Put modes, diagram and indicator functions into one result.
+
+    Parameters
+    ----------
+    response
+        Frequency responses.
+    candidates
+        Poles of all orders, and the candidate of each mode.
+    fit
+        Fit of these; None where there is no mode.
+    driving_points
+        Pairs of output and input that are one place and direction.
+    known
+        Whether the noise was known before the fit.
+
+    Returns
+    -------
+    The result.
+    """
+    modes: tuple[Mode, ...] = ()
+    constants: tuple[ModalConstants, ...] = ()
+    ratio, fitted = float("nan"), None
+    if fit is not None:
+        ratio = fit.chi_square / max(fit.freedom, 1)
+        doubtful = known and ratio > MISFIT
+        if doubtful:
+            fit = _enlarged(fit, ratio)
+        shape = (response.response.shape[1], response.response.shape[2], len(fit.poles))
+        residues, sd = fit.residues.reshape(shape), fit.residue_sd.reshape(shape)
+        quality = [min(one.share, 1.0) for one in candidates.chosen]
+        flags = (MISFIT_FLAG,) if doubtful else ()
+        modes = modes_of_fit(fit, residues, sd, quality=quality, flags=flags)
+        constants = modal_constants(fit, residues, sd, driving_points)
+        fitted = model_response(response, fit)
+    values = np.linalg.svd(response.response, compute_uv=False)
+    diagram = join_stabilisation(
+        [candidates.poles],
+        [one.members for one in candidates.chosen],
+        list(range(len(candidates.chosen))),
+    )
+    return ModalTest(
+        result=ModalResult(
+            modes=modes,
+            stabilisation=diagram,
+            spectrum_hz=response.frequency_hz,
+            singular_values=values**2,
+        ),
+        constants=constants,
+        response=response,
+        fitted=fitted,
+        chi_square_ratio=ratio,
+    )
+
+
+def _enlarged(fit: PoleFit, ratio: float) -> PoleFit:
+    return dataclasses.replace(
+        fit,
+        covariance=fit.covariance * ratio,
+        residue_sd=fit.residue_sd * np.sqrt(ratio),
+    )
+
+
+def model_response(
+    response: FrequencyResponse, fit: PoleFit
+) -> Complex[np.ndarray, "line output input"]:
+    """Frequency responses of a fit at the lines of a measurement.
+
+    Parameters
+    ----------
+    response
+        Measurement.
+    fit
+        Fit.
+
+    Returns
+    -------
+    Responses by the model.
+    """
+    poles = fit.poles
+    columns = np.concatenate(
+        [
+            modal_columns(response.s, poles, POWER[response.kind]),
+            residual_columns(response.s, RESIDUAL_POWERS[response.kind]),
+        ],
+        axis=1,
+    )
+    real = np.concatenate([fit.residues.real, fit.residues.imag, fit.terms], axis=2)
+    found = np.einsum("rc,eic->rei", columns, real)
+    return np.asarray(found.reshape(response.response.shape))

@@ -1,0 +1,118 @@
+"""Modes from one continuous record of inputs and outputs: shakers, or motion of the ground."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.identification.frequency_response.estimators import Estimator
+from slowtime.identification.frequency_response.local_polynomial import (
+    LocalEstimate,
+    local_polynomial,
+)
+from slowtime.identification.frequency_response.response import FrequencyResponse
+from slowtime.identification.frequency_response.shaker import shaker_response
+from slowtime.identification.subspace.input_output import input_output_poles
+from slowtime.identification.subspace.poles import Poles
+from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
+from slowtime.signals.spectra import detrended
+
+from .assembly import ModalTest, assemble_test
+from .basis import Kind
+from .identification import MOST_ORDER, candidate_poles
+from .noise import smoothed_power
+from .segments import Segment, fit_segments, transforms
+
+Source = Literal["polyreference", "subspace"]
+"""Where candidates come from."""
+
+
+def identify_record(
+    inputs: Float[np.ndarray, "time input"],
+    outputs: Float[np.ndarray, "time output"],
+    rate_hz: float,
+    *,
+    kind: Kind,
+    band_hz: tuple[float, float],
+    source: Source = "polyreference",
+    estimator: Estimator = "h1",
+    driving_points: Sequence[tuple[int, int]] = (),
+) -> ModalTest:
+    """Identify all modes of a structure from a continuous record.
+
+    Parameters
+    ----------
+    inputs, outputs
+        Samples, both behind the same anti-alias filter.
+    rate_hz
+        Sampling rate [Hz].
+    kind
+        What outputs are per input.
+    band_hz
+        Where modes are looked for [Hz].
+    source
+        Candidates by pLSCF or by input-output subspaces; the modes are fitted alike.
+    estimator
+        Of the averaged frequency responses in the result.
+    driving_points
+        Pairs of output and input that are one place and direction.
+
+    Returns
+    -------
+    The modes, with their errors.
+
+    Raises
+    ------
+    ValueError
+        Where inputs are coherent, or the record is too short.
+    """
+    segment = Segment(detrended(inputs), detrended(outputs))
+    averaged = shaker_response(
+        segment.inputs, segment.outputs, rate_hz, kind=kind, estimator=estimator
+    ).within(*band_hz)
+    frequency, u, y = transforms(segment, rate_hz, band_hz)
+    local = local_polynomial(u, y)
+    noise = np.sqrt(smoothed_power(local.noise**2, np.ones_like(local.noise)))
+    if source == "polyreference":
+        measured = _response(frequency, local, kind)
+        poles, candidates = candidate_poles(measured, MOST_ORDER, seed=0)
+    else:
+        poles, candidates = subspace_candidates(segment, rate_hz, band_hz)
+    chosen, fit = fit_segments(
+        [segment], rate_hz, band_hz, kind, (frequency, noise), poles, candidates
+    )
+    return assemble_test(averaged, chosen, fit, driving_points, known=False)
+
+
+def _response(frequency_hz: np.ndarray, local: LocalEstimate, kind: Kind) -> FrequencyResponse:
+    return FrequencyResponse(
+        frequency_hz=frequency_hz,
+        response=local.response,
+        sd=local.sd,
+        coherence=np.full(local.noise.shape, np.nan),
+        averages=1,
+        kind=kind,
+    )
+
+
+def subspace_candidates(
+    segment: Segment, rate_hz: float, band_hz: tuple[float, float]
+) -> tuple[Poles, list[StablePole]]:
+    """Poles of input-output subspace models of all orders, and those that are stable.
+
+    Parameters
+    ----------
+    segment
+        Samples of the record.
+    rate_hz
+        Sampling rate [Hz].
+    band_hz
+        Band [Hz].
+
+    Returns
+    -------
+    Poles, and the stable ones.
+    """
+    poles = input_output_poles(segment.inputs, segment.outputs, rate_hz, highest_hz=band_hz[1])
+    return poles, find_stable_poles(poles, low_hz=band_hz[0], high_hz=band_hz[1])
