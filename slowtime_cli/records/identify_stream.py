@@ -43,6 +43,16 @@ memory, 70 of its cycles."""
 METHOD = "recursive"
 """Method that is named in files of modes."""
 
+TEST_FLAGS = (
+    "inputs", "excitation", "estimator", "block_s", "decay_s", "driving_points", "frf",
+)  # fmt: skip
+"""Options of records with measured inputs."""
+
+SINGLE_RECORD_FLAGS = (
+    "window_s", "hop_s", "method", "second", "start_sd_ms", "rate_sd_ppm",
+)  # fmt: skip
+"""Options of records without."""
+
 PROGRESS_REPORTS = 24
 """Times that modes are solved for and shown while a file is read [1]."""
 
@@ -52,6 +62,15 @@ MIN_REPORT_S = 600.0
 
 def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
     """Find natural frequencies and damping: of a long file as a stream, else of the whole."""
+    test = {name: flags.pop(name) for name in TEST_FLAGS}
+    if test["inputs"] is not None:
+        # Imported here, for most records have no measured input.
+        from . import identify_inputs
+
+        for name in SINGLE_RECORD_FLAGS:
+            flags.pop(name)
+        identify_inputs.identify(record_path=record_path, **flags, **test)
+        return
     if stream is None:
         stream = _is_long(record_path, flags)
     if not stream:

@@ -181,8 +181,9 @@ def write_report(
     models: Sequence[ModelMode],
     *,
     shapes: bool = True,
+    extra: Sequence[Section] = (),
 ) -> None:
-    """Write table, spectra, stabilisation diagram and shapes as one page."""
+    """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page."""
     structural = len(result.structural)
     lines = len(result.modes) - structural
     lead = (
@@ -192,6 +193,7 @@ def write_report(
     )
     sections = [
         Section("Modes", (), [_table(result, models)]),
+        *extra,
         Section("Spectra", (), [_spectra(result)]),
     ]
     if len(result.stabilisation.order):

@@ -74,6 +74,62 @@ def mac_matrix(
     return np.asarray(np.minimum(overlap, 1.0))
 
 
+def auto_mac(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, "mode mode"]:
+    """MAC of each shape with each other of the same set: 1 on the diagonal.
+
+    A large value beside it means that the sensors do not tell the two modes apart.
+
+    Parameters
+    ----------
+    shapes
+        Shapes of any norm, one column each.
+
+    Returns
+    -------
+    MAC of each pair [1].
+    """
+    return mac_matrix(shapes, shapes)
+
+
+def comac(
+    one: Num[np.ndarray, "channel mode"], other: Num[np.ndarray, "channel mode"]
+) -> Float[np.ndarray, " channel"]:
+    r"""Coordinate modal assurance criterion: agreement of paired modes at each channel.
+
+    .. math:: \mathrm{COMAC}_j = \frac{(\sum_k |\phi_{jk} \psi_{jk}^*|)^2}
+              {\sum_k |\phi_{jk}|^2 \, \sum_k |\psi_{jk}|^2}
+
+    Parameters
+    ----------
+    one, other
+        Shapes of the same modes in the same order; each is scaled to unit norm first.
+
+    Returns
+    -------
+    COMAC of each channel [1]; not a number where one of the two never moves.
+
+    References
+    ----------
+    .. [1] N. A. J. Lieven, D. J. Ewins, "Spatial correlation of mode shapes, the coordinate
+       modal assurance criterion (COMAC)", IMAC 6 (1988).
+
+    Examples
+    --------
+    >>> shapes = np.array([[1.0, 1.0], [0.5, -1.0]])
+    >>> comac(shapes, shapes).round(6)
+    array([1., 1.])
+    """
+    first, second = _columns(one), _columns(other)
+    if first.shape != second.shape:
+        raise ValueError(
+            f"Shapes of {first.shape} and of {second.shape} were given. Give the same channels "
+            "and paired modes, one column each."
+        )
+    product = np.sum(np.abs(first * second.conj()), axis=1) ** 2
+    size = np.sum(np.abs(first) ** 2, axis=1) * np.sum(np.abs(second) ** 2, axis=1)
+    return np.asarray(np.where(size > 0, product / np.where(size > 0, size, 1.0), np.nan))
+
+
 def mpc(shape: Num[np.ndarray, " channel"]) -> float:
     """Modal phase collinearity of one shape; see `mpcs`.
 

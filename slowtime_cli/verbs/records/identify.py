@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, Names, Number, OutFile
 
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
 """Methods that find the modes of all channels together, with shapes."""
@@ -27,6 +27,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
   slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
+  slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
@@ -87,6 +88,51 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="With --with: how well the rate of each record is known (one standard deviation).",
 )
 @click.option(
+    "--input",
+    "inputs",
+    type=Names(),
+    help="Measured inputs: force of a hammer or of shakers, or motion of the base: f,g. The "
+    "other channels are responses.",
+)
+@click.option(
+    "--excitation",
+    type=click.Choice(["auto", "hammer", "shaker", "base"]),
+    default="auto",
+    show_default=True,
+    help="With --input: what drives the structure; auto tells it by unit and signal.",
+)
+@click.option(
+    "--driving-point",
+    "driving_points",
+    multiple=True,
+    metavar="RESPONSE=INPUT",
+    help="With --input: a response measured where that input acts, for modal masses.",
+)
+@click.option(
+    "--estimator",
+    type=click.Choice(["h1", "h2", "hv"]),
+    default="h1",
+    show_default=True,
+    help="With --input: noise in responses (h1), in the input (h2) or in both (hv).",
+)
+@click.option(
+    "--block-s",
+    type=POSITIVE,
+    help="With a hammer: length of a block.  [default: from a blow to the next]",
+)
+@click.option(
+    "--decay-s",
+    type=POSITIVE,
+    help="With a hammer: time constant of an exponential window, whose damping is taken out.  "
+    "[default: none; modes are fitted to the record without a window]",
+)
+@click.option(
+    "--frf",
+    type=OutFile(),
+    help="With --input: file of frequency responses to write: .uff or .unv (UFF 58), .csv, "
+    "else JSON with the fit and modal masses.",
+)
+@click.option(
     "--model",
     type=EXISTING,
     help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
@@ -119,6 +165,11 @@ def identify(
     geometry: Path | None,
     stream: bool | None,
     second: Path | None,
+    inputs: tuple[str, ...] | None,
+    driving_points: tuple[str, ...],
+    block_s: float | None,
+    decay_s: float | None,
+    frf: Path | None,
     **_given: object,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors.
@@ -127,6 +178,18 @@ def identify(
     frequencies; errors are standard deviations. If no mode exceeds the noise, none is
     reported.
     """
+    if inputs is None and (driving_points or block_s or decay_s or frf):
+        raise click.UsageError(
+            "--driving-point, --block-s, --decay-s and --frf go with --input, which names the "
+            "measured inputs."
+        )
+    if inputs is not None:
+        if window_s or stream or second or method != "auto":
+            raise click.UsageError(
+                "--input has a method of its own, for one whole record. Leave out --window-s, "
+                "--stream, --with and --method."
+            )
+        return
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
     universal = out is not None and out.suffix.lower() in UNIVERSAL

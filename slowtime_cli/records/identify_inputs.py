@@ -1,0 +1,233 @@
+"""The verb `identify` with measured inputs: modal tests by hammer or shaker, and earthquakes."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from slowtime.identification.frequency_response.excitation import kind_of_excitation
+from slowtime.identification.frequency_response.hits import Hit, find_hits
+from slowtime.identification.modal_fit.assembly import ModalTest
+from slowtime.identification.modal_fit.basis import Kind
+from slowtime.identification.modal_fit.blows import HammerSettings, identify_blows
+from slowtime.identification.modal_fit.records import identify_record
+from slowtime_cli.shared.record_input import with_record
+from slowtime_cli.shared.terminal import counting, note, plural
+from slowtime_services.files import Record, bridged, find_column, mixed_units
+from slowtime_services.files.units import unit_of
+from slowtime_services.modal import read_geometry
+
+from . import mode_tables
+from .identify import note_mixed_units, reference_modes, without_shape
+from .modes_file import write_modes_file
+from .response_files import show_masses, write_response_file
+from .response_charts import response_sections
+
+METHOD = "maximum_likelihood"
+"""Method that is named in files of modes."""
+
+LOW_SHARE, HIGH_SHARE = 20.0, 0.4
+"""Band without --band-hz: from 20 cycles in the record to 0.4 of the rate, where filters of data
+acquisition still pass all."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Measured:
+    """Inputs and outputs of a record, and what outputs are per input."""
+
+    inputs: np.ndarray[Any, Any]
+    outputs: np.ndarray[Any, Any]
+    input_channels: tuple[tuple[str, str], ...]
+    output_channels: tuple[tuple[str, str], ...]
+    excitation: str
+    kind: Kind
+
+
+@with_record
+def identify(
+    record: Record,
+    path: Path,
+    inputs: tuple[str, ...],
+    band_hz: tuple[float, float] | None,
+    out: Path | None,
+    report: Path | None,
+    frf: Path | None,
+    geometry: Path | None,
+    model: Path | None,
+    **flags: Any,
+) -> None:
+    """Find modes in a record with measured inputs, with errors."""
+    known = read_geometry(geometry) if geometry else None
+    record, said = bridged(record)
+    if said:
+        note(said)
+    part = _longest(record)
+    measured = _measured(part, inputs, flags["excitation"])
+    rate = part.rate_hz
+    edges = band_hz or (LOW_SHARE * rate / len(part.samples), HIGH_SHARE * rate)
+    with counting("Identifying"):
+        found = _identified(measured, rate, edges, flags)
+    outputs = tuple(name for name, _ in measured.output_channels)
+    mixed = mixed_units(outputs, tuple(unit for _, unit in measured.output_channels))
+    if mixed and len(outputs) > 1:
+        note_mixed_units(mixed)
+    if not found.result.modes:
+        note("no mode stands out of the noise. Record longer, or give --band-hz.")
+    models = reference_modes(model, outputs, mixed)
+    silent = out is not None and str(out) == "-"
+    if not silent:
+        mode_tables.show_modes(found.result, models, path.name, method=METHOD)
+        show_masses(found, outputs, [name for name, _ in measured.input_channels])
+    if report is not None:
+        mode_tables.write_report(
+            report,
+            path.name,
+            outputs,
+            found.result,
+            models,
+            shapes=not mixed,
+            extra=response_sections(found, measured.output_channels, measured.input_channels),
+        )
+    if frf is not None:
+        write_response_file(
+            frf, found, measured.output_channels, measured.input_channels, known
+        )
+    if out is not None:
+        body = _body(found, path, part, outputs, models, mixed)
+        write_modes_file(out, body, known, measured.output_channels[0][1])
+
+
+def _longest(record: Record) -> Record:
+    """The longest part without a gap."""
+    starts = [0, *(gap.row for gap in record.gaps), len(record.samples)]
+    first, last = max(zip(starts[:-1], starts[1:], strict=True), key=lambda p: p[1] - p[0])
+    if record.gaps:
+        note(
+            "only the longest part without a gap is used, "
+            f"{(last - first) / record.rate_hz:.3f} s."
+        )
+    return dataclasses.replace(record, samples=record.samples[first:last], gaps=())
+
+
+def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measured:
+    columns = [find_column(name, record.channels) for name in names]
+    others = [k for k in range(len(record.channels)) if k not in columns]
+    if len(set(columns)) < len(columns) or not others:
+        raise click.UsageError(
+            f"--input {','.join(names)} of the channels {', '.join(record.channels)}. Name each "
+            "input once, and leave at least one channel as a response."
+        )
+    samples = np.asarray(record.samples, dtype=float)
+    channels = list(zip(record.channels, record.units, strict=True))
+    inputs = samples[:, columns]
+    motion = [unit_of(record.units[k], record.channels[k]) for k in columns]
+    if excitation == "auto":
+        base = all(unit is not None for unit in motion)
+        excitation = "base" if base else kind_of_excitation(inputs)
+        note(f"taken for excitation by {excitation}. --excitation overrules it.")
+    if excitation == "hammer" and len(columns) > 1:
+        raise click.UsageError(
+            f"--excitation hammer has one input, and {len(columns)} were given. Give a record "
+            "for each place of the hammer."
+        )
+    of_outputs = {unit_of(record.units[k], record.channels[k]) for k in others}
+    quantities = {unit.quantity for unit in of_outputs if unit is not None}
+    kind: Kind = "transmissibility" if excitation == "base" else "acceleration"
+    if excitation != "base" and len(quantities) == 1:
+        kind = quantities.pop()
+    elif excitation != "base":
+        note("responses taken for accelerations, for want of one unit. --unit states it.")
+    return Measured(
+        inputs=inputs,
+        outputs=samples[:, others],
+        input_channels=tuple(channels[k] for k in columns),
+        output_channels=tuple(channels[k] for k in others),
+        excitation=excitation,
+        kind=kind,
+    )
+
+
+def _identified(
+    measured: Measured, rate_hz: float, band_hz: tuple[float, float], flags: dict[str, Any]
+) -> ModalTest:
+    points = _driving_points(measured, flags["driving_points"])
+    if measured.excitation != "hammer":
+        return identify_record(
+            measured.inputs,
+            measured.outputs,
+            rate_hz,
+            kind=measured.kind,
+            band_hz=band_hz,
+            source="subspace" if measured.excitation == "base" else "polyreference",
+            estimator=flags["estimator"],
+            driving_points=points,
+        )
+    force = measured.inputs[:, 0]
+    hits = find_hits(force, measured.outputs, rate_hz, block_s=flags["block_s"])
+    _note_hits(hits, rate_hz)
+    decay = 1 / flags["decay_s"] if flags["decay_s"] else 0.0
+    settings = HammerSettings(
+        kind=measured.kind, estimator=flags["estimator"], decay_rate=decay
+    )
+    return identify_blows(
+        force,
+        measured.outputs,
+        rate_hz,
+        hits,
+        band_hz=band_hz,
+        settings=settings,
+        driving_points=points,
+    )
+
+
+def _note_hits(hits: Sequence[Hit], rate_hz: float) -> None:
+    """Report how many blows are used, and why others are not."""
+    used = [hit for hit in hits if not hit.refused]
+    block_s = (hits[0].last - hits[0].first) / rate_hz
+    note(f"{plural(len(used), 'blow')} of {len(hits)} used, blocks of {block_s:.4g} s.")
+    for hit in hits:
+        if hit.refused:
+            note(f"blow at {hit.at_s:.3f} s rejected: {hit.refused}.")
+
+
+def _driving_points(measured: Measured, given: Sequence[str]) -> list[tuple[int, int]]:
+    outputs = [name for name, _ in measured.output_channels]
+    inputs = [name for name, _ in measured.input_channels]
+    found = []
+    for text in given:
+        output, _, driven = text.partition("=")
+        if output not in outputs or (driven or inputs[0]) not in inputs:
+            raise click.UsageError(
+                f"--driving-point {text}: give RESPONSE=INPUT with a response of "
+                f"{', '.join(outputs)} and an input of {', '.join(inputs)}."
+            )
+        found.append((outputs.index(output), inputs.index(driven or inputs[0])))
+    return found
+
+
+def _body(
+    found: ModalTest,
+    path: Path,
+    record: Record,
+    outputs: tuple[str, ...],
+    models: Sequence[mode_tables.ModelMode],
+    mixed: str,
+) -> dict[str, Any]:
+    duration_s = len(record.samples) / record.rate_hz
+    return {
+        "slowtime_modes": 1,
+        "record": path.name,
+        "rate_hz": record.rate_hz,
+        "channels": list(outputs),
+        "duration_s": duration_s,
+        "assumptions": [*record.assumptions, *record.notes],
+        "modes": [
+            without_shape(
+                mode_tables.as_json(mode, models, (0.0, duration_s), method=METHOD), mixed
+            )
+            for mode in found.result.modes
+        ],
+    }
