@@ -101,7 +101,7 @@ def find_hits(
     length = _length(starts, len(force), rate_hz, block_s)
     overloaded = _overloads(np.column_stack([force, responses]), limits)
     found = []
-    for start in starts:
+    for start in (int(one) for one in starts):
         first = start - round(PRE_SHARE * length)
         found.append(_judged(signed, overloaded, first, length, start, rate_hz))
     return tuple(found)

@@ -60,7 +60,7 @@ def identify_responses(
     poles, candidates = candidate_poles(response, order, seed)
     data = data_of(response)
     band = (float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
-    found = choose_modes(data, np.array([c.pole for c in candidates]), band)
+    found = choose_modes(data, np.array([c.pole for c in candidates], dtype=complex), band)
     if found is not None and not known:
         data, found = reweighted(data, found, band)
         response = dataclasses.replace(response, sd=data.sd.reshape(sd.shape))

@@ -92,7 +92,7 @@ def auto_mac(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, "mode
 
 
 def comac(
-    one: Num[np.ndarray, "channel mode"], other: Num[np.ndarray, "channel mode"]
+    one: Num[np.ndarray, "channel mode"], other: Num[np.ndarray, "other_channel other_mode"]
 ) -> Float[np.ndarray, " channel"]:
     r"""Coordinate modal assurance criterion: agreement of paired modes at each channel.
 

@@ -31,13 +31,13 @@ from jaxtyping import Complex, Float
 from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.correlations import Correlations, correlation_matrices
-from slowtime.identification.subspace.poles import GAUSSIAN, Poles
+from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
 
 from .scaling import normalise_with_errors
 
 MOST_SD = 1.0
-"""[half-bandwidths] Largest standard deviation of the frequency of a mode."""
+"""[half-bandwidths] Largest standard deviation of the frequency and of the half-bandwidth."""
 
 DRAWS = 16
 """Draws of the errors of the correlations of a set-up; each is solved anew."""
@@ -251,8 +251,9 @@ def _poles(
 
 
 def _is_sharp(one: StablePole) -> bool:
-    """Whether the frequency is known to better than the width of the resonance."""
-    return one.frequency_sd_hz < MOST_SD * one.damping_ratio * one.frequency_hz
+    """Whether frequency and damping are known to better than the width of the resonance."""
+    width = MOST_SD * one.damping_ratio
+    return one.frequency_sd_hz < width * one.frequency_hz and one.damping_sd < width
 
 
 def _mode(one: StablePole, poles: Poles) -> Mode:

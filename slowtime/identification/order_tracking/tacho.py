@@ -11,9 +11,9 @@ HYSTERESIS = 0.2
 edge is not counted as pulses."""
 
 JUMP = 1.6
-"""[interval before] Longest or (inverse) shortest interval between pulses that a machine can
-follow: beyond, pulses were missed or added. Source: a speed that changes by half within one
-pulse would need accelerations that no shaft has."""
+"""[interval before] Longest or (inverse) shortest interval between pulses of a machine: beyond,
+pulses were missed or added. Source: a missed pulse makes 2; no shaft changes its speed by half
+within one pulse."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class Rotation:
     time_s: Float[np.ndarray, " pulse"]
     revolutions: Float[np.ndarray, " pulse"]
 
-    def times(self, revolutions: Float[np.ndarray, " any"]) -> Float[np.ndarray, " any"]:
+    def times(self, revolutions: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Instants of angles.
 
         Parameters
@@ -45,7 +45,7 @@ class Rotation:
         """
         return np.asarray(CubicSpline(self.revolutions, self.time_s)(revolutions))
 
-    def speed_hz(self, time_s: Float[np.ndarray, " any"]) -> Float[np.ndarray, " any"]:
+    def speed_hz(self, time_s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Speed of the shaft.
 
         Parameters
@@ -97,7 +97,10 @@ def rotation_of(
     before, after = tacho[rises - 1], tacho[rises]
     time = (rises - 1 + (upper - before) / (after - before)) / rate_hz
     intervals = np.diff(time)
-    ratio = np.maximum(intervals[1:] / intervals[:-1], intervals[:-1] / intervals[1:])
+    longer = np.maximum(intervals[1:], intervals[:-1])
+    shorter = np.minimum(intervals[1:], intervals[:-1])
+    # An edge of few samples may seem to be one sample early or late.
+    ratio = (longer - 1 / rate_hz) / (shorter + 1 / rate_hz)
     if ratio.max() > JUMP:
         at = time[int(np.argmax(ratio)) + 1]
         raise ValueError(
@@ -108,7 +111,7 @@ def rotation_of(
 
 
 def _rises(tacho: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """Samples at which the signal rises above the upper level after it was below the lower."""
+    """Find samples where the signal rises above the upper level, after it was below the lower."""
     state = np.where(tacho > upper, 1, np.where(tacho < lower, -1, 0))
     known = np.flatnonzero(state)
     kept = state[known]

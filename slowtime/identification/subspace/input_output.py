@@ -96,7 +96,7 @@ def input_output_poles(
             f"{len(inputs)} samples at {rate_hz:g} Hz are too few for {stacked.shape[1]} rows of "
             "past and future. Give a longer record or fewer channels."
         )
-    sizes = np.cumsum([rows * outputs.shape[1], rows * inputs.shape[1]])
+    sizes = (rows * outputs.shape[1], rows * (outputs.shape[1] + inputs.shape[1]))
     subspace = _subspace(stacked, sizes, outputs.shape[1], rate_hz, order)
     orders = range(1, min(order, subspace.u.shape[1], (rows - 1) * outputs.shape[1]) + 1)
     parts = [poles_of_order(subspace, n, 0.0, False) for n in orders]
@@ -122,7 +122,7 @@ def _stacked(inputs: np.ndarray, outputs: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _subspace(
-    stacked: np.ndarray, sizes: np.ndarray, channels: int, rate_hz: float, order: int
+    stacked: np.ndarray, sizes: tuple[int, int], channels: int, rate_hz: float, order: int
 ) -> WeightedSubspace:
     y, u, z = slice(0, sizes[0]), slice(sizes[0], sizes[1]), slice(sizes[1], None)
     parts = [part.T @ part / len(part) for part in np.array_split(stacked, PARTS)]

@@ -4,6 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slowtime.identification.mode_shapes.criteria import (
+    auto_mac,
+    comac,
     mac,
     mac_matrix,
     mean_phase_deviation,
@@ -99,3 +101,23 @@ def test_columns_are_measured_one_by_one():
 def test_a_shape_that_no_channel_sees_is_refused(bad):
     with pytest.raises(ValueError, match="leave out modes that no channel sees"):
         mpc(bad)
+
+
+def test_auto_mac_is_one_on_the_diagonal_and_shows_what_sensors_miss():
+    shapes = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.02]])
+    found = auto_mac(shapes)
+    np.testing.assert_allclose(np.diag(found), 1.0)
+    assert found[0, 1] == pytest.approx(0.0, abs=1e-12)
+    assert found[0, 2] > 0.99
+
+
+def test_comac_names_the_channel_that_disagrees():
+    rng = np.random.default_rng(1)
+    one = rng.standard_normal((5, 4))
+    other = one.copy()
+    other[3] = rng.standard_normal(4)
+    found = comac(one, other)
+    assert int(np.argmin(found)) == 3
+    np.testing.assert_allclose(comac(one, 2j * one), 1.0)
+    with pytest.raises(ValueError, match="same channels and paired modes"):
+        comac(one, other[:, :2])
