@@ -202,11 +202,28 @@ def imposed_motion(folder, said):
         assert np.isfinite(floor["r"]).all()
 
 
+def hammer_test(folder, said):
+    """The double hit is told, the modes are the model's, and the files are there."""
+    assert "6 blows of 7 used" in said
+    assert re.search(r"blow at 13\.\d+ s rejected: double hit", said)
+    modes = json.loads((folder / "compared.json").read_text())["modes"]
+    assert [mode["model"]["mode"] for mode in modes] == [1, 2, 3]
+    assert all(abs(mode["model"]["difference"]) < 2e-3 for mode in modes)
+    assert all(mode["model"]["mac"] > 0.999 for mode in modes)
+    masses = [
+        mode["modal_mass"]
+        for mode in json.loads((folder / "responses.json").read_text())["modes"]
+    ]
+    assert all(0 < mass["sd"] < 0.02 * mass["value"] for mass in masses)
+    assert (folder / "responses.uff").read_text().count("\n    58\n") == 6
+    assert (folder / "modes.uff").read_text().count("\n    55\n") == 3
+
+
 ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
-        own_parts, maintenance_plan, own_proposer, imposed_motion,
+        own_parts, maintenance_plan, own_proposer, imposed_motion, hammer_test,
     )
 }  # fmt: skip
 

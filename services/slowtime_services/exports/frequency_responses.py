@@ -116,6 +116,7 @@ def _dataset(
     )
     yield _axis(0, "NONE", "NONE")
     yield from _numbers(frequency_hz, values, even)
+    yield f"{-1:6d}"
 
 
 def _numbers(frequency_hz: np.ndarray, values: np.ndarray, even: bool) -> Iterator[str]:

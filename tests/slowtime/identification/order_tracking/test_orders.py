@@ -22,7 +22,7 @@ def run_up(noise=0.05, seed=1):
     return (first + second + noise * rng.standard_normal(len(TIME)))[:, None]
 
 
-@pytest.mark.parametrize("marks", [1, 12])
+@pytest.mark.parametrize("marks", [1, 4])
 def test_speed_and_angle_are_those_of_the_shaft(marks):
     rotation = rotation_of(tacho(marks), RATE, pulses_per_revolution=marks)
     inside = np.linspace(2.0, 18.0, 50)
@@ -41,11 +41,11 @@ def test_amplitudes_and_phases_of_orders_come_back_whatever_the_speed():
 
 def test_errors_are_those_seen_over_seeds():
     rotation = rotation_of(tacho(), RATE)
-    runs = [track_orders(run_up(1.0, s), RATE, rotation, [1.0, 3.6]) for s in range(30)]
+    runs = [track_orders(run_up(1.0, s), RATE, rotation, [1.0, 3.6]) for s in range(12)]
     amplitude = np.array([run.amplitude[:, :, 0] for run in runs])
-    seen = np.sqrt(np.mean(np.abs(amplitude - amplitude.mean(axis=0)) ** 2, axis=0) * 30 / 29)
+    seen = np.sqrt(np.mean(np.abs(amplitude - amplitude.mean(axis=0)) ** 2, axis=0) * 12 / 11)
     told = np.sqrt(np.mean([run.sd[:, :, 0] ** 2 for run in runs], axis=0))
-    np.testing.assert_allclose(np.median(told / seen, axis=0), 1.0, atol=0.15)
+    np.testing.assert_allclose(np.median(told / seen, axis=0), 1.0, atol=0.25)
 
 
 def test_a_missed_pulse_is_refused_with_its_time():
