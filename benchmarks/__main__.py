@@ -46,6 +46,10 @@ def main() -> int:
             lambda: _beside_peers("modal"),
         ),
         (
+            "Modal tests, beside sdypy-EMA and pyOMA-2",
+            lambda: _beside_peers("modal_testing", "--merging-seeds", "3"),
+        ),
+        (
             "Filters and streaming processes, beside filterpy and scikit-learn",
             lambda: _beside_peers("filters"),
         ),

@@ -22,7 +22,7 @@ from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.frequency_response.response import FrequencyResponse
 from slowtime.identification.modal_fit.identification import identify_responses
 from slowtime.identification.mode_shapes.merging import SetUp, merge
-from slowtime.identification.mode_shapes.pre_merging import SetUpRecord, merge_before
+from slowtime.identification.subspace.setup_merging import SetUpRecord, merge_before
 
 STOREYS, DAMPING, FIRST_HZ = 5, 0.01, 3.0
 SPACING_HZ, LINES = 0.05, 600
@@ -88,7 +88,7 @@ def by_sdypy(response: FrequencyResponse) -> Found:
     )
     with _silent():
         model.get_poles(show_progress=False)
-        model.select_closest_poles(list(frame()[0]))
+        model.select_closest_poles(list(frame()[0]), f_window=1)
         model.get_constants()
     return nearest(np.asarray(model.nat_freq), np.asarray(model.nat_xi))
 
@@ -105,7 +105,7 @@ def _silent() -> Iterator[None]:
 
 
 def nearest(hz: np.ndarray, damping: np.ndarray) -> Found:
-    """The mode nearest to each true one, within a twentieth."""
+    """Return the mode nearest to each true one, within a twentieth."""
     found = np.full((2, STOREYS), np.nan)
     for k, true in enumerate(frame()[0]):
         near = int(np.argmin(np.abs(hz - true))) if len(hz) else -1
@@ -115,7 +115,7 @@ def nearest(hz: np.ndarray, damping: np.ndarray) -> Found:
 
 
 def bound(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations of the Cramér-Rao bound, by the fit at the truth."""
+    """Return standard deviations of the Cramér-Rao bound, by the fit at the truth."""
     from slowtime.identification.modal_fit.basis import pole_quantities
     from slowtime.identification.modal_fit.identification import data_of
     from slowtime.identification.modal_fit.maximum_likelihood import fit_poles
@@ -162,7 +162,7 @@ def timed(find: Callable[..., Any], data: Sequence[Any]) -> tuple[list[Any] | No
 
 
 def set_ups(seed: int) -> list[SetUpRecord]:
-    """Records of the set-ups under unmeasured white forces on all storeys."""
+    """Return records of the set-ups under unmeasured white forces on all storeys."""
     rng = np.random.default_rng(seed)
     found = []
     for part, level in zip(PARTS, LEVELS, strict=True):

@@ -1,6 +1,7 @@
-"""The verb `identify` with measured inputs: modal tests by hammer or shaker, and earthquakes."""
+"""The verb `identify` with measured inputs: hammer or shaker tests, and earthquakes."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,15 +24,15 @@ from slowtime_services.modal import read_geometry
 from . import mode_tables
 from .identify import note_mixed_units, reference_modes, without_shape
 from .modes_file import write_modes_file
-from .response_files import show_masses, write_response_file
 from .response_charts import response_sections
+from .response_files import show_masses, write_response_file
 
 METHOD = "maximum_likelihood"
 """Method that is named in files of modes."""
 
 LOW_SHARE, HIGH_SHARE = 20.0, 0.4
-"""Band without --band-hz: from 20 cycles in the record to 0.4 of the rate, where filters of data
-acquisition still pass all."""
+"""Band without --band-hz: from 20 cycles in the record to 0.4 of the rate, where filters of
+data acquisition still pass all."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -101,9 +102,9 @@ def identify(
 
 
 def _longest(record: Record) -> Record:
-    """The longest part without a gap."""
+    """Return the longest part without a gap."""
     starts = [0, *(gap.row for gap in record.gaps), len(record.samples)]
-    first, last = max(zip(starts[:-1], starts[1:], strict=True), key=lambda p: p[1] - p[0])
+    first, last = max(itertools.pairwise(starts), key=lambda p: p[1] - p[0])
     if record.gaps:
         note(
             "only the longest part without a gap is used, "
@@ -117,8 +118,8 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
     others = [k for k in range(len(record.channels)) if k not in columns]
     if len(set(columns)) < len(columns) or not others:
         raise click.UsageError(
-            f"--input {','.join(names)} of the channels {', '.join(record.channels)}. Name each "
-            "input once, and leave at least one channel as a response."
+            f"--input {','.join(names)} of the channels {', '.join(record.channels)}. Name "
+            "each input once, and leave at least one channel as a response."
         )
     samples = np.asarray(record.samples, dtype=float)
     channels = list(zip(record.channels, record.units, strict=True))

@@ -72,7 +72,8 @@ def _coherence(found: ModalTest, outputs: Sequence[tuple[str, str]], step: int) 
     return Chart(
         curves,
         layout,
-        f"Share of each output that the inputs explain, from {found.response.averages} averages.",
+        f"Share of each output that the inputs explain, from {found.response.averages} "
+        "averages.",
     )
 
 

@@ -120,4 +120,6 @@ def _number(value: float) -> float | None:
 
 
 def _numbers(values: np.ndarray[Any, Any]) -> Any:
-    return np.where(np.isfinite(values), values, None).tolist()
+    finite = values.astype(object)
+    finite[~np.isfinite(values)] = None
+    return finite.tolist()

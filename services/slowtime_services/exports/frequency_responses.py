@@ -98,12 +98,13 @@ def _dataset(
     yield MARK
     yield from ("NONE", "NONE", "NONE")
     yield (
-        f"{function:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{places[0].node:10d}{places[0].axis:4d} "
-        f"{'NONE':<10}{places[1].node:10d}{places[1].axis:4d}"
+        f"{function:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{places[0].node:10d}"
+        f"{places[0].axis:4d} {'NONE':<10}{places[1].node:10d}{places[1].axis:4d}"
     )
     yield (
         f"{_COMPLEX_DOUBLE if whole else _REAL_DOUBLE:10d}{len(values):10d}"
-        f"{_EVEN if even else _UNEVEN:10d}{frequency_hz[0]:13.5E}{steps.mean():13.5E}{0.0:13.5E}"
+        f"{_EVEN if even else _UNEVEN:10d}{frequency_hz[0]:13.5E}{steps.mean():13.5E}"
+        f"{0.0:13.5E}"
     )
     yield _axis(_FREQUENCY, "Frequency", "Hz")
     known, forced = unit_of(unit, output), unit_of(of_input, driven)

@@ -115,8 +115,8 @@ def estimate_response(
         )
     if spectra.averages < count:
         raise ValueError(
-            f"{spectra.averages:g} blocks were averaged, which cannot tell {count} inputs apart. "
-            "Give a longer record or shorter blocks."
+            f"{spectra.averages:g} blocks were averaged, which cannot tell {count} inputs "
+            "apart. Give a longer record or shorter blocks."
         )
     check_inputs(spectra)
     if estimator == "h1":
@@ -187,13 +187,13 @@ def multiple_coherence(
     """
     h1 = _right_solve(spectra.cross, spectra.inputs)
     explained = np.einsum("foi,foi->fo", h1, spectra.cross.conj()).real
-    return np.clip(explained / np.maximum(spectra.outputs, 1e-300), 0.0, 1.0)
+    return np.asarray(np.clip(explained / np.maximum(spectra.outputs, 1e-300), 0.0, 1.0))
 
 
 def random_error(
     spectra: SpectralMatrices, noise: Float[np.ndarray, "line output"] | None = None
 ) -> Float[np.ndarray, "line output input"]:
-    r"""Standard deviation of the complex random error of H1.
+    r"""Return standard deviation of the complex random error of H1.
 
     .. math:: \sigma_{oi}^2 = \frac{S_{nn,o}}{K} \, [S_{xx}^{-1}]_{ii}, \qquad
               S_{nn,o} = \frac{K}{K - N_i} (1 - \gamma_o^2) S_{yy,o} ;
@@ -214,7 +214,8 @@ def random_error(
     """
     inverse = np.einsum("fii->fi", np.linalg.pinv(spectra.inputs, hermitian=True)).real
     power = output_noise(spectra) if noise is None else noise
-    return np.sqrt(power[:, :, None] * np.maximum(inverse, 0.0)[:, None, :] / spectra.averages)
+    variance = power[:, :, None] * np.maximum(inverse, 0.0)[:, None, :] / spectra.averages
+    return np.asarray(np.sqrt(variance))
 
 
 def output_noise(spectra: SpectralMatrices) -> Float[np.ndarray, "line output"]:

@@ -8,8 +8,8 @@ from jaxtyping import Float
 Excitation = Literal["hammer", "shaker"]
 
 PULSE_SHARE = 0.05
-"""[1] Largest share of samples above `PULSE_LEVEL` of a record of blows. A Gaussian force has 80 %
-of its samples above a twentieth of its peak, a sine nearly all."""
+"""[1] Largest share of samples above `PULSE_LEVEL` of a record of blows. A Gaussian force has
+80 % of its samples above a twentieth of its peak, a sine nearly all."""
 
 PULSE_LEVEL = 0.05
 """[peak] Level for this share."""

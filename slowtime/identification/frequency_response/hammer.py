@@ -22,9 +22,6 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Float
 
-from slowtime.identification.modal_fit.basis import Kind
-from slowtime.identification.modal_fit.noise import smoothed_power
-
 from .estimators import (
     Estimator,
     estimate_response,
@@ -34,7 +31,8 @@ from .estimators import (
     spectral_matrices,
 )
 from .hits import Hit
-from .response import FrequencyResponse
+from .line_smoothing import smoothed_power
+from .response import FrequencyResponse, Kind
 
 LEAST_CORRELATION = 0.02
 """[1] Correlation of the noise of two lines below which it is left out."""
@@ -113,7 +111,7 @@ def _transforms(
     used: list[Hit],
     decay_rate: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Transforms of the windowed blocks, time counted from the start of each block."""
+    """Return transforms of the windowed blocks, time counted from the start of each block."""
     offset = np.median(responses, axis=0)
     rest = np.median(force)
     u, y = [], []

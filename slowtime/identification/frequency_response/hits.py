@@ -113,12 +113,12 @@ def _upright(force: np.ndarray) -> np.ndarray:
 
 
 def _noise(signed: np.ndarray) -> float:
-    """Standard deviation of the force between blows, by the median of its size."""
+    """Return standard deviation of the force between blows, by the median of its size."""
     return 1.4826 * float(np.median(np.abs(signed)))
 
 
 def _starts(signed: np.ndarray, threshold: float, rate_hz: float) -> np.ndarray:
-    """Samples where a blow begins: upward crossings, those of a bounce joined to the first."""
+    """Return the first sample of each blow; a bounce belongs to the blow before it."""
     above = np.flatnonzero((signed[1:] >= threshold) & (signed[:-1] < threshold)) + 1
     if len(above) < 2:
         return above
@@ -202,7 +202,7 @@ def _ends(tail: np.ndarray, level: float) -> int:
 def _pulse(
     signed: np.ndarray, first: int, last: int, peak_at: int, peak: float
 ) -> tuple[int, int]:
-    """Samples of the pulse: from and to where the force is small, with as much again."""
+    """Return samples of the pulse: from and to where the force is small, with as much again."""
     level = max(PULSE * peak, 3.0 * _noise(signed))
     after = peak_at + _ends(signed[peak_at:last], level)
     before = peak_at - _ends(

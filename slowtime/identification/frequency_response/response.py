@@ -1,11 +1,14 @@
 """A measured matrix of frequency response functions, with its noise."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.identification.modal_fit.basis import Kind
+Kind = Literal["displacement", "velocity", "acceleration", "transmissibility"]
+"""What a response is per input: of a force, or (transmissibility) an absolute motion per motion
+of the base of the same kind."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,8 +79,8 @@ class FrequencyResponse:
         if np.count_nonzero(kept) < 4:
             raise ValueError(
                 f"The band from {low_hz:g} to {high_hz:g} Hz holds {np.count_nonzero(kept)} of "
-                f"the lines from {self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz. Give "
-                "a wider band, or longer blocks."
+                f"the lines from {self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz. "
+                "Give a wider band, or longer blocks."
             )
         return dataclasses.replace(
             self,

@@ -6,7 +6,6 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Float
 
-from slowtime.identification.modal_fit.basis import Kind
 from slowtime.signals.finite_filters import taper
 
 from .estimators import (
@@ -16,7 +15,7 @@ from .estimators import (
     random_error,
     spectral_matrices,
 )
-from .response import FrequencyResponse
+from .response import FrequencyResponse, Kind
 
 BLOCKS = 16
 """Blocks that a record is divided into by default, besides those that overlap."""

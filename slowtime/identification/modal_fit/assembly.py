@@ -63,8 +63,6 @@ def assemble_test(
     candidates: Candidates,
     fit: PoleFit | None,
     driving_points: Sequence[tuple[int, int]],
-    *,
-    known: bool,
 ) -> ModalTest:
     """Put modes, diagram and indicator functions into one result.
 
@@ -78,8 +76,6 @@ def assemble_test(
         Fit of these; None where there is no mode.
     driving_points
         Pairs of output and input that are one place and direction.
-    known
-        Whether the noise was known before the fit.
 
     Returns
     -------
@@ -90,7 +86,7 @@ def assemble_test(
     ratio, fitted = float("nan"), None
     if fit is not None:
         ratio = fit.chi_square / max(fit.freedom, 1)
-        doubtful = known and ratio > MISFIT
+        doubtful = ratio > MISFIT
         if doubtful:
             fit = _enlarged(fit, ratio)
         shape = (response.response.shape[1], response.response.shape[2], len(fit.poles))

@@ -14,14 +14,10 @@ References
    section A.3: lower and upper residuals.
 """
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Complex, Float
 
-Kind = Literal["displacement", "velocity", "acceleration", "transmissibility"]
-"""What a response is per input: of a force, or (transmissibility) an absolute motion per motion
-of the base of the same kind."""
+from slowtime.identification.frequency_response.response import Kind
 
 POWER: dict[Kind, int] = {
     "displacement": 0,
@@ -92,7 +88,7 @@ def pole_derivatives(
     power: int,
     residues: Complex[np.ndarray, " mode"],
 ) -> Complex[np.ndarray, "row parameter"]:
-    """Derivatives of the sum over poles by real, then by imaginary parts of the poles.
+    """Return derivatives of the sum over poles by real, then by imaginary parts of the poles.
 
     Parameters
     ----------

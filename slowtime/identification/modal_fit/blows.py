@@ -100,7 +100,7 @@ def identify_blows(
     chosen, fit = fit_segments(
         segments, rate_hz, band_hz, settings.kind, noise, poles, candidates
     )
-    return assemble_test(response, chosen, fit, driving_points, known=False)
+    return assemble_test(response, chosen, fit, driving_points)
 
 
 def segments_of(

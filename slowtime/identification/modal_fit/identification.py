@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex, Float
 
+from slowtime.identification.frequency_response.line_smoothing import smoothed_power
 from slowtime.identification.frequency_response.response import FrequencyResponse
 from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import StablePole
 
 from .assembly import Candidates, ModalTest, assemble_test
 from .mode_choice import choose_modes, reweighted
-from .noise import smoothed_power
 from .polyreference import polyreference_poles
 from .spectral_data import SpectralData
 from .stable_poles import stable_poles
@@ -70,7 +70,6 @@ def identify_responses(
         Candidates(poles, of_modes),
         None if found is None else found.fit,
         driving_points,
-        known=known,
     )
 
 
@@ -153,4 +152,4 @@ def rough_noise(
     power = np.abs(np.concatenate([rough[:1], rough, rough[-1:], rough[-1:]])) ** 2
     smooth = smoothed_power(power, np.ones_like(power))
     floor = 1e-6 * np.abs(response).reshape(lines, -1).max(axis=0)
-    return np.sqrt(smooth + floor**2).reshape(response.shape)
+    return np.asarray(np.sqrt(smooth + floor**2).reshape(response.shape))

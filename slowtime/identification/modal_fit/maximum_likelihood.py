@@ -167,7 +167,7 @@ def _check(data: SpectralData, poles: np.ndarray) -> None:
 
 
 def _sizes(data: SpectralData, modes: int) -> tuple[np.ndarray, int, int]:
-    """Indices of all columns, columns of an input and columns of an end."""
+    """Return indices of all columns, columns of an input and columns of an end."""
     of_input = 2 * modes + len(RESIDUAL_POWERS[data.kind])
     of_end = 2 * modes + len(END_POWERS)
     total = of_input * data.inputs.shape[1] + of_end * data.ends.shape[1]
@@ -227,7 +227,7 @@ def _entry(
 
 
 def _derivatives(data: SpectralData, poles: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Derivatives of one entry by real and imaginary parts of the poles."""
+    """Return derivatives of one entry by real and imaginary parts of the poles."""
     _, of_input, of_end = _sizes(data, len(poles))
     derivative = np.zeros((len(data.s), 2 * len(poles)), dtype=complex)
     at = 0
@@ -335,7 +335,7 @@ def _leverage(parts: list[_Projection], covariance: np.ndarray) -> np.ndarray:
         rows = len(part.leverage)
         of_poles = np.einsum("rp,pq,rq->r", part.jacobian, covariance, part.jacobian)
         found.append(part.leverage + 0.5 * (of_poles[:rows] + of_poles[rows:]))
-    return np.clip(np.stack(found, axis=1), 0.0, 0.95)
+    return np.asarray(np.clip(np.stack(found, axis=1), 0.0, 0.95))
 
 
 def _sandwich(

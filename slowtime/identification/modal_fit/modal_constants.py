@@ -126,7 +126,7 @@ def modal_constants(
     its error.
     """
     found = []
-    for k, pole in enumerate(fit.poles):
+    for k in range(len(fit.poles)):
         own, sd = residues[:, :, k], residue_sd[:, :, k]
         _, _, vh = np.linalg.svd(own, full_matrices=False)
         line = vh[0] / vh[0][np.argmax(np.abs(vh[0]))]

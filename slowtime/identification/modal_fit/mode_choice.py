@@ -21,8 +21,15 @@ MOST_SD = 1.0
 SAME = 0.5
 """[half-bandwidths] Distance below which two poles of one shape are one mode."""
 
+SPLIT = 2.0
+"""[half-bandwidths] The same for shapes that are alike over several outputs. A structure that
+is slightly nonlinear, or changed between blows, has a resonance that two poles fit better."""
+
 ALIKE = 0.8
 """[1] Modal assurance criterion of shapes that count as one."""
+
+FEWEST_ENTRIES = 3
+"""Entries from which on a shape tells modes apart [1]."""
 
 EVIDENCE = 2.0
 """[1] Times the Bayesian information criterion that a mode has to gain: twice, as starting
@@ -30,6 +37,9 @@ values were searched for over the whole band."""
 
 REWEIGHTINGS = 3
 """Fits with noise by the residuals of the one before; the third changes weights by percents."""
+
+DROPPED = 3
+"""Of the candidates that are no modes, one in so many is dropped at once, the weakest."""
 
 CANDIDATE_ROUNDS = 6
 """Iterations of a fit that only serves to reject candidates."""
@@ -78,7 +88,8 @@ def choose_modes(
                 return ChosenModes(fit=whole, candidates=tuple(int(name) for name in names))
             fit, gain = whole, evidence(data, whole)
             bad = _unlike_modes(whole, gain, band_hz)
-        drop = int(np.argmin(np.where(bad, gain, np.inf)))
+        count = -(-int(np.count_nonzero(bad)) // DROPPED)
+        drop = np.argsort(np.where(bad, gain, np.inf))[:count]
         poles = np.delete(fit.poles, drop)
         names = np.delete(names, drop)
     return None
@@ -206,9 +217,12 @@ def _unlike_modes(fit: PoleFit, gain: np.ndarray, band_hz: tuple[float, float]) 
     bad = (damping <= 0) | (damping > MOST_DAMPING) | (gain < 0) | (sd > MOST_SD * half)
     bad |= (frequency < band_hz[0]) | (frequency > band_hz[1])
     shapes = fit.residues.reshape(-1, modes)
+    distance = SPLIT if len(shapes) >= FEWEST_ENTRIES else SAME
     for one in range(modes):
         for other in range(one):
-            near = abs(fit.poles[one] - fit.poles[other]) < SAME * min(half[one], half[other])
+            near = abs(fit.poles[one] - fit.poles[other]) < distance * min(
+                half[one], half[other]
+            )
             if near and mac(shapes[:, one], shapes[:, other]) > ALIKE:
                 bad[one if gain[one] < gain[other] else other] = True
-    return bad
+    return np.asarray(bad)

@@ -8,8 +8,8 @@ response, and is common to all outputs there. With powers b, not negative,
 
 is the power of the noise of an entry: triangular functions t over a coarse grid, and a peak at
 each pole, once with its flanks and once with flanks that end (between modes and beyond them
-the noise is not that of one mode). It is fitted to the squared residuals by iterated weighted least squares, which is
-maximum likelihood for their exponential distribution.
+the noise is not that of one mode). It is fitted to the squared residuals by iterated weighted
+least squares, which is maximum likelihood for their exponential distribution.
 """
 
 import dataclasses
@@ -17,10 +17,6 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import nnls
-
-HALF_WIDTH = 15
-"""[rows] On either side that are averaged: a standard deviation from 31 complex values has an
-error of 9 %, and costs 3 % of efficiency where it serves as a weight."""
 
 KNOTS = 10
 """Triangular functions over the band, at most [1]."""
@@ -54,37 +50,6 @@ class NoiseModel:
 
     sd: Float[np.ndarray, "row entry"]
     common: Complex[np.ndarray, "row entry mode"]
-
-
-def smoothed_power(
-    power: Float[np.ndarray, "row entry"],
-    weight: Float[np.ndarray, "row entry"],
-    half_width: int = HALF_WIDTH,
-) -> Float[np.ndarray, "row entry"]:
-    """Sums of power over sums of weights, over neighbouring rows.
-
-    Parameters
-    ----------
-    power
-        Squared moduli.
-    weight
-        Expected share of the noise in each of them [1].
-    half_width
-        Rows on either side.
-
-    Returns
-    -------
-    Smoothed power of each row.
-    """
-    rows = len(power)
-    half_width = min(half_width, max(1, rows // 4))
-    low = np.maximum(np.arange(rows) - half_width, 0)
-    high = np.minimum(np.arange(rows) + half_width + 1, rows)
-    sums = []
-    for values in (power, weight):
-        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-        sums.append(total[high] - total[low])
-    return np.asarray(sums[0] / np.maximum(sums[1], 1e-300))
 
 
 def model_noise(

@@ -8,9 +8,9 @@ Frequency responses are modelled by a right matrix fraction in the variable
 
 and the equation error :math:`w_o (B_o - H_o A)` is least squares in its coefficients. The
 numerators are eliminated output by output. With the lowest coefficient fixed, poles that only
-fit noise come out unstable [2]_ and are told from those of the structure; the poles are the roots of :math:`\det A(z)`. The
-band alone is mapped onto the unit circle, with complex coefficients, so that it needs no
-poles of negative frequency.
+fit noise come out unstable [2]_ and are told from those of the structure; the poles are the
+roots of :math:`\det A(z)`. The band alone is mapped onto the unit circle, with complex
+coefficients, so that it needs no poles of negative frequency.
 
 Errors of the poles travel to first order from draws of the noise of the frequency responses.
 
@@ -129,7 +129,7 @@ def _normal(
     draws: np.ndarray,
     order: int,
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Normal matrix of the denominator, its changes by the draws, and what gives numerators."""
+    """Return the normal matrix of the denominator, its draws, and what gives numerators."""
     inputs, count = response.shape[2], order + 1
     normal = np.zeros((count * inputs, count * inputs), dtype=complex)
     moved = np.zeros((len(draws), *normal.shape), dtype=complex)
@@ -184,7 +184,7 @@ def _roots(alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _slope(alpha: np.ndarray, z: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Derivative of the singular value at each root by z."""
+    """Return derivative of the singular value at each root by z."""
     order = np.arange(1, len(alpha))
     of_z = order * z[:, None] ** (order - 1)
     return np.asarray(np.einsum("ip,pr,rij,jp->p", left.conj(), of_z, alpha[1:], right))

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.identification.frequency_response.estimators import Estimator
+from slowtime.identification.frequency_response.line_smoothing import smoothed_power
 from slowtime.identification.frequency_response.local_polynomial import (
     LocalEstimate,
     local_polynomial,
@@ -21,7 +22,6 @@ from slowtime.signals.spectra import detrended
 from .assembly import ModalTest, assemble_test
 from .basis import Kind
 from .identification import MOST_ORDER, candidate_poles
-from .noise import smoothed_power
 from .segments import Segment, fit_segments, transforms
 
 Source = Literal["polyreference", "subspace"]
@@ -82,7 +82,7 @@ def identify_record(
     chosen, fit = fit_segments(
         [segment], rate_hz, band_hz, kind, (frequency, noise), poles, candidates
     )
-    return assemble_test(averaged, chosen, fit, driving_points, known=False)
+    return assemble_test(averaged, chosen, fit, driving_points)
 
 
 def _response(frequency_hz: np.ndarray, local: LocalEstimate, kind: Kind) -> FrequencyResponse:

@@ -53,7 +53,7 @@ def transforms(
     Complex[np.ndarray, "line input"],
     Complex[np.ndarray, "line output"],
 ]:
-    """Transforms of a segment within a band, over the root of its length.
+    """Return transforms of a segment within a band, over the root of its length.
 
     Parameters
     ----------

@@ -90,7 +90,8 @@ def scale_by_masses(
     """
     if len(after) != len(masses_kg) or not after:
         raise ValueError(
-            f"{len(after)} modes with {len(masses_kg)} sets of masses were given. Give one each."
+            f"{len(after)} modes with {len(masses_kg)} sets of masses were given. Give one "
+            "each."
         )
     shape = real_shape(before.shape)
     found, flags = [], []
@@ -125,9 +126,9 @@ def _squared_factor(
     fall_sd = float(np.hypot(f0.sd, f1.sd))
     if fall <= DISTINCT * fall_sd:
         raise ValueError(
-            f"The frequency fell by {fall:.4g} ± {fall_sd:.2g} Hz with the masses, which is not "
-            f"beyond {DISTINCT:g} standard deviations. Add more mass where the mode moves, or "
-            "record longer."
+            f"The frequency fell by {fall:.4g} ± {fall_sd:.2g} Hz with the masses, which is "
+            f"not beyond {DISTINCT:g} standard deviations. Add more mass where the mode moves, "
+            "or record longer."
         )
     other = real_shape(after.shape)
     other = other * np.sign(other @ shape)

@@ -153,8 +153,8 @@ def _check(wanted: np.ndarray, rotation: Rotation, revolutions: int, rate_hz: fl
         )
     if not 1 <= revolutions <= turned:
         raise ValueError(
-            f"{revolutions=} of a block were asked for, and the shaft turned {turned:.4g} times. "
-            "Give fewer, or a longer record."
+            f"{revolutions=} of a block were asked for, and the shaft turned {turned:.4g} "
+            "times. Give fewer, or a longer record."
         )
     if len(wanted) > 1 and np.diff(wanted).min() * revolutions < 1:
         raise ValueError(
@@ -165,5 +165,6 @@ def _check(wanted: np.ndarray, rotation: Rotation, revolutions: int, rate_hz: fl
     if wanted[-1] * fastest > 0.45 * rate_hz:
         raise ValueError(
             f"Order {wanted[-1]:g} is at {wanted[-1] * fastest:.4g} Hz at the highest speed, "
-            f"beyond 0.45 of the sampling rate of {rate_hz:g} Hz. Leave it out, or sample faster."
+            f"beyond 0.45 of the sampling rate of {rate_hz:g} Hz. Leave it out, or sample "
+            "faster."
         )

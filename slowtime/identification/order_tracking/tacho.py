@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 HYSTERESIS = 0.2
-"""[range of the tacho] Between the levels of a rising and of a falling edge, so that noise on an
-edge is not counted as pulses."""
+"""[range of the tacho] Between the levels of a rising and of a falling edge, so that noise on
+an edge is not counted as pulses."""
 
 JUMP = 1.6
 """[interval before] Longest or (inverse) shortest interval between pulses of a machine: beyond,
@@ -91,8 +91,8 @@ def rotation_of(
     rises = _rises(tacho, lower, upper)
     if len(rises) < 4:
         raise ValueError(
-            f"{len(rises)} pulses were found in {len(tacho) / rate_hz:.4g} s of tacho, at least "
-            "4 are needed. Give the channel of the tacho, with one pulse for each mark."
+            f"{len(rises)} pulses were found in {len(tacho) / rate_hz:.4g} s of tacho, at "
+            "least 4 are needed. Give the channel of the tacho, with one pulse for each mark."
         )
     before, after = tacho[rises - 1], tacho[rises]
     time = (rises - 1 + (upper - before) / (after - before)) / rate_hz
@@ -111,7 +111,7 @@ def rotation_of(
 
 
 def _rises(tacho: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """Find samples where the signal rises above the upper level, after it was below the lower."""
+    """Find rises above the upper level, after the signal was below the lower."""
     state = np.where(tacho > upper, 1, np.where(tacho < lower, -1, 0))
     known = np.flatnonzero(state)
     kept = state[known]

@@ -93,8 +93,8 @@ def input_output_poles(
     stacked = _stacked(inputs / scale_u, outputs / scale_y, rows)
     if len(stacked) < 2 * stacked.shape[1]:
         raise ValueError(
-            f"{len(inputs)} samples at {rate_hz:g} Hz are too few for {stacked.shape[1]} rows of "
-            "past and future. Give a longer record or fewer channels."
+            f"{len(inputs)} samples at {rate_hz:g} Hz are too few for {stacked.shape[1]} rows "
+            "of past and future. Give a longer record or fewer channels."
         )
     sizes = (rows * outputs.shape[1], rows * (outputs.shape[1] + inputs.shape[1]))
     subspace = _subspace(stacked, sizes, outputs.shape[1], rate_hz, order)

@@ -81,5 +81,5 @@ def test_coherent_inputs_are_refused():
 def test_fewer_blocks_than_inputs_are_refused():
     rng = np.random.default_rng(6)
     u = complex_noise(rng, 1, LINES, 2)
-    with pytest.raises(ValueError, match="1 blocks were averaged.*2 inputs"):
+    with pytest.raises(ValueError, match=r"1 blocks were averaged.*2 inputs"):
         estimate_response(spectral_matrices(u, u))

@@ -67,7 +67,7 @@ def test_a_block_beyond_the_record_is_refused():
 def test_noise_alone_has_no_blow():
     rng = np.random.default_rng(2)
     noise = rng.standard_normal((4000, 2))
-    with pytest.raises(ValueError, match="No blow was found.*channel of the hammer"):
+    with pytest.raises(ValueError, match=r"No blow was found.*channel of the hammer"):
         find_hits(noise[:, 0], noise[:, 1:], RATE)
 
 

@@ -221,7 +221,8 @@ def test_derivatives_by_the_poles_are_those_of_differences():
     measured = responses(5, 0.05)
     data = SpectralData(
         s=measured.s, values=measured.response[:, 0, :1], sd=measured.sd[:, 0, :1],
-        inputs=np.ones((600, 1), complex), ends=np.zeros((600, 0), complex), kind="acceleration",
+        inputs=np.ones((600, 1), complex), ends=np.zeros((600, 0), complex),
+        kind="acceleration",
     )  # fmt: skip
     fit = fit_poles(data, FRAME.poles)
     step = 1e-3 * np.concatenate([np.abs(fit.poles.real)] * 2)

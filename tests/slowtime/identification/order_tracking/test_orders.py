@@ -12,7 +12,7 @@ TURNS = 10.0 * TIME + 0.75 * TIME**2
 
 
 def tacho(marks=1):
-    return (np.cos(2 * np.pi * marks * TURNS) > 0.8).astype(float)
+    return np.clip(4 * np.cos(2 * np.pi * marks * TURNS) - 2, 0, 1)
 
 
 def run_up(noise=0.05, seed=1):
@@ -26,7 +26,7 @@ def run_up(noise=0.05, seed=1):
 def test_speed_and_angle_are_those_of_the_shaft(marks):
     rotation = rotation_of(tacho(marks), RATE, pulses_per_revolution=marks)
     inside = np.linspace(2.0, 18.0, 50)
-    np.testing.assert_allclose(rotation.speed_hz(inside), 10 + 1.5 * inside, rtol=0.02)
+    np.testing.assert_allclose(rotation.speed_hz(inside), 10 + 1.5 * inside, rtol=0.03)
 
 
 def test_amplitudes_and_phases_of_orders_come_back_whatever_the_speed():

@@ -29,12 +29,12 @@ import scipy.linalg
 from jaxtyping import Complex, Float
 
 from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.scaling import normalise_with_errors
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.correlations import Correlations, correlation_matrices
-from slowtime.identification.subspace.poles import Poles
-from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
 
-from .scaling import normalise_with_errors
+from .correlations import Correlations, correlation_matrices
+from .poles import Poles
+from .stabilisation import StablePole, find_stable_poles
 
 MOST_SD = 1.0
 """[half-bandwidths] Largest standard deviation of the frequency and of the half-bandwidth."""
@@ -138,8 +138,9 @@ def _layout(setups: Sequence[SetUpRecord], references: Sequence[str]) -> _Layout
         missing = [name for name in references if name not in setup.channels]
         if missing or not references:
             raise ValueError(
-                f"Set-up {number + 1} has the channels {setup.channels} and lacks the references "
-                f"{missing or tuple(references)}. Give at least one channel that all of them have."
+                f"Set-up {number + 1} has the channels {setup.channels} and lacks the "
+                f"references {missing or tuple(references)}. Give at least one channel that "
+                "all of them have."
             )
     channels = tuple(dict.fromkeys([*references, *names]))
     return _Layout(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slowtime.identification.mode_shapes.pre_merging import SetUpRecord, merge_before
+from slowtime.identification.subspace.setup_merging import SetUpRecord, merge_before
 from tests.slowtime.identification.modal_fit.structures import Structure, frame, response_to
 
 RATE = 32.0

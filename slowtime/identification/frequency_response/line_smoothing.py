@@ -1,0 +1,39 @@
+"""Power averaged over neighbouring lines."""
+
+import numpy as np
+from jaxtyping import Float
+
+HALF_WIDTH = 15
+"""[rows] On either side that are averaged: a standard deviation from 31 complex values has an
+error of 9 %, and costs 3 % of efficiency where it serves as a weight."""
+
+
+def smoothed_power(
+    power: Float[np.ndarray, "row entry"],
+    weight: Float[np.ndarray, "row entry"],
+    half_width: int = HALF_WIDTH,
+) -> Float[np.ndarray, "row entry"]:
+    """Return sums of power over sums of weights, over neighbouring rows.
+
+    Parameters
+    ----------
+    power
+        Squared moduli.
+    weight
+        Expected share of the noise in each of them [1].
+    half_width
+        Rows on either side.
+
+    Returns
+    -------
+    Smoothed power of each row.
+    """
+    rows = len(power)
+    half_width = min(half_width, max(1, rows // 4))
+    low = np.maximum(np.arange(rows) - half_width, 0)
+    high = np.minimum(np.arange(rows) + half_width + 1, rows)
+    sums = []
+    for values in (power, weight):
+        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+        sums.append(total[high] - total[low])
+    return np.asarray(sums[0] / np.maximum(sums[1], 1e-300))
