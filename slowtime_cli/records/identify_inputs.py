@@ -24,7 +24,7 @@ from slowtime_services.modal import read_geometry
 from . import mode_tables
 from .identify import note_mixed_units, reference_modes, without_shape
 from .modes_file import write_modes_file
-from .response_charts import response_sections
+from .response_charts import CAPTIONS, response_sections
 from .response_files import show_masses, write_response_file
 
 METHOD = "maximum_likelihood"
@@ -33,6 +33,11 @@ METHOD = "maximum_likelihood"
 LOW_SHARE, HIGH_SHARE = 20.0, 0.4
 """Band without --band-hz: from 20 cycles in the record to 0.4 of the rate, where filters of
 data acquisition still pass all."""
+
+
+AT_REST = 0.03
+"""[1] Motion before a blow over that after it, from which a bias of an exponential window is
+told. Source: simulations; at 3 % the bias of frequencies reaches their standard deviation."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -90,6 +95,7 @@ def identify(
             found.result,
             models,
             shapes=not mixed,
+            captions=CAPTIONS,
             extra=response_sections(found, measured.output_channels, measured.input_channels),
         )
     if frf is not None:
@@ -170,6 +176,13 @@ def _identified(
     hits = find_hits(force, measured.outputs, rate_hz, block_s=flags["block_s"])
     _note_hits(hits, rate_hz)
     decay = 1 / flags["decay_s"] if flags["decay_s"] else 0.0
+    loudest = max((hit.ringing for hit in hits if not hit.refused), default=0.0)
+    if decay and loudest > AT_REST:
+        note(
+            f"the structure was not at rest before each blow: it moved by {100 * loudest:.2g} "
+            "% of what it did after. Modes have a bias then. Leave out --decay-s, or wait longer "
+            "between blows."
+        )
     settings = HammerSettings(
         kind=measured.kind, estimator=flags["estimator"], decay_rate=decay
     )

@@ -1,5 +1,6 @@
 """Tables, JSON and reports of the modes of many channels."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,24 @@ MAX_SHAPES = 12
 """Shapes that a report draws at most [1]."""
 BINS_PER_DECADE = 250
 """Bins of a decade in which one pole of an order is drawn [1]: about a pixel each."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Captions:
+    """What the charts of a report say of themselves."""
+
+    spectra: str = (
+        "Singular values of the spectral matrix of channels scaled to unit variance. Upright "
+        "lines: modes; dashed: lines of machines."
+    )
+    stabilisation: str = (
+        "Poles of subspace models of rising order, each band by itself; bars are one standard "
+        "deviation. A mode is where poles stand above each other."
+    )
+
+
+AMBIENT = Captions()
+"""Of records without measured inputs."""
 
 
 def model_modes(description: Description, channels: Sequence[str]) -> list[ModelMode]:
@@ -182,6 +201,7 @@ def write_report(
     *,
     shapes: bool = True,
     extra: Sequence[Section] = (),
+    captions: Captions = AMBIENT,
 ) -> None:
     """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page."""
     structural = len(result.structural)
@@ -194,10 +214,12 @@ def write_report(
     sections = [
         Section("Modes", (), [_table(result, models)]),
         *extra,
-        Section("Spectra", (), [_spectra(result)]),
+        Section("Spectra", (), [_spectra(result, captions.spectra)]),
     ]
     if len(result.stabilisation.order):
-        sections.append(Section("Stabilisation", (), [_stabilisation(result)]))
+        sections.append(
+            Section("Stabilisation", (), [_stabilisation(result, captions.stabilisation)])
+        )
     if len(channels) > 1 and structural and shapes:
         sections.append(Section("Shapes", (), [_shapes(result, channels)]))
     write_page(path, f"Modes of {name}", lead, sections)
@@ -211,7 +233,7 @@ def _range(result: ModalResult) -> list[float]:
     return [0.0, highest]
 
 
-def _spectra(result: ModalResult) -> Chart:
+def _spectra(result: ModalResult, caption: str) -> Chart:
     inside = result.spectrum_hz > 0
     traces: list[dict[str, Any]] = [
         {
@@ -230,8 +252,7 @@ def _spectra(result: ModalResult) -> Chart:
             "yaxis": {"title": {"text": "density [dB]"}},
             "shapes": [_mark(mode) for mode in result.modes],
         },
-        "Singular values of the spectral matrix of channels scaled to unit variance. Upright "
-        "lines: modes; dashed: lines of machines.",
+        caption,
     )
 
 
@@ -242,7 +263,7 @@ def _mark(mode: Mode) -> dict[str, Any]:
     return {"type": "line", "x0": hz, "x1": hz, "y0": 0, "y1": 1, "yref": "paper", "line": line}
 
 
-def _stabilisation(result: ModalResult) -> Chart:
+def _stabilisation(result: ModalResult, caption: str) -> Chart:
     poles = result.stabilisation
     finite = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
     traces = []
@@ -272,8 +293,7 @@ def _stabilisation(result: ModalResult) -> Chart:
             },
             "yaxis": {"title": {"text": "model order"}},
         },
-        "Poles of subspace models of rising order, each band by itself; bars are one standard "
-        "deviation. A mode is where poles stand above each other.",
+        caption,
     )
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from slowtime.identification.modal_fit.assembly import ModalTest
 from slowtime_services.reports import Chart, Section
 
+from .mode_tables import Captions
+
 MOST_PAIRS = 24
 """Pairs of output and input that are drawn at most [1]."""
 
@@ -15,6 +17,15 @@ MOST_POINTS = 3000
 """Points of a curve [1]; of more, every so many is drawn."""
 
 COLOURS = ("#0b6fb8", "#b3541e", "#2f7d32", "#7a3e9d", "#8a6d00", "#00797a")
+
+
+CAPTIONS = Captions(
+    spectra="Squared singular values of the frequency responses (complex mode indicator "
+    "functions). Upright lines: modes.",
+    stabilisation="Poles of rising model order, by pLSCF of the frequency responses or, for an "
+    "earthquake, by subspaces; bars are one standard deviation. A mode is where poles stand "
+    "above each other.",
+)
 
 
 def response_sections(

@@ -44,6 +44,9 @@ class Hit:
         Time of the peak [s].
     peak
         Largest force, in the unit of the record.
+    ringing
+        Size of the responses just before the blow over that just after it [1]: near 0 where the
+        structure was at rest.
     refused
         Why the blow is of no use; empty where it is used.
     """
@@ -53,6 +56,7 @@ class Hit:
     pulse: tuple[int, int]
     at_s: float
     peak: float
+    ringing: float
     refused: str
 
 
@@ -103,8 +107,20 @@ def find_hits(
     found = []
     for start in (int(one) for one in starts):
         first = start - round(PRE_SHARE * length)
-        found.append(_judged(signed, overloaded, first, length, start, rate_hz))
+        hit = _judged(signed, overloaded, first, length, start, rate_hz)
+        found.append(dataclasses.replace(hit, ringing=_ringing(responses, hit)))
     return tuple(found)
+
+
+def _ringing(responses: np.ndarray, hit: Hit) -> float:
+    """Return the size of the responses before the blow over that after it."""
+    reach = max(4, (hit.last - hit.first) // 20)
+    level = np.median(responses, axis=0)
+    before = responses[max(hit.pulse[0] - reach, 0) : hit.pulse[0]] - level
+    after = responses[hit.pulse[1] : hit.pulse[1] + reach] - level
+    if len(before) == 0 or len(after) == 0:
+        return 0.0
+    return float(np.sqrt(np.mean(before**2) / max(float(np.mean(after**2)), 1e-300)))
 
 
 def _upright(force: np.ndarray) -> np.ndarray:
@@ -190,6 +206,7 @@ def _judged(
         pulse=pulse,
         at_s=peak_at / rate_hz,
         peak=peak,
+        ringing=0.0,
         refused=refused,
     )
 

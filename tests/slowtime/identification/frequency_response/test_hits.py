@@ -97,3 +97,13 @@ def test_without_a_useful_blow_all_reasons_are_told():
     hits = find_hits(force, responses, RATE)
     with pytest.raises(ValueError, match=r"None of 5 blows is of use.*double hit"):
         hammer_response(force, responses, RATE, hits)
+
+
+def test_a_structure_that_still_rings_before_a_blow_is_told():
+    force, responses = record()
+    ringing = find_hits(force, responses, RATE)
+    still = responses.copy()
+    for hit in ringing:
+        still[hit.pulse[0] - 100 : hit.pulse[0]] = 0.0
+    assert ringing[2].ringing > 0.05
+    assert find_hits(force, still, RATE)[2].ringing < 0.01
