@@ -17,7 +17,7 @@ from slowtime.identification.modal_fit.blows import HammerSettings, identify_blo
 from slowtime.identification.modal_fit.records import identify_record
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural
-from slowtime_services.files import Record, bridged, find_column, mixed_units
+from slowtime_services.files import Record, accelerations, bridged, find_column, mixed_units
 from slowtime_services.files.units import unit_of
 from slowtime_services.modal import read_geometry
 
@@ -127,6 +127,7 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
             f"--input {','.join(names)} of the channels {', '.join(record.channels)}. Name "
             "each input once, and leave at least one channel as a response."
         )
+    others = _responses(record, others)
     samples = np.asarray(record.samples, dtype=float)
     channels = list(zip(record.channels, record.units, strict=True))
     inputs = samples[:, columns]
@@ -157,6 +158,19 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
     )
 
 
+def _responses(record: Record, others: list[int]) -> list[int]:
+    """Leave out channels that are no accelerations by name, if others are, with a note."""
+    names = tuple(record.channels[k] for k in others)
+    chosen = accelerations(names, tuple(record.units[k] for k in others))
+    left_out = [name for name in names if name not in chosen]
+    if left_out:
+        note(
+            f"responses are {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
+            "acceleration by name or unit. --channels chooses others."
+        )
+    return [k for k in others if record.channels[k] in chosen]
+
+
 def _identified(
     measured: Measured, rate_hz: float, band_hz: tuple[float, float], flags: dict[str, Any]
 ) -> ModalTest:
@@ -179,9 +193,9 @@ def _identified(
     loudest = max((hit.ringing for hit in hits if not hit.refused), default=0.0)
     if decay and loudest > AT_REST:
         note(
-            f"the structure was not at rest before each blow: it moved by {100 * loudest:.2g} "
-            "% of what it did after. Modes have a bias then. Leave out --decay-s, or wait longer "
-            "between blows."
+            f"before a blow the structure moved by {100 * loudest:.2g} % of what it did "
+            "after: it was not at rest, and modes have a bias. Leave out --decay-s, or wait "
+            "longer between blows."
         )
     settings = HammerSettings(
         kind=measured.kind, estimator=flags["estimator"], decay_rate=decay
