@@ -23,8 +23,10 @@ PULSE = 0.02
 NOISE_FACTOR = 6.0
 """[standard deviations of the force at rest] Below which nothing counts as a pulse."""
 
-CLIPPED_SAMPLES = 2
-"""Neighbouring samples at the largest value of the whole record that show an overload."""
+STEEP = 4.0
+"""[smallest step of the channel] Into or out of neighbouring samples at the largest value of
+the record, from which these are a clipped top. The top of a slow vibration is flat as well
+where the converter is coarse, but is reached by single steps of it."""
 
 PRE_SHARE = 0.02
 """[block] Before the blow, so that the pulse is seen from its very beginning."""
@@ -165,12 +167,16 @@ def _overloads(
     size = np.abs(channels)
     if limits is not None:
         return np.asarray(size >= 0.999 * np.asarray(limits))
-    same = (channels[1:] == channels[:-1]) & (size[1:] == size.max(axis=0))
-    run = np.zeros(channels.shape, dtype=bool)
-    run[1:] |= same
-    run[:-1] |= same
-    still = np.ptp(channels, axis=0) == 0
-    return np.asarray(run & ~still)
+    found = np.zeros(channels.shape, dtype=bool)
+    for column, values in enumerate(channels.T):
+        top = size[:, column] == size[:, column].max()
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], top, [False]])))
+        steps = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
+        least = float(steps[steps > 0].min(initial=np.inf))
+        for first, last in edges.reshape(-1, 2):
+            steep = max(steps[first], steps[last]) > STEEP * least
+            found[first:last, column] = last - first > 1 and steep
+    return found
 
 
 def _judged(

@@ -48,6 +48,17 @@ def test_a_clipped_response_is_refused_by_its_flat_top():
     assert any(hit.refused == "overload of response 2" for hit in hits)
 
 
+def test_the_flat_top_of_a_coarse_converter_is_no_overload():
+    force, responses = record()
+    step = np.abs(responses).max() / 20
+    coarse = np.round(responses / step) * step
+    # Twice the same largest value, reached by a step of the converter.
+    at = int(np.argmax(coarse[:, 2]))
+    coarse[at - 1 : at + 3, 2] = coarse[at, 2]
+    coarse[[at - 2, at + 3], 2] = coarse[at, 2] - step
+    assert not any(hit.refused for hit in find_hits(force, coarse, RATE))
+
+
 def test_a_known_range_tells_an_overload():
     force, responses = record()
     limits = np.array([100.0, 1e3, 1e3, 1e3])
