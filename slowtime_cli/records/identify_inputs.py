@@ -11,8 +11,8 @@ import numpy as np
 
 from slowtime.identification.frequency_response.excitation import kind_of_excitation
 from slowtime.identification.frequency_response.hits import Hit, find_hits
+from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.modal_fit.assembly import ModalTest
-from slowtime.identification.modal_fit.basis import Kind
 from slowtime.identification.modal_fit.blows import HammerSettings, identify_blows
 from slowtime.identification.modal_fit.records import identify_record
 from slowtime_cli.shared.record_input import with_record

@@ -16,10 +16,9 @@ from jaxtyping import Float
 from slowtime.identification.frequency_response.estimators import Estimator
 from slowtime.identification.frequency_response.hammer import hammer_response
 from slowtime.identification.frequency_response.hits import Hit
-from slowtime.identification.frequency_response.response import FrequencyResponse
+from slowtime.identification.frequency_response.response import FrequencyResponse, Kind
 
 from .assembly import ModalTest, assemble_test
-from .basis import Kind
 from .identification import MOST_ORDER, candidate_poles, identify_responses, rough_noise
 from .segments import Segment, fit_segments, transforms
 

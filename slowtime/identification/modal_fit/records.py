@@ -12,7 +12,7 @@ from slowtime.identification.frequency_response.local_polynomial import (
     LocalEstimate,
     local_polynomial,
 )
-from slowtime.identification.frequency_response.response import FrequencyResponse
+from slowtime.identification.frequency_response.response import FrequencyResponse, Kind
 from slowtime.identification.frequency_response.shaker import shaker_response
 from slowtime.identification.subspace.input_output import input_output_poles
 from slowtime.identification.subspace.poles import Poles
@@ -20,7 +20,6 @@ from slowtime.identification.subspace.stabilisation import StablePole, find_stab
 from slowtime.signals.spectra import detrended
 
 from .assembly import ModalTest, assemble_test
-from .basis import Kind
 from .identification import MOST_ORDER, candidate_poles
 from .segments import Segment, fit_segments, transforms
 

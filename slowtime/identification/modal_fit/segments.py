@@ -21,11 +21,11 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
+from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import StablePole
 
 from .assembly import Candidates
-from .basis import Kind
 from .maximum_likelihood import PoleFit
 from .mode_choice import choose_modes, reweighted
 from .spectral_data import SpectralData

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .basis import Kind
+from slowtime.identification.frequency_response.response import Kind
+
 from .noise import NoiseModel
 
 
