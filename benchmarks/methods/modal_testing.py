@@ -145,9 +145,8 @@ def compare_responses(seeds: int) -> None:
         ):
             squared = np.ma.masked_invalid((np.array(values) - true) ** 2)
             rmse = np.ma.sqrt(squared.mean(axis=0))
-            print(
-                f"{name}: RMSE of {what} over the bound: {np.round(np.ma.filled(rmse / sd, np.nan), 2)}"
-            )
+            ratio = np.round(np.ma.filled(rmse / sd, np.nan), 2)
+            print(f"{name}: RMSE of {what} over the bound: {ratio}")
         missing = int(np.isnan([f for f, _ in found]).sum())
         print(f"{name}: {missing} modes missing; {seconds:.3f} s each")
 
