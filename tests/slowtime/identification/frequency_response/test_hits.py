@@ -23,7 +23,8 @@ def record(extra=(), seed=1):
 
 
 def test_all_blows_are_found_and_used():
-    hits = find_hits(*record(), RATE)
+    force, responses = record()
+    hits = find_hits(force, responses, RATE)
     np.testing.assert_allclose([hit.at_s for hit in hits], AT + 0.005, atol=0.005)
     assert [hit.refused for hit in hits] == [""] * 5
 
@@ -35,7 +36,8 @@ def test_a_negative_force_is_found_as_well():
 
 @pytest.mark.parametrize("size", [10.0, 60.0, 200.0])
 def test_a_bounce_is_refused_however_strong_it_is(size):
-    hits = find_hits(*record([(AT[2] + 0.08, size)]), RATE)
+    force, responses = record([(AT[2] + 0.08, size)])
+    hits = find_hits(force, responses, RATE)
     assert [bool(hit.refused) for hit in hits] == [False, False, True, False, False]
     assert "double hit" in hits[2].refused
 

@@ -28,7 +28,8 @@ def record(seed, *, quake, noise=0.02):
 
 
 def nearest(seed, *, quake, rate=RATE):
-    poles = input_output_poles(*record(seed, quake=quake), rate, highest_hz=9.0)
+    ground, y = record(seed, quake=quake)
+    poles = input_output_poles(ground, y, rate, highest_hz=9.0)
     found = find_stable_poles(poles, low_hz=0.4, high_hz=9.0)
     return [
         min(found, key=lambda one: abs(one.frequency_hz - f)) for f in BUILDING.frequency_hz
