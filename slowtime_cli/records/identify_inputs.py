@@ -182,7 +182,7 @@ def _identified(
             rate_hz,
             kind=measured.kind,
             band_hz=band_hz,
-            source="subspace" if measured.excitation == "base" else "polyreference",
+            source="subspace" if measured.excitation == "base" else "both",
             estimator=flags["estimator"],
             driving_points=points,
         )

@@ -52,9 +52,12 @@ class ModalTest:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Poles of all orders, and the stable pole that each mode was found from."""
+    """Poles of all orders of each source, and the stable pole of each mode.
 
-    poles: Poles
+    The members of a stable pole are counted over all sources.
+    """
+
+    poles: Sequence[Poles]
     chosen: Sequence[StablePole]
 
 
@@ -98,7 +101,7 @@ def assemble_test(
         fitted = model_response(response, fit)
     values = np.linalg.svd(response.response, compute_uv=False)
     diagram = join_stabilisation(
-        [candidates.poles],
+        list(candidates.poles),
         [one.members for one in candidates.chosen],
         list(range(len(candidates.chosen))),
     )

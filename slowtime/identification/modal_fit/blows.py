@@ -97,7 +97,7 @@ def identify_blows(
     segments = segments_of(force, responses, hits)
     noise = _noise(response, segments, rate_hz, band_hz)
     chosen, fit = fit_segments(
-        segments, rate_hz, band_hz, settings.kind, noise, poles, candidates
+        segments, rate_hz, band_hz, settings.kind, noise, [poles], candidates
     )
     return assemble_test(response, chosen, fit, driving_points)
 

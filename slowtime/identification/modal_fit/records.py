@@ -1,5 +1,6 @@
 """Modes from one continuous record of inputs and outputs: shakers, or motion of the ground."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
@@ -23,8 +24,11 @@ from .assembly import ModalTest, assemble_test
 from .identification import MOST_ORDER, candidate_poles
 from .segments import Segment, fit_segments, transforms
 
-Source = Literal["polyreference", "subspace"]
-"""Where candidates come from."""
+Source = Literal["both", "polyreference", "subspace"]
+"""Where candidates come from. pLSCF serves wide bands, subspaces low coherence."""
+
+SAME = 1.0
+"""[half-bandwidths] Distance from one source's candidate to another's that is the same."""
 
 
 def identify_record(
@@ -34,7 +38,7 @@ def identify_record(
     *,
     kind: Kind,
     band_hz: tuple[float, float],
-    source: Source = "polyreference",
+    source: Source = "both",
     estimator: Estimator = "h1",
     driving_points: Sequence[tuple[int, int]] = (),
 ) -> ModalTest:
@@ -51,7 +55,7 @@ def identify_record(
     band_hz
         Where modes are looked for [Hz].
     source
-        Candidates by pLSCF or by input-output subspaces; the modes are fitted alike.
+        Candidates by pLSCF, by input-output subspaces, or both; the modes are fitted alike.
     estimator
         Of the averaged frequency responses in the result.
     driving_points
@@ -73,15 +77,37 @@ def identify_record(
     frequency, u, y = transforms(segment, rate_hz, band_hz)
     local = local_polynomial(u, y)
     noise = np.sqrt(smoothed_power(local.noise**2, np.ones_like(local.noise)))
-    if source == "polyreference":
+    found = []
+    if source != "polyreference":
+        found.append(subspace_candidates(segment, rate_hz, band_hz))
+    if source != "subspace":
         measured = _response(frequency, local, kind)
-        poles, candidates = candidate_poles(measured, MOST_ORDER, seed=0)
-    else:
-        poles, candidates = subspace_candidates(segment, rate_hz, band_hz)
+        found.append(candidate_poles(measured, MOST_ORDER, seed=0))
+    poles, candidates = _joined(found)
     chosen, fit = fit_segments(
         [segment], rate_hz, band_hz, kind, (frequency, noise), poles, candidates
     )
     return assemble_test(averaged, chosen, fit, driving_points)
+
+
+def _joined(
+    found: Sequence[tuple[Poles, list[StablePole]]],
+) -> tuple[list[Poles], list[StablePole]]:
+    """Join the candidates of all sources, those of the first where two are the same."""
+    candidates: list[StablePole] = []
+    before = 0
+    for poles, stable in found:
+        known = [(one.pole, abs(one.pole.real)) for one in candidates]
+        candidates += [
+            dataclasses.replace(one, members=one.members + before, index=one.index + before)
+            for one in stable
+            if all(
+                abs(one.pole - pole) > SAME * max(half, abs(one.pole.real))
+                for pole, half in known
+            )
+        ]
+        before += len(poles.order)
+    return [poles for poles, _ in found], sorted(candidates, key=lambda one: one.frequency_hz)
 
 
 def _response(frequency_hz: np.ndarray, local: LocalEstimate, kind: Kind) -> FrequencyResponse:

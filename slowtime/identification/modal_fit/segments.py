@@ -82,7 +82,7 @@ def fit_segments(
     band_hz: tuple[float, float],
     kind: Kind,
     noise: tuple[Float[np.ndarray, " line"], Float[np.ndarray, "line output"]],
-    poles: Poles,
+    poles: Sequence[Poles],
     candidates: Sequence[StablePole],
 ) -> tuple[Candidates, PoleFit | None]:
     """Choose and fit modes among candidates.
@@ -100,7 +100,7 @@ def fit_segments(
     noise
         First guess: frequencies [Hz], and standard deviation of the transforms there.
     poles, candidates
-        Poles of all orders, and those that are stable.
+        Poles of all orders of each source, and those that are stable.
 
     Returns
     -------
