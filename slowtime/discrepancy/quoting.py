@@ -97,12 +97,14 @@ def requoted_by_place(
 ) -> list[NamedEffect]:
     """Give answers the numbers that the effect of their kind at their place has in a fit.
 
-    An answer that is none of its effects, such as a fault of a sensor, stays as it is.
+    An answer that is none of its effects, such as a fault of a sensor, stays as it is; so does
+    an offset by record, whose numbers are initial states.
     """
     at = {(e.kind, e.place): number for number, e in enumerate(fit.plant.effects)}
     return [
         requoted(answer, fit, at[answer.effect.kind, answer.effect.place], kinds)
         if (answer.effect.kind, answer.effect.place) in at
+        and not kinds[answer.effect.kind].is_by_record
         else answer
         for answer in answers
     ]

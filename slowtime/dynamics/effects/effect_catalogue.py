@@ -14,6 +14,7 @@ from .library import (
     inputs,
     linear,
     measured_force,
+    record_offsets,
     sensors,
     stiffness,
     varying_stiffness,
@@ -33,6 +34,7 @@ FAMILIES = (
     inputs,
     input_offset,
     sensors,
+    record_offsets,
 )
 
 
@@ -71,7 +73,11 @@ def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
 
 def simple_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
     """List kinds that contain no others, which are tried first."""
-    return [kind for kind in kinds.values() if not kind.contains and not kind.is_surface]
+    return [
+        kind
+        for kind in kinds.values()
+        if not (kind.contains or kind.is_surface or kind.is_by_record)
+    ]
 
 
 def general_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:

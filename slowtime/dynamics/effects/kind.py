@@ -129,6 +129,16 @@ class Law:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class RecordOffset(Law):
+    """A constant on an input or a sensor that each record has a value of its own of.
+
+    It is an internal state that never changes. So it is estimated as initial states are: for
+    each fitted record from that record, for a held-out one from its first samples. On an input
+    it is a force that acts with it; a sensor reads it in addition, and no force acts.
+    """
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
     r"""A set-valued law :math:`F \in g \operatorname{Sgn}(v)`: real sticking at v = 0.
 
@@ -316,6 +326,7 @@ class Kind:
             )
         fits = {
             Law: ("element", "node"),
+            RecordOffset: ("input", "sensor"),
             Friction: ("element",),
             Hidden: ("element", "node"),
             InputChange: ("input",),
@@ -351,6 +362,11 @@ class Kind:
         if isinstance(self.action, Law):
             return len(self.action.rates)
         return 2 * self.action.coordinates if isinstance(self.action, Hidden) else 0
+
+    @property
+    def is_by_record(self) -> bool:
+        """Whether it is an offset that each record has a value of its own of."""
+        return isinstance(self.action, RecordOffset)
 
     @property
     def is_factor(self) -> bool:

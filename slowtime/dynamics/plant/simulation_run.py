@@ -23,7 +23,14 @@ from .imposed import Driven, differentiations, driven_by
 from .kernel import Now, System, march, padded, places
 from .matrices import Matrices
 from .parameter_names import Name
-from .sensing import SensorReadout, acting, base_of, sensor_readouts, told
+from .sensing import (
+    SensorReadout,
+    acting,
+    add_record_offsets,
+    base_of,
+    sensor_readouts,
+    told,
+)
 from .system import Layout
 from .system_cache import Asked, is_linear, system_of
 
@@ -227,6 +234,9 @@ def run(
             description, effects, kinds, values, moved, outputs, wanted, at, factors
         )
     told(description, effects, kinds, values, outputs, times, wanted, at)
+    add_record_offsets(
+        description, effects, kinds, values, free_count, states, outputs, wanted, len(asked)
+    )
     return found
 
 
