@@ -40,6 +40,9 @@ time; each costs about twenty fits."""
 MAX_REST = 0.01
 """[share of the variance of the motion] That the best combination leaves at most. Source:
 judgement: a tenth of the amplitude. What leaves more is looked for among all effects."""
+NEGLIGIBLE_REST = 4e-4
+"""[share of the variance of the motion] Beyond the noise, that a model which lacks no simple
+law may leave. Source: 2 % of the amplitude; few sensors and clocks of rigs are known better."""
 MAX_PASSIVE_RATIO = 1.5
 """[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
 rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
@@ -93,8 +96,9 @@ def explain_together(
     Returns
     -------
     The model with the most probable laws, marked as exhausted where the budget was used up
-    before all combinations were fitted; None where nothing is missing, where the structure has
-    too many elements, or where no combination is significant.
+    before all combinations were fitted. The model as given, without effects, where it leaves
+    next to nothing, and no combination noticeably less. None where nothing is missing, where
+    the structure has too many elements, or where no combination is significant.
     """
     description = first.plant.description
     localized = locate(first, trials)
@@ -109,6 +113,11 @@ def explain_together(
     planned = len(description.elements) * sum(1 for _ in law_sets(tuple(kinds)))
     exhausted = monitor.is_late and len(found) < planned
     ranked = _ranked(first, found, trials, kinds)
+    gained = bool(ranked) and _falls(first, ranked[0].combination.last, trials)
+    if not (exhausted or gained) and leaves_little(first, trials):
+        return Hypothesis(
+            fits=(first,), trials=trials, localized=localized, rest=localized, combined=True
+        )
     if not ranked:
         return None
     best = ranked[0].combination
@@ -130,11 +139,32 @@ def explain_together(
 
 def explains_most(hypothesis: Hypothesis) -> bool:
     """Return whether laws leave so little that no others are looked for."""
-    first, last, trials = hypothesis.first, hypothesis.last, hypothesis.trials
-    before, after = (misfit(fit, last.noise, trials) for fit in (first, last))
+    last, trials = hypothesis.last, hypothesis.trials
     motion = sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
     left = sum(float(np.var(residual, axis=0).sum()) for residual in last.residual)
-    return after < MAX_MISFIT_RATIO * before and left < MAX_REST * motion
+    return _falls(hypothesis.first, last, trials) and left < MAX_REST * motion
+
+
+def _falls(first: Fit, last: Fit, trials: Sequence[Trial]) -> bool:
+    """Whether laws leave a noticeably smaller misfit than the model as given."""
+    before, after = (misfit(fit, last.noise, trials) for fit in (first, last))
+    return after < MAX_MISFIT_RATIO * before
+
+
+def leaves_little(fit: Fit, trials: Sequence[Trial]) -> bool:
+    """Return whether a model leaves next to nothing of the motion beyond the noise.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    trials
+        Its records.
+    """
+    noise = [fit.noise.sd(i, trial.rate_hz) ** 2 for i, trial in enumerate(trials)]
+    left = np.sum([np.var(r, axis=0) - n for r, n in zip(fit.residual, noise, strict=True)], 0)
+    moved = np.sum([np.var(trial.measured, axis=0) for trial in trials], axis=0)
+    return bool(np.all(left <= NEGLIGIBLE_REST * moved))
 
 
 def _ranked(

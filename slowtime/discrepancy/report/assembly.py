@@ -96,6 +96,10 @@ NOT_HELD_OUT = (
     "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
 NEARER = " Tighter tolerances of the constants, or a record of another level, would decide."
+LITTLE = (
+    "The model leaves more than the noise of its sensors, but less than 2 % of the motion, and "
+    "no law of stiffness or damping explains it significantly. It is not called an effect."
+)
 LOUD = (
     "The residual does not have the spectrum that was assumed for the noise, but the error on "
     "records that were not fitted is no larger than the noise. It is taken to be noise."
@@ -418,6 +422,8 @@ def _notes(
         notes.append(_note_on_refit(kept.refitted, found.last, evaluation.errors[-1], after))
     if judged.verdict == "nothing_missing":
         notes += _far(found.last)
+    if found.combined and not _holds_laws(found):
+        notes.append(LITTLE)
     return (*notes, *_note_on_noise(found, evaluation, kinds, unknown=unknown))
 
 
@@ -502,15 +508,20 @@ def _near_unknown(found: Hypothesis) -> Hypothesis:
 
 def _is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
     """Whether something is missing that is none of the effects known here."""
-    if found.combined and found.effects:
+    if found.combined:
         # Sets of simple laws are right or wrong by what they leave, however exact the sensor.
-        return law_probability(found) < MIN_LAW_PROBABILITY
+        return _holds_laws(found) and law_probability(found) < MIN_LAW_PROBABILITY
     if found.refuted_at is not None or found.link is not None:
         return True
     # Which of two it is matters once one of them could be right.
     doubted = bool(found.undecided) and found.last.chi2_in_band < LIMITS.far_off_chi2
     explained = doubted or _foretold(found, evaluation, kinds) or _loud(found, evaluation)
     return not explained and _leaves_more(found, kinds)
+
+
+def _holds_laws(found: Hypothesis) -> bool:
+    """Whether a law of the structure was found, not only offsets of channels."""
+    return any(answer.effect.place.kind == "element" for answer in found.effects)
 
 
 def _answers(
