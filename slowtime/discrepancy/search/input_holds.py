@@ -18,6 +18,7 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.constant_offsets import refit_with_offsets
+from slowtime.discrepancy.refinement.constant_release import refit_from_other_stiffnesses
 from slowtime.discrepancy.thresholds import LIMITS
 
 from .flow import search
@@ -86,7 +87,8 @@ def with_best_holds(
 
 
 def _fit_as_given(campaign: Campaign, trials: tuple[Trial, ...], how: SearchSettings) -> Fit:
-    return refit_with_offsets(campaign.description, trials, how.kinds, decays=how.decays)
+    fit = refit_with_offsets(campaign.description, trials, how.kinds, decays=how.decays)
+    return fit if how.options.quick else refit_from_other_stiffnesses(fit, trials)
 
 
 def _held(campaign: Campaign, holds: Sequence[Hold]) -> Campaign:
