@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.quoting import requoted_by_place
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.free_run_refit import (
     MAX_RATIO,
@@ -15,9 +16,9 @@ from slowtime.discrepancy.refinement.free_run_refit import (
     refit_to_free_runs,
 )
 from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
-from slowtime.dynamics.effects import catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.protocol import fit_at
+from tests.slowtime.discrepancy.protocol import fit_at, named_effect
 from tests.slowtime.discrepancy.refinement.test_constant_offsets import drive
 from tests.slowtime.discrepancy.rigs import ONE
 
@@ -160,3 +161,22 @@ def test_the_change_counts_among_what_is_not_known():
     plain = refit_plainly(before, trials)
     assert plain is not None
     assert found.fit.free == pytest.approx(plain.free)
+
+
+def test_answers_are_quoted_from_the_refit_wherever_their_effect_stands():
+    """Offsets stand before the laws in the model, and behind them among the answers."""
+    trials = (driven(1, 12.0, DRAGS["drag"]),)
+    drag = {"effect": "quadratic_damping", "element": "guide", "c2_n_s2_per_m2": 18.0}
+    bias = {"effect": "input_bias", "input": "force", "bias": 0.0}
+    fit = refit(Plant.of(drive(bias, drag), kinds=KINDS), trials)
+    other = refit_plainly(fit, trials)
+    assert other is not None
+    law = Effect("quadratic_damping", Place("element", "guide"), {"c2_n_s2_per_m2": 1.0})
+    offset = Effect("input_bias", Place("input", "force"), {"bias": 1.0})
+    fault = Effect("sensor_bias", Place("sensor", "x"), {"bias": 1.0})
+    answers = [named_effect(one, KINDS) for one in (law, offset, fault)]
+    told = requoted_by_place(answers, other, KINDS)
+    values = dict(zip(other.plant.parameters, other.values.tolist(), strict=True))
+    assert told[0].numbers["c2_n_s2_per_m2"].value == values["effect", 1, "c2_n_s2_per_m2"]
+    assert told[1].numbers["bias"].value == values["effect", 0, "bias"]
+    assert told[2] is answers[2]
