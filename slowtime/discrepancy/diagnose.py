@@ -18,7 +18,7 @@ from .progress import Monitor, Progress, Stop
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
 from .refinement.campaign_span import span_campaign
-from .refinement.constant_offsets import offsets, with_offsets
+from .refinement.constant_offsets import offsets, with_mean_offsets
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
@@ -98,7 +98,7 @@ def _refined(
     """Drop what does harm or is needless, doubt what is refuted, and fit to the end."""
     kinds, monitor = how.kinds, how.monitor
     stated = how.stated or ()
-    own = len(with_offsets(campaign.description, kinds, decays=how.decays).effects)
+    own = found.given_effects
     found = drop_harmful_effects(found, campaign)
     if not found.combined:
         found = eliminate_needless(found, found.trials, kinds)
@@ -119,7 +119,8 @@ def _without_offsets(
     """Name the constants that inputs of a floating structure are off by."""
     if own == len(campaign.description.effects):
         return found
-    named = offsets(found.last, campaign.description, kinds)
+    found = found.with_effects([with_mean_offsets(fit) for fit in found.fits], found.effects)
+    named = offsets(found.last, found.trials, campaign.description, kinds)
     # What the model lacks without its offsets, too, is the gap that is shown.
     alone = refit(Plant.of(campaign.description, kinds=kinds), found.trials)
     rest = found.fits if named and not found.effects else found.fits[1:]

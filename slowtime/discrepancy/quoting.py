@@ -92,6 +92,24 @@ def requote_all(
     return [requoted(answer, fit, own + i, kinds) for i, answer in enumerate(answers)]
 
 
+def requoted_by_place(
+    answers: Sequence[NamedEffect], fit: Fit, kinds: Mapping[str, Kind]
+) -> list[NamedEffect]:
+    """Give answers the numbers that the effect of their kind at their place has in a fit.
+
+    An answer that is none of its effects, such as a fault of a sensor, stays as it is; so does
+    an offset by record, whose numbers are initial states.
+    """
+    at = {(e.kind, e.place): number for number, e in enumerate(fit.plant.effects)}
+    return [
+        requoted(answer, fit, at[answer.effect.kind, answer.effect.place], kinds)
+        if (answer.effect.kind, answer.effect.place) in at
+        and not kinds[answer.effect.kind].is_by_record
+        else answer
+        for answer in answers
+    ]
+
+
 def requoted(
     answer: NamedEffect, fit: Fit, number: int, kinds: Mapping[str, Kind]
 ) -> NamedEffect:

@@ -140,6 +140,7 @@ def _steps(document: DiagnosisFile) -> list[tuple[str, float]]:
         ("as given", gap.nominal),
         ("refitted", gap.refitted_nominal),
         *((f"with {s.effect} at {_at(s.where)}", s.nrmse) for s in gap.steps),
+        *([("adopted model", gap.augmented)] if gap.adopts_another else []),
         ("noise floor", gap.noise_floor),
     ]
 

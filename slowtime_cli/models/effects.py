@@ -52,6 +52,8 @@ def _described(kind: Kind) -> Iterator[str]:
         yield f"  {parameter.name}: {_meaning(parameter)}"
     if kind.contains:
         yield f"  contains: {', '.join(kind.contains)}"
+    if kind.similar:
+        yield f"  similar to: {', '.join(kind.similar)}"
 
 
 def _meaning(parameter: Parameter) -> str:
@@ -97,5 +99,8 @@ def _section(kind: Kind) -> Iterator[str]:
     if kind.contains:
         names = ", ".join(f"`{name}`" for name in kind.contains)
         yield f"- contains as special or limiting cases: {names}"
+    if kind.similar:
+        names = ", ".join(f"`{name}`" for name in kind.similar)
+        yield f"- similar to, and tried where these do not suffice: {names}"
     if kind.source:
         yield f"- source: {kind.source}"

@@ -89,6 +89,12 @@ class GapShown(Frozen):
         Field(description="Held-out records, or the last third of the records themselves."),
     ]
 
+    @property
+    def adopts_another(self) -> bool:
+        """Whether the adopted model is none of the steps: its constants were refitted."""
+        last = self.steps[-1].nrmse if self.steps else self.refitted_nominal
+        return self.augmented not in (last, self.nominal)
+
 
 class MovedConstant(Frozen):
     """A constant of the model that left its tolerance."""

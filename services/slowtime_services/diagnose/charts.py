@@ -28,11 +28,15 @@ Plain = dict[str, Any]
 
 
 def gap_chart(document: DiagnosisFile) -> Chart:
-    """Bars of the free-run error: as given, refitted, after each effect, and the floor."""
+    """Bars of the free-run error: as given, refitted, with each effect, adopted, the floor."""
     gap = document.gap
     names = ["as given", "refitted", *(f"with {named(s.effect)}" for s in gap.steps)]
     values = [gap.nominal, gap.refitted_nominal, *(s.nrmse for s in gap.steps)]
     colours = [NOMINAL, REFITTED, *[AUGMENTED] * len(gap.steps)]
+    if gap.adopts_another:
+        names.append("adopted model")
+        values.append(gap.augmented)
+        colours.append(AUGMENTED)
     shown = [100 * min(value, 1e4) for value in [*values, gap.noise_floor]]
     bars: Plain = {
         "type": "bar",

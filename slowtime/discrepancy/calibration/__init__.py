@@ -1,6 +1,6 @@
 """Plant and records in, fitted constants and residuals out."""
 
-from .fit import Fit, refit, try_refit
+from .fit import Fit, initial_state_sds, refit, try_refit
 from .initial_states import motion_amplitude, multistart_initial_state, state_from_sensors
 from .levenberg_marquardt import WRONG_MODEL_CHI2, FitAbandoned, FitControl
 from .multiple_shooting import (
@@ -24,6 +24,7 @@ __all__ = [
     "SpectralWeights",
     "cut_segments",
     "first_periods",
+    "initial_state_sds",
     "initial_states_of_records",
     "lowest_frequency_hz",
     "motion_amplitude",

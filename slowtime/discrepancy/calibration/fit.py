@@ -27,6 +27,7 @@ from .levenberg_marquardt import (
     LeastSquaresProblem,
     NormalEquations,
     minimise,
+    normal_equations,
     simulate_trial,
     with_cost,
 )
@@ -207,6 +208,14 @@ def refit(
         problem = dataclasses.replace(problem, friction_plants=guided)
         best, normal, _ = minimise(problem, best, control)
     return _make_fit(problem, records, best, normal, heard, silent)
+
+
+def initial_state_sds(fit: Fit, trials: Sequence[Trial]) -> list[Float[np.ndarray, " state"]]:
+    """Compute standard deviations of initial states by record, if the model is right."""
+    problem = _problem(fit.plant, fit.prior, tuple(trials), fit.noise)
+    normal, _ = normal_equations(problem, Iterate(values=fit.values, states=fit.states))
+    sds = np.sqrt(np.diag(normal.covariance))[len(fit.prior.names) :]
+    return list(sds.reshape(len(fit.states), normal.states))
 
 
 def _problem(

@@ -22,7 +22,7 @@ from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.plant import Name, Plant
 
 from .fit import Fit, refit
 from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
@@ -57,6 +57,7 @@ def shooting_fit(
     values: Float[np.ndarray, " parameter"],
     late: Callable[[], bool] | None = None,
     beat: float | None = None,
+    free: Sequence[Name] | None = None,
 ) -> tuple[Fit, list[State]]:
     """Fit constants to segments of records.
 
@@ -74,6 +75,8 @@ def shooting_fit(
         Once true, `FitAbandoned` is raised.
     beat
         Cost to beat; the fit ends where it will not.
+    free
+        Names of the constants that may move; as in `refit` where not given.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def shooting_fit(
         if not strays:
             break
         # Constants fitted to the other segments leave fewer outliers.
-        values = _fit_without(strays, plant, cut, own, values, starts, late).values
+        values = _fit_without(strays, plant, cut, own, values, starts, late, free).values
         starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
         before, strays = strays, _outlying_segments(left)
         if not len(strays) < len(before):
@@ -98,7 +101,7 @@ def shooting_fit(
             alone = own.for_trials([i])
             starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
-        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,),
+        plant, cut, free=free, noise=own, values=values, states=starts, horizons=(1.0,),
         control=FitControl(cost_to_beat=beat, is_late=late),
     )  # fmt: skip
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
@@ -124,11 +127,12 @@ def _fit_without(
     values: Float[np.ndarray, " parameter"],
     states: Sequence[State],
     late: Callable[[], bool] | None,
+    free: Sequence[Name] | None = None,
 ) -> Fit:
     """Fit all segments but some."""
     rest = [i for i in range(len(cut)) if i not in strays]
     return refit(
-        plant, [cut[i] for i in rest], noise=noise.for_trials(rest), values=values,
+        plant, [cut[i] for i in rest], free=free, noise=noise.for_trials(rest), values=values,
         states=[states[i] for i in rest], horizons=(1.0,), control=FitControl(is_late=late),
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ from slowtime.discrepancy.selection.comparison import explains_all
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Place
 
-from .combinations import STIFFNESSES, Combination, fit_combinations
+from .combinations import STIFFNESSES, Combination, Laws, fit_combinations, law_sets
 
 MAX_ELEMENTS = 3
 """[elements] Of a structure whose combinations are all tried. Source: a bound on computing
@@ -40,6 +40,9 @@ time; each costs about twenty fits."""
 MAX_REST = 0.01
 """[share of the variance of the motion] That the best combination leaves at most. Source:
 judgement: a tenth of the amplitude. What leaves more is looked for among all effects."""
+NEGLIGIBLE_REST = 4e-4
+"""[share of the variance of the motion] Beyond the noise, that a model which lacks no simple
+law may leave. Source: 2 % of the amplitude; few sensors and clocks of rigs are known better."""
 MAX_PASSIVE_RATIO = 1.5
 """[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
 rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
@@ -49,17 +52,29 @@ less than half only of what is hardly seen."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Shared:
-    """A combination with its probability.
+class RankedCombination:
+    """A combination of laws with its probability among all that were fitted.
 
     Parameters
     ----------
-    share
-        Probability [1].
+    combination
+        The laws, and the fits with them.
+    probability
+        Probability [1]; those of all significant combinations add up to 1.
     """
 
-    one: Combination
-    share: float
+    combination: Combination
+    probability: float
+
+    @property
+    def laws(self) -> Laws:
+        """Kinds of effects of the combination."""
+        return self.combination.laws
+
+    @property
+    def place(self) -> Place:
+        """Element of the combination."""
+        return self.combination.place
 
 
 def explain_together(
@@ -80,8 +95,10 @@ def explain_together(
 
     Returns
     -------
-    The model with the most probable laws; None where nothing is missing, or where the
-    structure has too many elements.
+    The model with the most probable laws, marked as exhausted where the budget was used up
+    before all combinations were fitted. The model as given, without effects, where it leaves
+    next to nothing, and no combination noticeably less. None where nothing is missing, where
+    the structure has too many elements, or where no combination is significant.
     """
     description = first.plant.description
     localized = locate(first, trials)
@@ -93,17 +110,27 @@ def explain_together(
         for element in description.elements
         for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
     ]
+    planned = len(description.elements) * sum(1 for _ in law_sets(tuple(kinds)))
+    exhausted = monitor.is_late and len(found) < planned
     ranked = _ranked(first, found, trials, kinds)
+    gained = bool(ranked) and _falls(first, ranked[0].combination.last, trials)
+    if not (exhausted or gained) and leaves_little(first, trials):
+        return Hypothesis(
+            fits=(first,), trials=trials, localized=localized, rest=localized, combined=True
+        )
     if not ranked:
         return None
-    best = ranked[0].one
+    best = ranked[0].combination
     hypothesis = Hypothesis(
         fits=best.fits,
         trials=trials,
         effects=tuple(_answers(best, ranked, kinds)),
         localized=localized,
-        fitted=tuple(one.one.fitted for one in ranked if one.one.fitted is not None),
+        fitted=tuple(
+            one.combination.fitted for one in ranked if one.combination.fitted is not None
+        ),
         combined=True,
+        exhausted=exhausted,
     )
     if not explains_all(hypothesis):
         hypothesis = dataclasses.replace(hypothesis, rest=locate(best.last, trials))
@@ -112,11 +139,32 @@ def explain_together(
 
 def explains_most(hypothesis: Hypothesis) -> bool:
     """Return whether laws leave so little that no others are looked for."""
-    first, last, trials = hypothesis.first, hypothesis.last, hypothesis.trials
-    before, after = (misfit(fit, last.noise, trials) for fit in (first, last))
+    last, trials = hypothesis.last, hypothesis.trials
     motion = sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
     left = sum(float(np.var(residual, axis=0).sum()) for residual in last.residual)
-    return after < MAX_MISFIT_RATIO * before and left < MAX_REST * motion
+    return _falls(hypothesis.first, last, trials) and left < MAX_REST * motion
+
+
+def _falls(first: Fit, last: Fit, trials: Sequence[Trial]) -> bool:
+    """Whether laws leave a noticeably smaller misfit than the model as given."""
+    before, after = (misfit(fit, last.noise, trials) for fit in (first, last))
+    return after < MAX_MISFIT_RATIO * before
+
+
+def leaves_little(fit: Fit, trials: Sequence[Trial]) -> bool:
+    """Return whether a model leaves next to nothing of the motion beyond the noise.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    trials
+        Its records.
+    """
+    noise = [fit.noise.sd(i, trial.rate_hz) ** 2 for i, trial in enumerate(trials)]
+    left = np.sum([np.var(r, axis=0) - n for r, n in zip(fit.residual, noise, strict=True)], 0)
+    moved = np.sum([np.var(trial.measured, axis=0) for trial in trials], axis=0)
+    return bool(np.all(left <= NEGLIGIBLE_REST * moved))
 
 
 def _ranked(
@@ -124,7 +172,7 @@ def _ranked(
     found: Sequence[Combination],
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> list[Shared]:
+) -> list[RankedCombination]:
     """Rank combinations by probability, all judged by the noise that the best leaves."""
     fitted = {
         id(one.fitted.description): one
@@ -144,8 +192,10 @@ def _ranked(
     for named, share in zip(scored, shares, strict=True):
         one = fitted[id(named.description)]
         fits = (*one.fits[:-1], named.fit)
-        ranked.append(Shared(dataclasses.replace(one, fits=fits, fitted=named), share))
-    return sorted(ranked, key=lambda one: -one.share)
+        ranked.append(
+            RankedCombination(dataclasses.replace(one, fits=fits, fitted=named), share)
+        )
+    return sorted(ranked, key=lambda one: -one.probability)
 
 
 def _fitted_again(
@@ -194,16 +244,16 @@ def _shares(
     not depend on it.
     """
     tempered = LIMITS.evidence_power / max(scored[0].fit.chi2_in_band, 1.0)
-    evidence = np.array([
+    log_odds = np.array([
         one.score + leniency(one, kinds, first) + (1 - tempered) * one.fit.cost / 2
         for one in scored
     ])  # fmt: skip
-    odds = np.exp(evidence - evidence.max())
+    odds = np.exp(log_odds - log_odds.max())
     return [float(p) for p in odds / odds.sum()]
 
 
 def _answers(
-    best: Combination, ranked: Sequence[Shared], kinds: Mapping[str, Kind]
+    best: Combination, ranked: Sequence[RankedCombination], kinds: Mapping[str, Kind]
 ) -> Iterator[NamedEffect]:
     """Name the laws of the best combination, each with the probability of its own."""
     effects = fitted_effects(best.last)
@@ -220,29 +270,29 @@ def _answers(
         )
 
 
-def _probability(law: str, place: Place, ranked: Sequence[Shared]) -> float:
+def _probability(law: str, place: Place, ranked: Sequence[RankedCombination]) -> float:
     """Sum the probabilities of the combinations that hold a law at a place."""
-    return sum(s.share for s in ranked if law in s.one.laws and s.one.place == place)
+    return sum(s.probability for s in ranked if law in s.laws and s.place == place)
 
 
-def _rivals(law: str, place: Place, ranked: Sequence[Shared]) -> Iterator[Rival]:
+def _rivals(law: str, place: Place, ranked: Sequence[RankedCombination]) -> Iterator[Rival]:
     """Give laws that combinations without this one have in its place."""
-    without = [s for s in ranked if law not in s.one.laws or s.one.place != place]
-    best = ranked[0].one
+    without = [s for s in ranked if law not in s.laws or s.place != place]
+    best = ranked[0].combination
     others = dict.fromkeys(
-        (other, s.one.place) for s in without for other in s.one.laws
-        if (other not in best.laws or s.one.place != place)
+        (other, s.place) for s in without for other in s.laws
+        if (other not in best.laws or s.place != place)
         and (other in STIFFNESSES) == (law in STIFFNESSES)
     )  # fmt: skip
     for other, at in others:
-        share = sum(s.share for s in without if other in s.one.laws and s.one.place == at)
+        share = sum(s.probability for s in without if other in s.laws and s.place == at)
         if share > LIMITS.told_probability:
             yield Rival(other, at, share)
 
 
-def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[Shared]) -> Hypothesis:
+def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[RankedCombination]) -> Hypothesis:
     """Say which laws may be others, or none, and keep two fits that would part them."""
-    best = ranked[0].one
+    best = ranked[0].combination
     doubted = [a for a in hypothesis.effects if a.probability < LIMITS.decided_probability]
     rivals = {
         (r.effect, r.place): r
@@ -253,8 +303,8 @@ def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[Shared]) -> Hypothesis
         )
     }
     more = dict.fromkeys(
-        (law, s.one.place) for s in ranked for law in s.one.laws
-        if law not in best.laws and (law, s.one.place) not in rivals
+        (law, s.place) for s in ranked for law in s.laws
+        if law not in best.laws and (law, s.place) not in rivals
     )  # fmt: skip
     for law, place in more:
         share = _probability(law, place, ranked)
@@ -262,6 +312,6 @@ def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[Shared]) -> Hypothesis
             rivals[law, place] = Rival(law, place, share)
     if not rivals:
         return hypothesis
-    other = next(s.one for s in ranked[1:] if set(s.one.laws) != set(best.laws))
+    other = next(s.combination for s in ranked[1:] if set(s.laws) != set(best.laws))
     pair = tuple(one.fitted for one in (best, other) if one.fitted is not None)
     return dataclasses.replace(hypothesis, undecided=tuple(rivals.values()), pair=pair)

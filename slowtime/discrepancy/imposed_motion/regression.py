@@ -564,6 +564,7 @@ def applicable_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
         if kind.where == "element"
         and isinstance(kind.action, Law | Friction)
         and not kind.is_surface
+        and not kind.is_by_record
         and kind.quadrature is None
         and not (isinstance(kind.action, Law) and kind.action.switches)
         and not any(p.unit == "s" and "t_" in p.name for p in kind.parameters)

@@ -147,7 +147,7 @@ def _root(into: Sequence[int], number: int) -> int:
 
 
 def is_nested(simple: ForceModel, general: ForceModel, kinds: Mapping[str, Kind]) -> bool:
-    """Whether a model differs from a more general one by one law which that one contains."""
+    """Whether one law of a more general model stands for the one by which a model differs."""
     less, more = simple.names - general.names, general.names - simple.names
     if len(less) != 1 or len(more) != 1:
         return False
@@ -158,7 +158,7 @@ def _contained(name: str, kinds: Mapping[str, Kind]) -> set[str]:
     found: set[str] = set()
     waiting = [name]
     while waiting:
-        for one in kinds[waiting.pop()].contains:
+        for one in kinds[waiting.pop()].simpler:
             if one not in found and one in kinds:
                 found.add(one)
                 waiting.append(one)

@@ -86,6 +86,7 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         and isinstance(kind.action, Law | Friction)
         and has_strength(kind)
         and not kind.is_surface
+        and not kind.is_by_record
         and not kind.states
         and not (isinstance(kind.action, Law) and kind.action.switches)
         and _parameters(kind) <= MAX_PARAMETERS

@@ -6,30 +6,52 @@ where a displacement sensor or a gyroscope seldom reads zero: without an offset 
 a one-sided stop or stiffness seems to be missing. Therefore each input of an unsupported
 structure, and each sensor of displacement or velocity in a free decay, has an offset. It is
 fitted from the beginning, as initial states are, and reported where it is significant.
+
+The zero of an incremental encoder differs from record to record. Where records are off by
+constants of either sign, sensors of displacement have an offset for each record.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from slowtime.discrepancy.calibration import Fit
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import Fit, initial_state_sds, refit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.library_fit import OFFSET
-from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.noise import has_rigid_motion
-from slowtime.discrepancy.quoting import numbers_of, sentence_of
+from slowtime.discrepancy.quoting import OF_SENSOR, numbers_of, sentence_of, unit_at
+from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.effects import Effect, Kind
+from slowtime.dynamics.plant import Plant
 
 SENSOR_OFFSET = "sensor_bias"
 """Kind of effect that is the offset of a sensor."""
+BY_RECORD = "sensor_bias_by_record"
+"""Kind of effect that is an offset of a sensor for each record."""
 REPORTED_SDS = 3.3
 """[standard deviations] From zero, from which an offset is reported. Source: a two-sided
 p-value of 1 in 1000."""
 
 
+BLOCKS = 8
+"""[1] Of a record, whose means tell how well the mean of its residual is known. Source:
+judgement; blocks of an eighth of a record are longer than its memory."""
+DIFFERING_SDS = 4.0
+"""[standard errors] From zero, either way, that means of two records must be. Source: one
+record of noise in 200 (Student's t of seven degrees of freedom); a fit then has to tell."""
+
+
 def with_offsets(
-    description: Description, kinds: Mapping[str, Kind], *, decays: bool
+    description: Description,
+    kinds: Mapping[str, Kind],
+    *,
+    decays: bool,
+    by_record: Sequence[str] = (),
 ) -> Description:
     """Add the offsets that records of such a structure need, with a value of zero.
 
@@ -41,15 +63,89 @@ def with_offsets(
         Catalogue of effects by name.
     decays
         Whether the records are free decays.
+    by_record
+        Channels of sensors that have another offset in each record.
     """
+    common = _of_sensors(description, kinds) if decays else ()
     return dataclasses.replace(
         description,
         effects=(
             *description.effects,
             *_of_inputs(description, kinds),
-            *(_of_sensors(description, kinds) if decays else ()),
+            *(entry for entry in common if entry["sensor"] not in by_record),
+            *({"effect": BY_RECORD, "sensor": name, "bias": 0.0} for name in by_record),
         ),
     )
+
+
+def refit_with_offsets(
+    description: Description,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    *,
+    decays: bool,
+) -> Fit:
+    """Fit a model with its offsets, one for each record where the records demand it.
+
+    Parameters
+    ----------
+    description
+        Model of the structure.
+    trials
+        Records.
+    kinds
+        Catalogue of effects by name.
+    decays
+        Whether the records are free decays.
+    """
+    start = with_offsets(description, kinds, decays=decays)
+    fit = refit(Plant.of(start, kinds=kinds), trials)
+    channels = differing_sensors(fit, trials) if BY_RECORD in kinds else ()
+    if not channels:
+        return fit
+    apart = with_offsets(description, kinds, decays=decays, by_record=channels)
+    other = try_refit(Plant.of(apart, kinds=kinds), trials, noise=fit.noise)
+    if other is None:
+        return fit
+    # Schwarz's criterion, by the scatter of what the better model leaves.
+    price = len(channels) * len(trials) * np.log(fit.data)
+    gain = (fit.cost - other.cost) / max(other.chi2_in_band, 1.0)
+    return refit(other.plant, trials) if gain > price else fit
+
+
+def differing_sensors(fit: Fit, trials: Sequence[Trial]) -> tuple[str, ...]:
+    """List sensors of displacement that are off by constants of either sign.
+
+    A law that is missing and not symmetric shifts all records the same way.
+
+    Parameters
+    ----------
+    fit
+        Of the model to the records.
+    trials
+        The records.
+    """
+    given = fit.plant.description
+    found = []
+    for number, sensor in enumerate(given.sensors):
+        if sensor.quantity != "displacement":
+            continue
+        left = [
+            _standard_errors_off(residual[trial.used[:, number], number])
+            for residual, trial in zip(fit.residual, trials, strict=True)
+        ]
+        if min(left) < -DIFFERING_SDS and max(left) > DIFFERING_SDS:
+            found.append(sensor.channel)
+    return tuple(found)
+
+
+def _standard_errors_off(left: Float[np.ndarray, " time"]) -> float:
+    """Mean of a residual, in standard errors by the scatter of the means of its blocks."""
+    if len(left) < BLOCKS:
+        return 0.0
+    means = np.array([block.mean() for block in np.array_split(left, BLOCKS)])
+    error = means.std(ddof=1) / np.sqrt(BLOCKS)
+    return float(means.mean() / error) if error > 0 else 0.0
 
 
 def _of_inputs(
@@ -78,11 +174,30 @@ def _of_sensors(
     )
 
 
-def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[NamedEffect]:
-    """List the offsets added to the given model that differ significantly from zero."""
+def offsets(
+    fit: Fit, trials: Sequence[Trial], given: Description, kinds: Mapping[str, Kind]
+) -> list[NamedEffect]:
+    """List the offsets added to the given model that differ significantly from zero.
+
+    Parameters
+    ----------
+    fit
+        Of the model with its offsets.
+    trials
+        Records that it was fitted to.
+    given
+        The model as given.
+    kinds
+        Catalogue of effects by name.
+    """
     found = []
     for number, effect in enumerate(fitted_effects(fit)):
-        if effect.kind not in (OFFSET, SENSOR_OFFSET) or number < len(given.effects):
+        if number < len(given.effects):
+            continue
+        if effect.kind == BY_RECORD:
+            found.append(_by_record(fit, trials, number, effect, kinds))
+            continue
+        if effect.kind not in (OFFSET, SENSOR_OFFSET):
             continue
         numbers = numbers_of(fit, number)
         if abs(numbers["bias"].value) <= REPORTED_SDS * numbers["bias"].sd:
@@ -99,3 +214,45 @@ def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[Nam
             )
         )
     return found
+
+
+def with_mean_offsets(fit: Fit) -> Fit:
+    """Let offsets by record be those from their mean, which a record without one has."""
+    values = fit.values.copy()
+    states = [state.copy() for state in fit.states]
+    names = fit.plant.state_names
+    for number, effect in enumerate(fit.plant.effects):
+        if effect.kind != BY_RECORD:
+            continue
+        at = names.index(("internal", f"{effect.kind} {number}.1"))
+        mean = float(np.mean([state[at] for state in states if state.size]))
+        values[fit.plant.parameters.index(("effect", number, "bias"))] += mean
+        for state in states:
+            if state.size:
+                state[at] -= mean
+    return dataclasses.replace(fit, values=values, states=tuple(states))
+
+
+def _by_record(
+    fit: Fit, trials: Sequence[Trial], number: int, effect: Effect, kinds: Mapping[str, Kind]
+) -> NamedEffect:
+    """Quote the offset of a sensor in each record."""
+    kind = kinds[effect.kind]
+    at = fit.plant.state_names.index(("internal", f"{effect.kind} {number}.1"))
+    common = fit.values[fit.plant.parameters.index(("effect", number, "bias"))]
+    unit = unit_at(fit.plant.description, effect.place, OF_SENSOR)
+    spread = initial_state_sds(fit, trials)
+    wide = np.sqrt(max(fit.chi2_in_band, 1.0))
+    numbers = {
+        f"record {i + 1}": Number(float(common + state[at]), float(wide * sd[at]), unit)
+        for i, (state, sd) in enumerate(zip(fit.states, spread, strict=True))
+    }
+    told = ", ".join(f"{name} {one.text}" for name, one in numbers.items())
+    return NamedEffect(
+        effect=effect,
+        family=kind.family,
+        numbers=numbers,
+        probability=0.99,
+        rivals=(),
+        sentence=f"{kind.words} at {effect.place}: {told}. {kind.sentence}",
+    )

@@ -1,8 +1,10 @@
-"""Refit of constants that are stuck in a local minimum, from where a law has led them.
+"""Refit of constants that are stuck in a local minimum, from other values.
 
-Of constants that are far off, a refit may settle in a minimum that is not the lowest. A law
-that is fitted beside them begins elsewhere, and gets past it; it would then be named for what
-was none of its own.
+Of constants that are far off, a refit may settle in a minimum that is not the lowest: the
+frequencies of a lightly damped structure are many half-power bandwidths off, and a free run
+that is out of step has no slope towards them. All stiffnesses are then tried larger and smaller
+by one factor. A law that is fitted beside the constants begins elsewhere, too, and gets past
+such a minimum; it would then be named for what was none of its own.
 """
 
 from collections.abc import Sequence
@@ -12,16 +14,71 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import described_effects
 from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.calibration.tolerances import LEFT_TOLERANCES
 from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Name
 
 LOWER_MINIMUM_SHARE = 0.5
 """[share of what a refit left] Below which there is a lower minimum. Source:
 docs/decisions/0026."""
+
+
+MAX_LEFT = 0.1
+"""[share of the variance] Up to which a refit is not out of step. Source: judgement; a free run
+in step leaves a third of the amplitude at most."""
+FACTOR_SDS = (-0.5, 0.5, -1.0, 1.0, -1.5, 1.5)
+"""[tolerances of stiffness] By which all stiffnesses are changed to begin again. Source:
+judgement; a third of the width of the prior, both ways."""
+MUCH_LOWER_SHARE = 0.25
+"""[share of chi squared] Of a refit begun elsewhere to the first one, below which that was out
+of step. Source: judgement; of a model that lacks a law, minima differ by less."""
+
+
+def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
+    """Refit from other stiffnesses where the free run is out of step with the records.
+
+    Parameters
+    ----------
+    fit
+        Of the model as given.
+    trials
+        Its records.
+
+    Returns
+    -------
+    The fit of the lowest minimum within the tolerances, if that is much lower; the given one
+    otherwise.
+    """
+    own = [
+        i for i, name in enumerate(fit.prior.names)
+        if name[0] == "stiffness" and fit.prior.mean[i] > 0 and np.isfinite(fit.prior.sd[i])
+    ]  # fmt: skip
+    left = sum(float(np.var(residual, axis=0).sum()) for residual in fit.residual)
+    moved = sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
+    if not own or left <= MAX_LEFT * moved or fit.chi2_in_band <= LIMITS.far_off_chi2:
+        return fit
+    at = [fit.prior.index[i] for i in own]
+    tolerance = float(np.mean(fit.prior.sd[own] / fit.prior.mean[own]))
+    best = fit
+    for sds in FACTOR_SDS:
+        values = fit.plant.values.copy()
+        values[at] *= np.exp(sds * tolerance)
+        other = try_refit(fit.plant, trials, values=values, noise=fit.noise)
+        if other is None or max(map(abs, other.constant_pulls.values())) > LEFT_TOLERANCES:
+            continue
+        if other.cost < MUCH_LOWER_SHARE * best.cost:
+            best = other
+    if best is fit:
+        return fit
+    again = try_refit(
+        fit.plant, trials, values=best.values, states=best.states, horizons=(1.0,)
+    )
+    return again or best
 
 
 def release_constants(

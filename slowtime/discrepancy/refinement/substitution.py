@@ -87,7 +87,7 @@ def generalize(
     stated: tuple[Hold, ...] | None,
     tell: Monitor,
 ) -> Hypothesis:
-    """Put laws that contain those found in their place, where that explains more.
+    """Put more general laws in the place of those found, where that explains more.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def generalize(
     if settled or not whole or not hypothesis.fits_whole_records:
         return hypothesis
     for number, named in enumerate(hypothesis.effects):
-        among = [k for k in general_kinds(kinds) if named.effect.kind in k.contains]
+        among = [k for k in general_kinds(kinds) if named.effect.kind in k.simpler]
         if not among:
             continue
         if tell.is_late:

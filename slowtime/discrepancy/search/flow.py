@@ -42,7 +42,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
         Fit of the model as given, its constants free within their tolerances.
     """
     together = explain_together(first, trials, how.kinds, how.monitor) if how.decays else None
-    if together is not None and explains_most(together):
+    if together is not None and (not together.effects or explains_most(together)):
         return together
     found = Hypothesis((first,), trials)
     if how.options.quick:

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 
-from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.estimation.input_hold import (
     Hold,
     describe_holds,
@@ -17,9 +17,9 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement.constant_offsets import with_offsets
+from slowtime.discrepancy.refinement.constant_offsets import refit_with_offsets
+from slowtime.discrepancy.refinement.constant_release import refit_from_other_stiffnesses
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.plant import Plant
 
 from .flow import search
 from .settings import SearchSettings
@@ -87,8 +87,8 @@ def with_best_holds(
 
 
 def _fit_as_given(campaign: Campaign, trials: tuple[Trial, ...], how: SearchSettings) -> Fit:
-    start = with_offsets(campaign.description, how.kinds, decays=how.decays)
-    return refit(Plant.of(start, kinds=how.kinds), trials)
+    fit = refit_with_offsets(campaign.description, trials, how.kinds, decays=how.decays)
+    return fit if how.options.quick else refit_from_other_stiffnesses(fit, trials)
 
 
 def _held(campaign: Campaign, holds: Sequence[Hold]) -> Campaign:

@@ -14,6 +14,7 @@ from .library import (
     inputs,
     linear,
     measured_force,
+    record_offsets,
     sensors,
     stiffness,
     varying_stiffness,
@@ -33,6 +34,7 @@ FAMILIES = (
     inputs,
     input_offset,
     sensors,
+    record_offsets,
 )
 
 
@@ -70,13 +72,17 @@ def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
 
 
 def simple_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
-    """List kinds that contain no others, which are tried first."""
-    return [kind for kind in kinds.values() if not kind.contains and not kind.is_surface]
+    """List kinds that stand in the place of no simpler ones, which are tried first."""
+    return [
+        kind
+        for kind in kinds.values()
+        if not (kind.simpler or kind.is_surface or kind.is_by_record)
+    ]
 
 
 def general_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
-    """List kinds that contain simpler ones, which are tried where those do not suffice."""
-    return [kind for kind in kinds.values() if kind.contains]
+    """List kinds that are tried where the simpler ones that they stand for do not suffice."""
+    return [kind for kind in kinds.values() if kind.simpler]
 
 
 @functools.cache

@@ -129,6 +129,16 @@ class Law:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class RecordOffset(Law):
+    """A constant on an input or a sensor that each record has a value of its own of.
+
+    It is an internal state that never changes. So it is estimated as initial states are: for
+    each fitted record from that record, for a held-out one from its first samples. On an input
+    it is a force that acts with it; a sensor reads it in addition, and no force acts.
+    """
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
     r"""A set-valued law :math:`F \in g \operatorname{Sgn}(v)`: real sticking at v = 0.
 
@@ -278,8 +288,11 @@ class Kind:
     title
         What a person calls it; the name in words where not given.
     contains
-        Simpler kinds that it becomes for some values of its parameters, or in a limit. A kind
-        that contains others is tried where none of them explains the records.
+        Simpler kinds that it becomes for some values of its parameters, or in a limit, beside
+        other linear constants of the element.
+    similar
+        Simpler kinds with a force like its own, which it does not become. A kind that contains
+        others, or is similar to such, is tried where none of them explains the records.
     is_surface
         Whether it is no law but a surface with coefficients, fitted where no law explains the
         records.
@@ -301,6 +314,7 @@ class Kind:
     shown: Callable[[Mapping[str, float], Motion], bool] = always
     title: str = ""
     contains: tuple[str, ...] = ()
+    similar: tuple[str, ...] = ()
     is_surface: bool = False
 
     def __post_init__(self) -> None:
@@ -316,6 +330,7 @@ class Kind:
             )
         fits = {
             Law: ("element", "node"),
+            RecordOffset: ("input", "sensor"),
             Friction: ("element",),
             Hidden: ("element", "node"),
             InputChange: ("input",),
@@ -351,6 +366,16 @@ class Kind:
         if isinstance(self.action, Law):
             return len(self.action.rates)
         return 2 * self.action.coordinates if isinstance(self.action, Hidden) else 0
+
+    @property
+    def simpler(self) -> tuple[str, ...]:
+        """Kinds in place of which it is tried: those it contains or is similar to."""
+        return (*self.contains, *self.similar)
+
+    @property
+    def is_by_record(self) -> bool:
+        """Whether it is an offset that each record has a value of its own of."""
+        return isinstance(self.action, RecordOffset)
 
     @property
     def is_factor(self) -> bool:

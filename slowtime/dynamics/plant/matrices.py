@@ -226,13 +226,22 @@ def rows_of(description: Description, base: int) -> dict[str, int | None]:
 def along(
     description: Description, effect: Effect, place: Mapping[str, int | None], size: int
 ) -> Float[np.ndarray, " all"]:
-    """Row that takes from all coordinates the elongation of an element, or a node's motion."""
+    """Row that takes from all coordinates the elongation of an element, or a node's motion.
+
+    Of an effect on an input, the node that its force pushes; zero on a sensor.
+    """
     found = np.zeros(size)
-    if effect.place.kind == "node":
+    ends: tuple[tuple[str, float], ...]
+    if effect.place.kind == "sensor":
+        ends = ()
+    elif effect.place.kind == "input":
+        entry = next(one for one in description.inputs if one.channel == effect.place.id)
+        ends = ((entry.node, 1.0),) if entry.kind == "force" and entry.node else ()
+    elif effect.place.kind == "node":
         ends = ((effect.place.id, 1.0),)
     else:
         between = next(e.between for e in description.elements if e.id == effect.place.id)
-        ends = ((between[0], -1.0), (between[1], 1.0))  # type: ignore[assignment]
+        ends = ((between[0], -1.0), (between[1], 1.0))
     for name, sign in ends:
         row = place[name]
         # Coordinates are relative to the base, which therefore stands still.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import BASE, Description
-from slowtime.dynamics.effects import Effect, InputChange, Kind, SensorChange
+from slowtime.dynamics.effects import Effect, InputChange, Kind, Law, SensorChange
 from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.interpolation import polynomials
@@ -262,6 +262,50 @@ def apply_sensor_effects(
                 slopes[:, k, columns["effect", i, name]] += _by_parameter(
                     action.act, series, times, p, which
                 )
+
+
+def add_record_offsets(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    values: Mapping[Name, float],
+    coordinates: int,
+    states: Float[np.ndarray, "time state"],
+    outputs: Float[np.ndarray, "time sensor"],
+    slopes: Float[np.ndarray, "time sensor slope"],
+    first: int,
+) -> None:
+    """Add to the outputs the offsets of sensors in this record, in place.
+
+    Parameters
+    ----------
+    description
+        Structure, with its sensors.
+    effects, kinds
+        Effects, and the kind of each; those of action `RecordOffset` on sensors are read.
+    values
+        Values of all parameters, by name.
+    coordinates
+        Number of free coordinates.
+    states
+        Of the run; internal states follow displacements and velocities.
+    outputs
+        Outputs in the sensors' units; overwritten.
+    slopes
+        Slopes of the outputs; overwritten. Empty where none were requested.
+    first
+        Column of the slopes that belongs to the first number of the state.
+    """
+    channels = [sensor.channel for sensor in description.sensors]
+    at = 2 * coordinates
+    for i, (effect, kind) in enumerate(zip(effects, kinds, strict=True)):
+        inner = len(kind.action.rates) if isinstance(kind.action, Law) else 0
+        if kind.is_by_record and effect.place.kind == "sensor":
+            k = channels.index(effect.place.id)
+            outputs[:, k] += values["effect", i, kind.names[0]] + states[:, at]
+            if slopes.size:
+                slopes[:, k, first + at] += 1.0
+        at += inner
 
 
 def _directional_derivatives(

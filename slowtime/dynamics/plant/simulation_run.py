@@ -23,7 +23,14 @@ from .imposed import Driven, differentiations, driven_by
 from .kernel import System, Workspace, memory_table, padded_count, simulate
 from .matrices import Matrices
 from .parameter_names import Name
-from .sensing import SensorReadout, acting, apply_sensor_effects, base_of, sensor_readouts
+from .sensing import (
+    SensorReadout,
+    acting,
+    add_record_offsets,
+    apply_sensor_effects,
+    base_of,
+    sensor_readouts,
+)
 from .system import Layout
 from .system_cache import Settings, is_linear, system_of
 
@@ -237,6 +244,10 @@ def run(
     apply_sensor_effects(
         description, effects, kinds, values, outputs, times, slopes_by_time, at
     )
+    add_record_offsets(
+        description, effects, kinds, values, free_count, states, outputs, slopes_by_time,
+        len(parameters),
+    )  # fmt: skip
     return found
 
 

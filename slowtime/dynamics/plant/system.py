@@ -122,7 +122,7 @@ def layout_of(
         for _ in range(inner):
             seeing.append(np.eye(states)[next_state])
             next_state += 1
-        directions.append(row if effects[i].place.kind == "node" else -row)
+        directions.append(-row if effects[i].place.kind == "element" else row)
     forced = tuple(
         _force_row(entry.node, place, free) if entry.kind == "force" and entry.node else None
         for entry in description.inputs

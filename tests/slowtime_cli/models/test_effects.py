@@ -21,7 +21,7 @@ def test_every_effect_is_listed_once_at_its_place(run):
 def test_a_description_has_equation_and_all_parameters(run, name):
     kind = catalogue()[name]
     told = run("effects", name).out
-    for part in (kind.title, kind.sentence, kind.equation, kind.source, *kind.contains):
+    for part in (kind.title, kind.sentence, kind.equation, kind.source, *kind.simpler):
         assert part in told
     for parameter in kind.parameters:
         assert f"{parameter.name}: {parameter.meaning}" in told

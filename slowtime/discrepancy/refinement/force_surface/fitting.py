@@ -5,7 +5,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, prior_of, refit
+from slowtime.discrepancy.calibration import (
+    Fit,
+    FitAbandoned,
+    FitControl,
+    prior_of,
+    refit,
+    shooting_fit,
+)
 from slowtime.discrepancy.calibration.augmentation import augmented_start
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import start_with_force
@@ -28,6 +35,10 @@ twenty coefficients, which are not counted, took nine times the counted steps in
 HORIZONS = (0.05, 0.15, 0.4)
 """[share of each record] Fitted one after the other, before the whole. Source: judgement; from
 the regression on the recovered force, a free run keeps its phase for as long."""
+
+MAX_LEFT = 0.1
+"""[share of the variance of the motion] That a surface may leave before segments are fitted
+first. Source: judgement; a third of the amplitude, left only by a run that is out of phase."""
 
 Late = Callable[[], bool]
 
@@ -78,7 +89,7 @@ def fit_force_surface(
     kinds
         Catalogue of effects by name.
     max_work
-        Budget [units of work].
+        Budget [units of work]; as much again where that fit ends in a wrong minimum.
 
     Returns
     -------
@@ -110,6 +121,14 @@ def fit_force_surface(
         fit, finished = fit_stages(
             plant, trials, before.noise, free, values, states, lambda: meter.spent > max_work
         )
+        if fit is None or (finished and _share_left(fit, trials) > MAX_LEFT):
+            other = _from_segments(
+                plant, trials, before.noise, free, values, lambda: meter.spent > 2 * max_work
+            )
+            if other is not None and (
+                fit is None or _share_left(other, trials) < _share_left(fit, trials)
+            ):
+                fit, finished = other, True
     return None if fit is None else SurfaceFit(place, fit, free, found, finished)
 
 
@@ -190,6 +209,35 @@ def fit_stages(
         ), False
     except (FloatingPointError, np.linalg.LinAlgError):
         return None, False
+
+
+def _share_left(fit: Fit, trials: Sequence[Trial]) -> float:
+    """Share of the variance of the motion that a fit leaves."""
+    left = sum(float(np.var(residual, axis=0).sum()) for residual in fit.residual)
+    return left / sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
+
+
+def _from_segments(
+    plant: Plant,
+    trials: Sequence[Trial],
+    noise: Noise,
+    free: Sequence[Name],
+    values: np.ndarray,
+    late: Late,
+) -> Fit | None:
+    """Fit segments of a few periods first, then whole records (multiple shooting).
+
+    A stop that is harder than the spring changes the frequency so much that free runs over
+    growing parts of a record lose their phase. Over a few periods they do not.
+    """
+    try:
+        cut, states = shooting_fit(plant, trials, noise, values, late, free=free)
+        return refit(
+            plant, trials, free=free, values=cut.values, states=states, horizons=(1.0,),
+            control=FitControl(is_late=late),
+        )  # fmt: skip
+    except (FitAbandoned, FloatingPointError, np.linalg.LinAlgError):
+        return None
 
 
 def _head(trial: Trial, share: float) -> Trial:

@@ -170,7 +170,8 @@ KINDS = (
         action=Law(force=power_law),
         strength="force_n",
         shapes=powers,
-        contains=("coulomb", "quadratic_damping", "viscous_damping", "cubic_damping"),
+        contains=("quadratic_damping", "viscous_damping", "cubic_damping"),
+        similar=("coulomb",),
     ),
     Kind(
         name="cubic_damping",
@@ -187,7 +188,7 @@ KINDS = (
         sentence="Damping that grows with the third power of speed.",
         action=Law(force=cubic_damping),
         strength="c3_n_s3_per_m3",
-        contains=("viscous_damping",),
+        similar=("viscous_damping",),
     ),
     Kind(
         name="positional_damping",
@@ -204,7 +205,7 @@ KINDS = (
         sentence="Damping grows, or falls, with the square of the elongation.",
         action=Law(force=positional),
         strength="c2_n_s_per_m3",
-        contains=("viscous_damping",),
+        similar=("viscous_damping",),
     ),
     Kind(
         name="rayleigh_damping",

@@ -187,7 +187,8 @@ KINDS = (
         action=Law(force=bouc_wen, rates=(general_yielding,)),
         strength="kh_n_per_m",
         shapes=signed_shapes,
-        contains=("bouc_wen", "dahl", "friction_in_series_with_spring"),
+        contains=("bouc_wen", "dahl"),
+        similar=("friction_in_series_with_spring",),
     ),
     Kind(
         name="bouc_wen_degrading",

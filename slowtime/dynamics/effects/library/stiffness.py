@@ -427,7 +427,8 @@ KINDS = (
         strength="k3_n",
         scales=("k5_n",),
         shapes=degrees,
-        contains=("cubic_hardening", "cubic_softening", "pendulum_sine"),
+        contains=("cubic_hardening", "cubic_softening"),
+        similar=("pendulum_sine",),
     ),
     Kind(
         name="stiffness_two_knees",
@@ -484,6 +485,6 @@ KINDS = (
         action=Law(force=contact),
         strength="kc_n_per_m15",
         shapes=contacts,
-        contains=("gap_one_sided",),
+        similar=("gap_one_sided",),
     ),
 )

@@ -126,6 +126,7 @@ KINDS = (
         action=Law(force=fractional, rates=(branch_0, branch_1, branch_2, branch_3, branch_4)),
         strength="kf_n_per_m",
         shapes=orders,
-        contains=("maxwell", "viscous_damping"),
+        contains=("viscous_damping",),
+        similar=("maxwell",),
     ),
 )

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from slowtime.discrepancy.combined_laws.combinations import STIFFNESSES, law_sets
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.report.assembly import HURRIED, LITTLE
 from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
 
 RATE = 50.0
@@ -107,6 +108,39 @@ def test_what_one_small_release_cannot_tell_is_undecided_with_a_release_that_wou
         assert diagnosis.experiment is not None
         assert diagnosis.experiment.excitation == "release"
         assert diagnosis.experiment.level > 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("hertz", [0.4, 0.93, 2.1])
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+def test_a_disturbance_of_a_hundredth_of_the_motion_is_no_effect(hertz, offset):
+    """Whatever its frequency: the structure lacks nothing, though noise leaves far less."""
+    trial = released(0.8, offset=offset)
+    shaken = trial.outputs[:, 0] + 0.003 * np.sin(2 * np.pi * hertz * trial.times_s + 1.0)
+    trial = Trial(inputs=trial.inputs, outputs=shaken[:, None], rate_hz=RATE)
+    answer = diagnose(Campaign(description=swing(), trials=(trial,)))
+    assert all(one.effect.kind == "sensor_bias" for one in answer.effects)
+    assert answer.verdict in ("nothing_missing", "parameters_only", "sensor_fault")
+    if hertz > 0.5:  # below, it is taken for noise of the sensor
+        assert LITTLE in answer.notes
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fits", "told"), [(2, True), (1000, False)])
+def test_a_budget_that_ends_among_the_combinations_is_told(fits, told):
+    """Some combinations were fitted, and the best of them is no proof that others are not."""
+    campaign = Campaign(
+        description=swing(), trials=(released(0.9, sine=True, friction=0.4),),
+        holdout=(released(0.6, sine=True, friction=0.4, seed=9),),
+    )  # fmt: skip
+    begun = []
+
+    def progress(stage, _):
+        if stage.startswith("refitting") and stage.endswith("at element pivot"):
+            begun.append(stage)
+
+    answer = diagnose(campaign, progress=progress, late=lambda: len(begun) >= fits)
+    assert (HURRIED in answer.notes) is told
 
 
 def test_sets_hold_one_law_of_stiffness_at_most_and_the_smaller_come_first():

@@ -123,3 +123,16 @@ def test_a_fit_that_is_cut_keeps_where_it_is():
     assert found is not None
     assert not found.finished
     assert len(found.fit.residual[0]) == len(trials[0].outputs)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gap", [0.010, 0.012])
+def test_a_surface_is_found_for_a_stop_that_is_harder_than_the_spring(gap):
+    """Twice the stiffness of the spring: growing parts of a record lose the phase."""
+    stop = Effect("gap_symmetric", PLACE, {"kg_n_per_m": 1600.0, "gap_m": gap})
+    trials = records(None, stop, count=2, seconds=10.0)
+    first = refit(Plant.of(ONE), trials)
+    found = fit_force_surface(first, locate(first, trials), trials, KINDS)
+    assert found is not None
+    assert relative_errors(trials, first.outputs)[0] > 0.4
+    assert relative_errors(trials, found.fit.outputs)[0] < 4 * NOISE
