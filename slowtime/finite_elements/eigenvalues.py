@@ -73,6 +73,7 @@ def lowest_modes(
     *,
     check: bool = True,
     factor: SymmetricFactor | None = None,
+    tolerance: float = 0.0,
 ) -> SparseModes:
     """Lowest modes of a sparse model.
 
@@ -87,6 +88,8 @@ def lowest_modes(
         factorisation.
     factor
         Factors of the stiffness matrix, where they exist already.
+    tolerance
+        Relative error of the eigenvalues at which the solver may stop [1]; 0 for rounding.
 
     Returns
     -------
@@ -106,7 +109,8 @@ def lowest_modes(
         values, shapes = _dense(stiffness, mass, count)
         counted = True
     else:
-        values, shapes = _shift_invert(stiffness, mass, min(count + GUARD, size - 2), factor)
+        more = min(count + (GUARD if check else 0), size - 2)
+        values, shapes = _shift_invert(stiffness, mass, more, factor, tolerance)
         counted = check and _confirm(stiffness, mass, values, count)
     values, shapes = _without_noise(values)[:count], shapes[:, :count]
     return SparseModes(
@@ -179,16 +183,17 @@ def _shift_invert(
     mass: sparse.csr_array,
     count: int,
     factor: SymmetricFactor | None,
+    tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     used = SymmetricFactor(stiffness) if factor is None else factor
     if not used.singular:
-        return _lanczos(stiffness, mass, count, 0.0, used)
+        return _lanczos(stiffness, mass, count, 0.0, used, tolerance)
     shift = -COARSE * _smallest_ratio(stiffness, mass)
     rough, _ = _lanczos(stiffness, mass, min(10, count), shift, None)
     # Move the shift to the size of the first elastic eigenvalue, where Lanczos is quickest.
     elastic = rough[rough > RIGID * np.abs(rough).max()]
     better = -0.5 * float(elastic[0]) if elastic.size else shift
-    return _lanczos(stiffness, mass, count, max(better, shift), None)
+    return _lanczos(stiffness, mass, count, max(better, shift), None, tolerance)
 
 
 def _lanczos(
@@ -197,6 +202,7 @@ def _lanczos(
     count: int,
     shift: float,
     factor: SymmetricFactor | None,
+    tolerance: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     size = stiffness.shape[0]
     if factor is None:
@@ -204,10 +210,10 @@ def _lanczos(
     operator = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     # A fixed start makes runs repeat; it is not symmetric, so that no mode is orthogonal to it.
     start = 1.0 + np.modf(np.arange(1, size + 1) * 0.6180339887498949)[0]
-    basis = min(size - 1, max(2 * count + 1, 20))
+    basis = min(size - 1, max(3 * count, 20))
     try:
         values, shapes = eigsh(
-            stiffness, count, mass, sigma=shift, OPinv=operator, v0=start, ncv=basis
+            stiffness, count, mass, sigma=shift, OPinv=operator, v0=start, ncv=basis, tol=tolerance
         )
     except ArpackNoConvergence as error:
         raise MissedModesError(

@@ -131,6 +131,10 @@ class ParametricMatrices:
         return shapes if self.expansion is None else np.asarray(self.expansion @ shapes)
 
 
+FEW_ROWS = 8
+"""Rows of a part below which one sum over all parts is quicker than a product for each."""
+
+
 class MatrixFamily:
     """A sparse matrix and its parts, on the union of their patterns.
 
@@ -208,10 +212,55 @@ class MatrixFamily:
             return found
         stacked, rows, ends = self._stacked
         product = stacked @ right
+        if len(rows) < FEW_ROWS * len(self._own):
+            pairs = left[rows][:, :, None] * product[:, None, :]
+            return self._summed(pairs)
         for k, (i, _) in enumerate(self._own):
             part = slice(ends[k], ends[k + 1])
             found[i] = left[rows[part]].T @ product[part]
         return found
+
+    def contract(
+        self,
+        left: Float[np.ndarray, "own left vector"],
+        right: Float[np.ndarray, "own vector"],
+    ) -> Float[np.ndarray, "parameter left vector"]:
+        r"""Compute :math:`L_j^T K_i r_j` of every part, for pairs of a matrix and a vector.
+
+        Parameters
+        ----------
+        left
+            Columns that belong to each vector.
+        right
+            The vectors.
+
+        Returns
+        -------
+        One row of numbers for each parameter and vector.
+        """
+        if not self._own:
+            return np.zeros((self.count, *left.shape[1:]))
+        stacked, rows, _ = self._stacked
+        return self._summed(left[rows] * (stacked @ right)[:, None, :])
+
+    @functools.cached_property
+    def _sums(self) -> sparse.csr_array:
+        """Matrix that adds up the stacked rows of each parameter."""
+        ends = self._stacked[2]
+        owner = np.repeat([i for i, _ in self._own], np.diff(ends))
+        count = len(owner)
+        return sparse.csr_array(
+            (np.ones(count), (owner, np.arange(count))), shape=(self.count, count)
+        )
+
+    def _summed(self, terms: np.ndarray) -> np.ndarray:
+        flat = self._sums @ terms.reshape(len(terms), -1)
+        return np.asarray(flat).reshape(self.count, *terms.shape[1:])
+
+    @property
+    def acts(self) -> bool:
+        """Whether any parameter acts on the matrix."""
+        return bool(self._own)
 
     def times(self, vectors: Float[np.ndarray, "own vector"], which: int) -> np.ndarray:
         """Product of one part with vectors; zeros where the parameter does not act."""

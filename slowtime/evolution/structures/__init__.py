@@ -9,6 +9,7 @@ from .hypotheses import Hypothesis, NamedChanges, name_changes
 from .identifiability import Limit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
+from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
 
 __all__ = [
     "Hypothesis",
@@ -17,8 +18,11 @@ __all__ = [
     "NamedChanges",
     "Optimum",
     "ParametricStructure",
+    "ReducedStructure",
     "Remedy",
+    "SparseStructure",
     "StructurePosterior",
+    "UpdatableModel",
     "estimate",
     "identifiability_limits",
     "name_changes",

@@ -1,12 +1,15 @@
 """Sparse parametric matrices in; a small dense model that holds over the parameters out."""
 
-from .basis import BasisSettings, parametric_basis
+from .adaptive_model import AdaptiveModel
+from .basis import parametric_basis
+from .candidates import BasisSettings
 from .craig_bampton import craig_bampton
-from .modal import reduce_modal
+from .modal import reduce_modal, settings_for_band
 from .reduced_model import ReducedModel, ReductionError, project
 from .verification import verify
 
 __all__ = [
+    "AdaptiveModel",
     "BasisSettings",
     "ReducedModel",
     "ReductionError",
@@ -14,5 +17,6 @@ __all__ = [
     "parametric_basis",
     "project",
     "reduce_modal",
+    "settings_for_band",
     "verify",
 ]

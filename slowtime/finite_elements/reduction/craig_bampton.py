@@ -22,7 +22,8 @@ from scipy import sparse
 from slowtime.finite_elements.factorization import SymmetricFactor
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 
-from .basis import BasisSettings, parametric_basis
+from .basis import parametric_basis
+from .candidates import BasisSettings
 from .reduced_model import ReducedModel, orthonormal_mixture, project
 
 NEGLIGIBLE = 1e-4

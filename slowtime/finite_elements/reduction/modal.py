@@ -9,9 +9,12 @@ from slowtime.finite_elements.eigenvalues import modes_below
 from slowtime.finite_elements.factorization import SymmetricFactor
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 
-from .basis import BasisSettings, parametric_basis
-from .reduced_model import ReducedModel, project
+from .adaptive_model import AdaptiveModel, FactoredParts
+from .candidates import BasisSettings, candidates_of
 from .verification import verify
+
+NEGLIGIBLE = 1e-4
+"""Eigenvalue of a part over that of the whole stiffness [1] below which it is left out."""
 
 BAND = 1.5
 """Highest frequency of the modes kept over the upper end of the sensor band [1]: modes above
@@ -24,8 +27,8 @@ def reduce_modal(
     *,
     loads: Float[np.ndarray, "load dof"] | None = None,
     trials: int = 2,
-) -> ReducedModel:
-    """Reduce a model to the span of its lowest modes over all parameters.
+) -> AdaptiveModel:
+    """Reduce a model to its lowest modes and their responses to the parameters.
 
     Parameters
     ----------
@@ -52,7 +55,9 @@ def reduce_modal(
                 "or hold the structure."
             )
         exact = factor.solve(model.rows(loads).T)
-    reduced = project(model, parametric_basis(model, settings, exact=exact))
+    room = max(0, settings.coordinates // 2 - settings.modes)
+    settings = dataclasses.replace(settings, guard=min(settings.guard, room))
+    reduced = _adaptive(model, settings, exact)
     if not trials:
         return reduced
     return verify(
@@ -62,6 +67,34 @@ def reduce_modal(
         span=settings.span,
         trials=trials,
         seed=settings.seed + 1,
+    )
+
+
+def _adaptive(
+    model: ParametricMatrices,
+    settings: BasisSettings,
+    exact: Float[np.ndarray, "own exact"] | None,
+) -> AdaptiveModel:
+    space = candidates_of(model, settings, exact)
+    modes = space.inside(space.nominal.shapes)
+    fixed = modes if exact is None else np.concatenate([modes, space.inside(exact)], axis=1)
+    # Relative to the norm of the modes in A, which orders them alike.
+    scale = np.linalg.norm(modes, axis=0)
+    values = space.nominal.eigenvalue
+    return AdaptiveModel(
+        names=model.names,
+        candidates=space.vectors,
+        stiffness=space.stiffness,
+        mass=space.mass,
+        stiffness_parts=FactoredParts.of(space.stiffness_parts, NEGLIGIBLE),
+        mass_parts=FactoredParts.of(
+            space.mass_parts, NEGLIGIBLE * float(np.linalg.norm(space.mass, 2))
+        ),
+        fixed=fixed / np.linalg.norm(fixed, axis=0),
+        responses=space.stiffness_parts @ (modes / scale),
+        mass_responses=space.mass_parts @ (modes * values / scale),
+        dofs=model.dofs,
+        expansion=model.expansion,
     )
 
 

@@ -9,9 +9,11 @@ import functools
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float
+from scipy import sparse
 
 from slowtime.finite_elements.degrees_of_freedom import DofMap
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
+from slowtime.finite_elements.sensitivities import ModeSlopes, SolvedModel, mode_slopes
 
 DEPENDENT = 1e-12
 """Eigenvalue of the Gram matrix of a basis [1] below which a direction is left out: its square
@@ -85,6 +87,8 @@ class ReducedModel:
         How many of the first coordinates are physical degrees of freedom.
     dofs
         What each degree of freedom is, before constraints; None where unknown.
+    expansion
+        Degrees of freedom before constraints, from those of the full matrices.
     damping
         At zero parameters; None where it is not modelled.
     error
@@ -99,6 +103,7 @@ class ReducedModel:
     basis: Float[np.ndarray, "own coordinate"]
     interface: int = 0
     dofs: DofMap | None = None
+    expansion: sparse.csr_array | None = None
     damping: Float[np.ndarray, "coordinate coordinate"] | None = None
     error: ReductionError | None = None
 
@@ -164,6 +169,65 @@ class ReducedModel:
         return ReducedModes(eigenvalue=values, shapes=shapes)
 
 
+    def sense(self, rows: Float[np.ndarray, "sensor dof"]) -> np.ndarray:
+        """Sensor rows over the coordinates, from rows over all degrees of freedom."""
+        own = rows if self.expansion is None else rows @ self.expansion
+        return np.asarray(own @ self.basis)
+
+    def slopes(
+        self,
+        theta: Float[np.ndarray, " parameter"],
+        rows: Float[np.ndarray, "sensor coordinate"],
+        count: int,
+    ) -> tuple[ReducedModes, ModeSlopes]:
+        """Lowest modes and their slopes by the parameters.
+
+        Parameters
+        ----------
+        theta
+            Relative changes of the parts [1].
+        rows
+            What each sensor sees of the coordinates.
+        count
+            How many modes.
+
+        Returns
+        -------
+        The modes, and slopes of those modes.
+        """
+        found = self.modes(theta, self.size)
+        solved = SolvedModel(
+            eigenvalue=found.eigenvalue,
+            shapes=found.shapes,
+            stiffness_family=_DenseFamily(self.stiffness_parts),
+            mass_family=_DenseFamily(self.mass_parts),
+            weigh=self.mass.__matmul__,
+            solve=np.zeros_like,
+        )
+        wanted = np.arange(min(count, self.size))
+        first = ReducedModes(
+            eigenvalue=found.eigenvalue[wanted], shapes=found.shapes[:, wanted]
+        )
+        return first, mode_slopes(solved, rows, wanted)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _DenseFamily:
+    """Parts as a stack of matrices."""
+
+    parts: np.ndarray
+
+    @property
+    def acts(self) -> bool:
+        return bool(self.parts.any())
+
+    def project(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        return np.asarray(left.T @ (self.parts @ right))
+
+    def contract(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        return np.einsum("ocj,poj->pcj", left, self.parts @ right, optimize=True)
+
+
 def project(
     model: ParametricMatrices,
     basis: Float[np.ndarray, "own coordinate"],
@@ -194,6 +258,7 @@ def project(
         basis=basis,
         interface=interface,
         dofs=model.dofs,
+        expansion=model.expansion,
         damping=None
         if model.damping is None
         else _symmetric(basis.T @ (model.damping @ basis)),

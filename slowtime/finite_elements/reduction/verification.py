@@ -11,6 +11,7 @@ the left and :math:`\lambda_k - \lambda` to the error.
 """
 
 import dataclasses
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +21,11 @@ from slowtime.finite_elements.eigenvalues import SparseModes, lowest_modes
 from slowtime.finite_elements.factorization import SymmetricFactor
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 
+from .adaptive_model import AdaptiveModel
 from .reduced_model import ReducedModel, ReducedModes, ReductionError
+
+
+Reduced = TypeVar("Reduced", ReducedModel, AdaptiveModel)
 
 CUT = 2.0
 """Eigenvalue of the lowest missing motion over that of the highest mode compared [1], supposed
@@ -29,13 +34,13 @@ by the estimate: the basis holds modes beyond those compared."""
 
 def verify(
     model: ParametricMatrices,
-    reduced: ReducedModel,
+    reduced: Reduced,
     *,
     modes: int,
     span: float = 0.3,
     trials: int = 2,
     seed: int = 1,
-) -> ReducedModel:
+) -> Reduced:
     """Compare a reduced model with full solutions at random parameters.
 
     Parameters
@@ -83,7 +88,7 @@ def verify(
 
 def compare_modes(
     model: ParametricMatrices,
-    reduced: ReducedModel,
+    reduced: ReducedModel | AdaptiveModel,
     found: ReducedModes,
     full: SparseModes,
     theta: Float[np.ndarray, " parameter"],
@@ -122,7 +127,7 @@ def compare_modes(
 
 def residual_error(
     model: ParametricMatrices,
-    reduced: ReducedModel,
+    reduced: ReducedModel | AdaptiveModel,
     found: ReducedModes,
     theta: Float[np.ndarray, " parameter"],
     factor: SymmetricFactor,
