@@ -210,7 +210,7 @@ def _lanczos(
     operator = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     # A fixed start makes runs repeat; it is not symmetric, so that no mode is orthogonal to it.
     start = 1.0 + np.modf(np.arange(1, size + 1) * 0.6180339887498949)[0]
-    basis = min(size - 1, max(3 * count, 20))
+    basis = min(size - 1, max(2 * count + 1, 20))
     try:
         values, shapes = eigsh(
             stiffness, count, mass, sigma=shift, OPinv=operator, v0=start, ncv=basis, tol=tolerance

@@ -2,10 +2,11 @@ r"""A reduced model whose basis follows the parameters.
 
 The nominal modes X and the responses to the change of the stiffness,
 
-.. math:: V(\theta) = \Big[ X, \; A^{-1} \Big(\sum_p \frac{\theta_p}{1 + \theta_p} K_p X
-          - \sum_p \theta_p M_p X \Lambda \Big) \Big],
+.. math:: V(\theta) = \Big[ X, \; A^{-1} \sum_p \frac{\theta_p}{1 + \theta_p} K_p X, \;
+          A^{-1} \sum_p \theta_p M_p X \Big],
 
-are twice as many coordinates as modes, whatever the number of parameters. The factor
+are twice as many coordinates as modes (three times with parameters of the mass), whatever the
+number of parameters. The factor
 :math:`\theta / (1 + \theta)` makes the response exact where a part carries a force that does
 not depend on its stiffness (statically determinate structures); elsewhere what is left is of
 second order in the shape and of fourth order in the frequency.
@@ -165,7 +166,7 @@ class AdaptiveModel:
     responses
         :math:`A^{-1} K_p X` of each parameter.
     mass_responses
-        :math:`A^{-1} M_p X \\Lambda` of each parameter.
+        :math:`A^{-1} M_p X` of each parameter.
     dofs
         What each degree of freedom of the full model is, before constraints.
     expansion
@@ -190,7 +191,8 @@ class AdaptiveModel:
     @property
     def size(self) -> int:
         """Number of coordinates at any parameters."""
-        return min(self.fixed.shape[1] + self.responses.shape[2], len(self.mass))
+        sets = 2 if self._weighs else 1
+        return min(self.fixed.shape[1] + sets * self.responses.shape[2], len(self.mass))
 
     @property
     def basis(self) -> Float[np.ndarray, "own candidate"]:
@@ -239,7 +241,8 @@ class AdaptiveModel:
         response = (theta / np.maximum(1.0 + theta, 1.0 - LARGEST)) @ ready.responses
         response = response.reshape(self.responses.shape[1:])
         if self._weighs:
-            response = response - np.tensordot(theta, ready.mass_responses, 1)
+            moved = np.tensordot(theta, ready.mass_responses, 1)
+            response = np.concatenate([response, moved], axis=1)
         gram = response.T @ response
         if not gram.any():
             return ready.fixed

@@ -1,7 +1,7 @@
 r"""Vectors from which reduced models over a range of parameters are made.
 
 They are the nominal modes :math:`x_j`, and for each parameter the responses
-:math:`A^{-1} (K_p - \lambda_j M_p) x_j` to the forces that a change of it leaves, with
+:math:`A^{-1} K_p x_j` and :math:`A^{-1} \lambda_j M_p x_j` to the forces of a change of it, with
 :math:`A = K_0 + s M_0` factorised once. Directions of little energy are left out by proper
 orthogonal decomposition in the norm of A.
 
@@ -170,13 +170,15 @@ def _responses(
     shift = float(values[values > 0.0][:1].sum()) if (values == 0.0).any() else 0.0
     # Uniform parameters have a variance of span^2 / 3; energy counts relative to the mode's.
     scale = settings.span / np.sqrt(3.0 * (values + shift))
+    inertia = shapes * (values + shift)
     kept, waiting = np.zeros((model.size, 0)), []
     parts = len(model.names)
     share = settings.tolerance / max(parts, 1)
     for p in range(parts):
-        force = model.stiffness_family.times(shapes, p)
-        force = force - model.mass_family.times(shapes * values, p)
-        waiting.append(factor.solve(np.asfortranarray(force)) * scale)
+        for family, right in ((model.stiffness_family, shapes), (model.mass_family, inertia)):
+            force = family.times(right, p)
+            if force.any():
+                waiting.append(factor.solve(np.asfortranarray(force)) * scale)
         if sum(one.nbytes for one in waiting) > settings.storage_bytes or p == parts - 1:
             together = np.concatenate([kept, *waiting], axis=1)
             kept, waiting = compressed(together, weight, share * len(waiting)), []

@@ -55,7 +55,8 @@ def reduce_modal(
                 "or hold the structure."
             )
         exact = factor.solve(model.rows(loads).T)
-    room = max(0, settings.coordinates // 2 - settings.modes)
+    sets = 3 if model.mass_family.acts else 2
+    room = max(0, settings.coordinates // sets - settings.modes)
     settings = dataclasses.replace(settings, guard=min(settings.guard, room))
     reduced = _adaptive(model, settings, exact)
     if not trials:
@@ -80,7 +81,6 @@ def _adaptive(
     fixed = modes if exact is None else np.concatenate([modes, space.inside(exact)], axis=1)
     # Relative to the norm of the modes in A, which orders them alike.
     scale = np.linalg.norm(modes, axis=0)
-    values = space.nominal.eigenvalue
     return AdaptiveModel(
         names=model.names,
         candidates=space.vectors,
@@ -92,7 +92,7 @@ def _adaptive(
         ),
         fixed=fixed / np.linalg.norm(fixed, axis=0),
         responses=space.stiffness_parts @ (modes / scale),
-        mass_responses=space.mass_parts @ (modes * values / scale),
+        mass_responses=space.mass_parts @ (modes / scale),
         dofs=model.dofs,
         expansion=model.expansion,
     )

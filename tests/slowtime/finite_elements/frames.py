@@ -45,7 +45,7 @@ def line_of_beams(
     )
 
 
-def small_tower(storeys: int = 6, per_side: int = 1) -> Frame:
+def small_tower(storeys: int = 6) -> Frame:
     """A square tower of beams: legs, rings and braces, one parameter a storey."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float) * 3.0
     names, coordinates, beams = [], [], []
@@ -72,7 +72,6 @@ def small_tower(storeys: int = 6, per_side: int = 1) -> Frame:
                         group=f"storey {level + 1}",
                     )
                 )
-    del per_side
     return Frame(
         node_names=tuple(names),
         coordinates=np.array(coordinates),
