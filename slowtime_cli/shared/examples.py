@@ -89,6 +89,17 @@ EXAMPLES: dict[str, str] = {
     """--noise --force-psd 100 --out a.npz && """
     "slowtime virtual one.yaml a.npz --quantity force --element k",
 }
+_CHAIN = (
+    """seq 12 | awk '{print $1, $1, 2e6; if ($1 > 1) print $1 - 1, $1, -1e6}' > k.sti && """
+    """awk '$2 < 7' k.sti > low.sti && seq 12 | awk '{print $1, $1, 100}' > m.mas && """
+    """seq 12 | awk 'BEGIN {print "node,direction"} {print $1 ",ux"}' > dofs.csv && """
+    """echo '{slowtime_model: 2, matrices: {stiffness: k.sti, mass: m.mas, dofs: dofs.csv, """
+    """parameters: [{name: lower half, stiffness: low.sti}]}}' > chain.yaml"""
+)
+EXAMPLES |= {
+    "reduce": f"{_CHAIN} && slowtime reduce chain.yaml --modes 3",
+    "place": f"{_CHAIN} && slowtime place chain.yaml --sensors 3 --modes 3",
+}
 FIRST_EXAMPLE = f"{_RECORD} && slowtime identify tower.mcap"
 ENDLESS_VERBS = ("twin", "router")
 """Those whose line goes on until Ctrl-C."""

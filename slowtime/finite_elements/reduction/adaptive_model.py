@@ -35,6 +35,9 @@ from slowtime.finite_elements.sensitivities import ModeSlopes, SolvedModel, mode
 
 from .reduced_model import ReducedModes, ReductionError, orthonormal_mixture
 
+NOISE = 1e-8
+"""Part of a response across the fixed columns, over the response [1], that is rounding."""
+
 LARGEST = 0.95
 """Loss of a part [1] at which the factor of its response stops growing."""
 
@@ -207,11 +210,11 @@ class AdaptiveModel:
     def _prepared(self) -> "_Prepared":
         """Products that do not depend on the parameters, made once."""
         fixed = np.linalg.qr(self.fixed)[0]
-        across = np.eye(len(fixed)) - fixed @ fixed.T
         unity = np.allclose(self.stiffness, np.eye(len(fixed)), atol=1e-8)
-        responses = np.ascontiguousarray((across @ self.responses).reshape(len(self.names), -1))
+        responses = _across(fixed, self.responses).reshape(len(self.names), -1)
         inside = self.stiffness_parts.columns.T @ fixed
-        return _Prepared(fixed, responses, across @ self.mass_responses, inside, unity)
+        moved = _across(fixed, self.mass_responses)
+        return _Prepared(fixed, responses, moved, inside, unity)
 
     @functools.cached_property
     def _dense(self) -> tuple[np.ndarray, np.ndarray]:
@@ -246,7 +249,9 @@ class AdaptiveModel:
         gram = response.T @ response
         if not gram.any():
             return ready.fixed
-        return np.concatenate([ready.fixed, response @ orthonormal_mixture(gram)], axis=1)
+        room = len(self.mass) - ready.fixed.shape[1]
+        mixture = orthonormal_mixture(gram)[:, :room]
+        return np.concatenate([ready.fixed, response @ mixture], axis=1)
 
     def at(
         self, theta: Float[np.ndarray, " parameter"]
@@ -345,3 +350,10 @@ class AdaptiveModel:
             eigenvalue=found.eigenvalue[wanted], shapes=found.shapes[:, wanted]
         )
         return first, mode_slopes(solved, rows, wanted)
+
+
+def _across(fixed: np.ndarray, responses: np.ndarray) -> np.ndarray:
+    """Part of responses orthogonal to the fixed columns, zero where it is rounding only."""
+    left = responses - fixed @ (fixed.T @ responses)
+    size, whole = np.linalg.norm(left, axis=1), np.linalg.norm(responses, axis=1)
+    return np.ascontiguousarray(np.where((size > NOISE * whole)[:, None, :], left, 0.0))

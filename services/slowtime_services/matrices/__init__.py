@@ -1,0 +1,20 @@
+"""Matrices of finite-element programs and a model file that names them in; sparse models out."""
+
+from .dof_tables import read_dof_map, write_dof_map
+from .errors import MatrixFileError
+from .matrix_model import MatrixModel, read_matrix_model, read_model_of_matrices
+from .reduced_files import read_reduced, write_reduced
+from .sparse_files import read_matrix, write_matrix
+
+__all__ = [
+    "MatrixFileError",
+    "MatrixModel",
+    "read_dof_map",
+    "read_matrix",
+    "read_matrix_model",
+    "read_model_of_matrices",
+    "read_reduced",
+    "write_dof_map",
+    "write_matrix",
+    "write_reduced",
+]
