@@ -211,7 +211,10 @@ def _springs(
     elements: Sequence[Spring], number: dict[str, int], coordinates: np.ndarray
 ) -> ElementMatrices:
     nodes = np.array(
-        [[-1 if one.ends[0] is None else number[one.ends[0]], number[one.ends[1]]] for one in elements]
+        [
+            [-1 if one.ends[0] is None else number[one.ends[0]], number[one.ends[1]]]
+            for one in elements
+        ]
     )
     stiffness = np.zeros((len(elements), 12, 12))
     for i, one in enumerate(elements):

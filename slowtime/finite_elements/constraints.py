@@ -61,7 +61,9 @@ def link_equations(dofs: DofMap, links: Sequence[RigidLink]) -> list[Equation]:
             dofs.find(name, "ux")
         arm = dofs.coordinates[number[link.following]] - dofs.coordinates[number[link.leading]]
         lead = [dofs.find(link.leading, way) for way in ("ux", "uy", "uz", "rx", "ry", "rz")]
-        follow = [dofs.find(link.following, way) for way in ("ux", "uy", "uz", "rx", "ry", "rz")]
+        follow = [
+            dofs.find(link.following, way) for way in ("ux", "uy", "uz", "rx", "ry", "rz")
+        ]
         carried = carried_by(arm)
         for row in range(6):
             terms = [(lead[c], -float(carried[row, c])) for c in range(6) if carried[row, c]]
@@ -138,7 +140,9 @@ def transformation(size: int, equations: Sequence[Equation]) -> sparse.csr_array
     keep = np.setdiff1d(np.arange(size), first)
     column = np.full(size, -1)
     column[keep] = np.arange(len(keep))
-    unity = sparse.csr_array((np.ones(len(keep)), (keep, column[keep])), shape=(size, len(keep)))
+    unity = sparse.csr_array(
+        (np.ones(len(keep)), (keep, column[keep])), shape=(size, len(keep))
+    )
     if not equations:
         return unity
     rows = [i for i, equation in enumerate(equations) for _ in equation]
@@ -166,7 +170,8 @@ def _solved(own: sparse.csc_array, others: sparse.csc_array) -> sparse.csc_array
     busy = np.flatnonzero(np.diff(others.indptr))
     solution = sparse.coo_array(-lu.solve(np.asarray(others[:, busy].toarray())))
     return sparse.csc_array(
-        (solution.data, (solution.row, busy[solution.col])), shape=(own.shape[0], others.shape[1])
+        (solution.data, (solution.row, busy[solution.col])),
+        shape=(own.shape[0], others.shape[1]),
     )
 
 

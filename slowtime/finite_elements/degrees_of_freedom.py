@@ -46,7 +46,10 @@ class DofMap:
                 f"{len(self.node)} nodes and {len(self.direction)} directions were given. Give "
                 "one node and one direction for each degree of freedom."
             )
-        for name, given, limit in (("node", self.node, nodes), ("direction", self.direction, 6)):
+        for name, given, limit in (
+            ("node", self.node, nodes),
+            ("direction", self.direction, 6),
+        ):
             if given.size and not (given.min() >= 0 and given.max() < limit):
                 raise ValueError(
                     f"A {name} number {int(given.min())} to {int(given.max())} was given. "

@@ -213,7 +213,14 @@ def _lanczos(
     basis = min(size - 1, max(2 * count + 1, 20))
     try:
         values, shapes = eigsh(
-            stiffness, count, mass, sigma=shift, OPinv=operator, v0=start, ncv=basis, tol=tolerance
+            stiffness,
+            count,
+            mass,
+            sigma=shift,
+            OPinv=operator,
+            v0=start,
+            ncv=basis,
+            tol=tolerance,
         )
     except ArpackNoConvergence as error:
         raise MissedModesError(

@@ -43,7 +43,9 @@ class SymmetricFactor:
         own = self._diagonal[place]
         self.singular = bool((np.abs(pivots) <= MASSLESS * np.where(own > 0, own, 1.0)).any())
 
-    def solve(self, right: Float[np.ndarray, "own *vector"]) -> Float[np.ndarray, "own *vector"]:
+    def solve(
+        self, right: Float[np.ndarray, "own *vector"]
+    ) -> Float[np.ndarray, "own *vector"]:
         """Solve for one or several right-hand sides.
 
         Parameters

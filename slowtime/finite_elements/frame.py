@@ -180,7 +180,9 @@ class Frame:
         _check_unique("element", tuple(element.name for element in elements))
         known = set(self.node_names)
         for line in (*self.bars, *self.beams, *self.springs):
-            _check_known(line.name, [end for end in line.ends if end is not None], known, "node")
+            _check_known(
+                line.name, [end for end in line.ends if end is not None], known, "node"
+            )
         for mass in self.masses:
             _check_known(mass.name, [mass.node], known, "node")
         groups = {element.group for element in elements} - {""}

@@ -151,7 +151,9 @@ class MatrixFamily:
     ) -> None:
         self.nominal = sparse.csr_array(nominal)
         self.count = len(parts)
-        self._own = [(i, sparse.csr_array(part)) for i, part in enumerate(parts) if part is not None]
+        self._own = [
+            (i, sparse.csr_array(part)) for i, part in enumerate(parts) if part is not None
+        ]
 
     @functools.cached_property
     def _pattern(self) -> tuple[sparse.csr_array, sparse.csc_array]:

@@ -27,7 +27,9 @@ class Material:
 
     def __post_init__(self) -> None:
         """Refuse values that no material has."""
-        if not (self.young_pa > 0.0 and -1.0 < self.poisson < 0.5 and self.density_kg_m3 >= 0.0):
+        if not (
+            self.young_pa > 0.0 and -1.0 < self.poisson < 0.5 and self.density_kg_m3 >= 0.0
+        ):
             raise ValueError(
                 f"young_pa={self.young_pa}, poisson={self.poisson}, "
                 f"density_kg_m3={self.density_kg_m3}. Allowed are a positive modulus, a ratio "

@@ -44,7 +44,9 @@ def place(model: Path, number: int, **given: Any) -> None:
     problem = PlacementProblem(
         ReducedStructure(model=reduced), rows, sites, precision, read.prior_sd
     )
-    best = place_sensors(problem, number, fixed=tuple(range(kept)))
+    best = place_sensors(
+        problem, number, fixed=tuple(range(kept)), criterion=given["criterion"]
+    )
     even = problem.placement(_evenly(names, number, kept))
     _print(best, even, [names[site] for site in best.sites], as_json=given["as_json"])
 
@@ -85,9 +87,7 @@ def _evenly(names: list[Candidate], number: int, kept: int) -> tuple[int, ...]:
     return (*range(kept), *others.tolist())
 
 
-def _print(
-    best: Placement, even: Placement, chosen: list[Candidate], *, as_json: bool
-) -> None:
+def _print(best: Placement, even: Placement, chosen: list[Candidate], *, as_json: bool) -> None:
     sites = [{"site": site, "directions": " ".join(ways)} for site, ways in chosen]
     parameters = [
         {"parameter": name, "prior_sd": prior, "posterior_sd": sd, "evenly_spread_sd": other}

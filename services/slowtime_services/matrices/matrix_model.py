@@ -116,9 +116,7 @@ def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrice
         model = ParametricMatrices(
             stiffness=stiffness,
             mass=_matrix(section.mass, folder, size),
-            damping=None
-            if section.damping is None
-            else _matrix(section.damping, folder, size),
+            damping=None if section.damping is None else _matrix(section.damping, folder, size),
             names=tuple(one.name for one in section.parameters),
             stiffness_parts=tuple(
                 None if one.stiffness is None else _matrix(one.stiffness, folder, size)
@@ -150,7 +148,9 @@ def _checked(path: Path) -> ModelFile2:
             f"{path.name} is not YAML ({str(error)[:200]}). Give a model file."
         ) from error
     if not isinstance(values, dict):
-        raise MatrixFileError(f"{path.name} is no model file. Begin it with `slowtime_model: 2`.")
+        raise MatrixFileError(
+            f"{path.name} is no model file. Begin it with `slowtime_model: 2`."
+        )
     try:
         return ModelFile2.model_validate(migrated(values))
     except ValidationError as error:

@@ -85,7 +85,9 @@ def read_dmig(path: Path, name: str | None = None) -> tuple[sparse.csr_array, li
             "form 1 or 6 (square, symmetric) and type 1 or 2 (real)."
         )
     triples = list(_entries(path, entries.get(name, [])))
-    places = sorted({place for row, column, _ in triples for place in (row, column)}, key=_order)
+    places = sorted(
+        {place for row, column, _ in triples for place in (row, column)}, key=_order
+    )
     number = {place: k for k, place in enumerate(places)}
     rows = [number[row] for row, _, _ in triples]
     columns = [number[column] for _, column, _ in triples]

@@ -106,6 +106,8 @@ def _dofs(arrays: dict[str, np.ndarray], nodes: list[str] | None) -> DofMap | No
 def _expansion(arrays: dict[str, np.ndarray]) -> sparse.csr_array | None:
     if "expansion.data" not in arrays:
         return None
-    data, indices, starts = (arrays[f"expansion.{key}"] for key in ("data", "indices", "indptr"))
+    data, indices, starts = (
+        arrays[f"expansion.{key}"] for key in ("data", "indices", "indptr")
+    )
     shape = tuple(arrays["expansion.shape"].tolist())
     return sparse.csr_array((data, indices, starts), shape=shape)

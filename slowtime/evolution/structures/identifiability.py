@@ -86,9 +86,7 @@ def _told(information: np.ndarray, direction: np.ndarray) -> bool:
     return bool(direction @ information @ direction >= _TOLD)
 
 
-def _scale(
-    structure: UpdatableModel, information: np.ndarray, sd: np.ndarray
-) -> list[Limit]:
+def _scale(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
     if not structure.node_names or not (sd > 0.0).all():
         return []
     common = (1.0 / sd) / np.linalg.norm(1.0 / sd)
@@ -102,9 +100,7 @@ def _scale(
     return [Limit("scale", structure.names, common, ratio, sentence)]
 
 
-def _unseen(
-    structure: UpdatableModel, information: np.ndarray, sd: np.ndarray
-) -> list[Limit]:
+def _unseen(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
     found = []
     for i, name in enumerate(structure.names):
         alone = np.eye(len(sd))[i]

@@ -236,7 +236,22 @@ def _pair(
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
         cost = cost + 0.5 * directions * (1.0 - alike) / (np.minimum(drift, 0.5) + noise)
     _, partners = linear_sum_assignment(cost)
-    return np.asarray(partners)
+    return _in_order(measured, modes, np.asarray(partners))
+
+
+def _in_order(
+    measured: MeasuredModes, modes: SensedModes, pairs: Int[np.ndarray, " mode"]
+) -> Int[np.ndarray, " mode"]:
+    """Pairs with measured modes of one close group in the order of their frequencies.
+
+    Their shapes are compared as a subspace, so that nothing else tells which is which.
+    """
+    for group in close_groups(modes.frequency_hz):
+        own = np.flatnonzero(np.isin(pairs, group))
+        if len(own) > 1:
+            ranked = own[np.argsort(measured.frequency_hz[own], kind="stable")]
+            pairs[ranked] = np.sort(pairs[own])
+    return pairs
 
 
 def _alike(modes: SensedModes, shapes: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -186,7 +186,6 @@ class ParametricStructure:
             np.einsum("dr,prm->dmp", x, mixing),
         )
 
-
     def sensed_modes(
         self,
         theta: Float[np.ndarray, " parameter"],

@@ -21,6 +21,7 @@ References
 """
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,8 +35,11 @@ FREE = 1e-9
 """Prior information on the factor of a shape, over that of all sensors together [1]: so little
 that one sensor alone says nothing about a shape."""
 
-BETTER = 1e-9
-"""Increase of the logarithm of the determinant [1] below which exchanges end."""
+BETTER = 1e-6
+"""Increase over that by the site in place [1] below which exchanges end."""
+
+Criterion = Literal["determinant", "variance"]
+"""Determinant of the information (D-optimality), or sum of the posterior variances (A)."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,12 +175,16 @@ class PlacementProblem:
         return Placement(chosen, self.names, self.prior_sd, posterior, gain)
 
     def gains(
-        self, chosen: tuple[int, ...], open_sites: Int[np.ndarray, " open"]
+        self,
+        chosen: tuple[int, ...],
+        open_sites: Int[np.ndarray, " open"],
+        criterion: Criterion,
     ) -> Float[np.ndarray, " open"]:
         r"""Increase of the criterion by each of several sites.
 
         By the determinant lemma, :math:`\ln \det (I + U^T H^{-1} U)` less what the factors of
-        the shapes gain by themselves.
+        the shapes gain by themselves; or by Woodbury's identity the fall of the sum of the
+        posterior variances.
 
         Parameters
         ----------
@@ -184,15 +192,22 @@ class PlacementProblem:
             Sites chosen so far.
         open_sites
             Sites to try.
+        criterion
+            What is to grow.
 
         Returns
         -------
         Increase by each [1].
         """
         information, blocks = self.information(chosen), self._blocks[open_sites]
-        factors = blocks[:, :, self._parts :]
-        whole = _growth(blocks, information)
-        return whole - _growth(factors, information[self._parts :, self._parts :])
+        if criterion == "determinant":
+            factors = blocks[:, :, self._parts :]
+            whole = _growth(blocks, information)
+            return whole - _growth(factors, information[self._parts :, self._parts :])
+        spread = blocks @ np.linalg.inv(information)
+        inner = np.eye(blocks.shape[1]) + spread @ np.swapaxes(blocks, 1, 2)
+        own = spread[:, :, : self._parts] * self.prior_sd
+        return np.asarray(np.sum(own * np.linalg.solve(inner, own), axis=(1, 2)))
 
 
 def _growth(blocks: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -227,7 +242,11 @@ def _rows(
 
 
 def place_sensors(
-    problem: PlacementProblem, number: int, *, fixed: tuple[int, ...] = ()
+    problem: PlacementProblem,
+    number: int,
+    *,
+    fixed: tuple[int, ...] = (),
+    criterion: Criterion = "determinant",
 ) -> Placement:
     """Choose sites for sensors by greedy additions, then by exchanges.
 
@@ -239,6 +258,9 @@ def place_sensors(
         Number of sites to choose, fixed ones among them.
     fixed
         Sites that have a sensor already.
+    criterion
+        `determinant` weighs all directions of the parameters alike, `variance` minimises the
+        mean of their posterior variances.
 
     Returns
     -------
@@ -256,21 +278,25 @@ def place_sensors(
         )
     chosen = list(fixed)
     while len(chosen) < number:
-        chosen.append(_best(problem, chosen)[0])
+        # One sensor tells nothing of a shape; the determinant still ranks first sites.
+        early = "determinant" if len(chosen) < 2 else criterion
+        chosen.append(_best(problem, chosen, early)[0])
     improved = True
     while improved:
         improved = False
         for place in range(len(fixed), number):
             others = chosen[:place] + chosen[place + 1 :]
-            site, gains = _best(problem, others)
-            if gains[site] > gains[chosen[place]] + BETTER:
+            site, gains = _best(problem, others, criterion)
+            if gains[site] > (1 + BETTER) * gains[chosen[place]]:
                 chosen[place], improved = site, True
     return problem.placement(tuple(chosen))
 
 
-def _best(problem: PlacementProblem, chosen: list[int]) -> tuple[int, dict[int, float]]:
+def _best(
+    problem: PlacementProblem, chosen: list[int], criterion: Criterion
+) -> tuple[int, dict[int, float]]:
     """Site that adds most to those chosen, and what each adds."""
     free = np.setdiff1d(np.arange(problem.sites), chosen)
-    found = problem.gains(tuple(chosen), free).tolist()
+    found = problem.gains(tuple(chosen), free, criterion).tolist()
     gains = dict(zip(free.tolist(), found, strict=True))
     return max(gains, key=lambda site: gains[site]), gains

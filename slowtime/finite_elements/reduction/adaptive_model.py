@@ -334,7 +334,9 @@ class AdaptiveModel:
         mass = self.mass
         if self._weighs:
             mass = mass + np.tensordot(theta, self._dense[1], 1)
-        shift = 0.0 if found.eigenvalue[0] > 0.0 and self._prepared.unity else -found.eigenvalue[-1]
+        shift = (
+            0.0 if found.eigenvalue[0] > 0.0 and self._prepared.unity else -found.eigenvalue[-1]
+        )
         factor = scipy.linalg.cho_factor(stiffness - shift * mass, check_finite=False)
         solved = SolvedModel(
             eigenvalue=found.eigenvalue,

@@ -57,7 +57,10 @@ def craig_bampton(
         Where holding the interface does not hold the structure.
     """
     inner = np.setdiff1d(np.arange(model.size), interface)
-    if len(set(interface.tolist())) < len(interface) or len(inner) + len(interface) != model.size:
+    if (
+        len(set(interface.tolist())) < len(interface)
+        or len(inner) + len(interface) != model.size
+    ):
         raise ValueError(
             f"Interface {interface.tolist()[:10]} was given. Allowed are different positions "
             f"from 0 to {model.size - 1}."

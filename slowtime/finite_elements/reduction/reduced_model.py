@@ -168,7 +168,6 @@ class ReducedModel:
         )
         return ReducedModes(eigenvalue=values, shapes=shapes)
 
-
     def sense(self, rows: Float[np.ndarray, "sensor dof"]) -> np.ndarray:
         """Sensor rows over the coordinates, from rows over all degrees of freedom."""
         own = rows if self.expansion is None else rows @ self.expansion

@@ -60,13 +60,20 @@ With --keep, the sensors of the model file are there already and count among --s
     show_default=True,
     help="Standard deviation of a component of a shape, over its largest component.",
 )
+@click.option(
+    "--criterion",
+    type=click.Choice(["determinant", "variance"]),
+    default="determinant",
+    show_default=True,
+    help="Maximise the determinant of the information, or minimise the mean variance.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def place(together: bool, keep: bool, **_given: object) -> None:
     """Choose places of sensors that tell most about a model.
 
-    Maximises the determinant of the information that frequencies and mode shapes will give
-    about the parameters (D-optimal design), and prints the places, the expected posterior
-    standard deviation of each parameter, and that of as many evenly spread sensors.
+    Maximises the information that frequencies and mode shapes will give about the parameters,
+    and prints the places, the expected posterior standard deviation of each parameter, and
+    that of as many evenly spread sensors.
     """
     if together and keep:
         raise click.UsageError("Give one of --together and --keep.")

@@ -39,7 +39,9 @@ def line_of_beams(
         beams=beams,
         **{
             "supports": (Support(node="0"),),
-            "parameters": tuple(Parameter(name=f"p{i}", groups=(f"g{i}",)) for i in range(number)),
+            "parameters": tuple(
+                Parameter(name=f"p{i}", groups=(f"g{i}",)) for i in range(number)
+            ),
         }
         | changes,
     )
@@ -78,6 +80,7 @@ def small_tower(storeys: int = 6) -> Frame:
         beams=tuple(beams),
         supports=tuple(Support(node=f"0.{c}") for c in range(4)),
         parameters=tuple(
-            Parameter(name=f"storey {s + 1}", groups=(f"storey {s + 1}",)) for s in range(storeys)
+            Parameter(name=f"storey {s + 1}", groups=(f"storey {s + 1}",))
+            for s in range(storeys)
         ),
     )

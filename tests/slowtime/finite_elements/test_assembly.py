@@ -67,7 +67,11 @@ def mixed_frame():
     )
     bar = Bar(name="bar", ends=("0.0", "2.2"), section=SQUARE, material=STEEL)
     body = PointMass(
-        name="m", node="2.1", mass_kg=50.0, inertia_kg_m2=(1.0, 2.0, 3.0), offset_m=(0.3, 0.1, 0.5)
+        name="m",
+        node="2.1",
+        mass_kg=50.0,
+        inertia_kg_m2=(1.0, 2.0, 3.0),
+        offset_m=(0.3, 0.1, 0.5),
     )
     euler = Beam(
         name="e",
@@ -163,7 +167,9 @@ def test_patch_uniform_strain_is_exact_on_an_uneven_mesh():
     for node, place in zip(frame.node_names, x, strict=True):
         assert at(model, pulled, node, "ux") == pytest.approx(strain * place, abs=1e-13)
         assert at(model, pulled, node, "ry") == pytest.approx(curvature * place, abs=1e-12)
-        assert at(model, pulled, node, "uz") == pytest.approx(-curvature * place**2 / 2, abs=1e-12)
+        assert at(model, pulled, node, "uz") == pytest.approx(
+            -curvature * place**2 / 2, abs=1e-12
+        )
 
 
 def test_displacements_are_reciprocal():
@@ -221,14 +227,22 @@ def test_a_space_truss_of_three_bars_is_solved_by_hand():
 def test_a_portal_frame_sways_as_in_the_textbook():
     """Fixed-base portal with a horizontal force at the beam: slope-deflection solution."""
     height, span, inertia = 3.0, 4.0, 1e-5
-    rigid_axially = Section(area_m2=10.0, inertia_y_m4=inertia, inertia_z_m4=inertia, torsion_m4=1e-5)
+    rigid_axially = Section(
+        area_m2=10.0, inertia_y_m4=inertia, inertia_z_m4=inertia, torsion_m4=1e-5
+    )
     material = Material(young_pa=2e11)
     corners = {"a": (0, 0, 0), "b": (0, 0, height), "c": (span, 0, height), "d": (span, 0, 0)}
     frame = Frame(
         node_names=tuple(corners),
         coordinates=np.array(list(corners.values()), dtype=float),
         beams=tuple(
-            Beam(name=i + j, ends=(i, j), section=rigid_axially, material=material, theory="euler")
+            Beam(
+                name=i + j,
+                ends=(i, j),
+                section=rigid_axially,
+                material=material,
+                theory="euler",
+            )
             for i, j in (("a", "b"), ("b", "c"), ("c", "d"))
         ),
         supports=(Support(node="a"), Support(node="d")),
@@ -254,7 +268,9 @@ def test_parameters_scale_their_groups_only():
         for b in frame.beams
     )
     direct = assemble(dataclasses.replace(frame, beams=beams))
-    np.testing.assert_allclose(stiffness.toarray(), direct.stiffness.toarray(), rtol=1e-9, atol=1)
+    np.testing.assert_allclose(
+        stiffness.toarray(), direct.stiffness.toarray(), rtol=1e-9, atol=1
+    )
     np.testing.assert_allclose(mass.toarray(), direct.mass.toarray(), rtol=1e-12, atol=1e-12)
 
 
@@ -285,7 +301,9 @@ def test_a_multi_point_constraint_holds_its_relation():
     tie = MultiPointConstraint(terms=(("3", "uz", 1.0), ("1", "uz", -2.0)))
     model = assemble(dataclasses.replace(line_of_beams(3), constraints=(tie,)))
     moved = solve(model, {("2", "uz"): 1.0})
-    assert at(model, moved, "3", "uz") == pytest.approx(2 * at(model, moved, "1", "uz"), rel=1e-12)
+    assert at(model, moved, "3", "uz") == pytest.approx(
+        2 * at(model, moved, "1", "uz"), rel=1e-12
+    )
 
 
 def test_conditions_that_contradict_are_refused():

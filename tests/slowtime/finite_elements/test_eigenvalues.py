@@ -77,7 +77,9 @@ def test_the_count_below_a_frequency_needs_no_modes():
     model = assemble(small_tower(8))
     frequency = nominal_modes(model, 12).frequency_hz
     for j in (0, 2, 7, 11):
-        assert modes_below(model, frequency[j] * 1.0001) == np.sum(frequency < frequency[j] * 1.0001)
+        assert modes_below(model, frequency[j] * 1.0001) == np.sum(
+            frequency < frequency[j] * 1.0001
+        )
 
 
 def test_a_solver_that_misses_a_mode_is_found_out(monkeypatch):

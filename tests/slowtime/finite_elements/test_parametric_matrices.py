@@ -17,7 +17,8 @@ def test_projections_are_those_of_the_dense_matrices():
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     cube = rng.standard_normal((model.size, 2, 3))
     expected = [
-        np.einsum("acj,ab,bj->cj", cube, part.toarray(), right) for part in model.stiffness_parts
+        np.einsum("acj,ab,bj->cj", cube, part.toarray(), right)
+        for part in model.stiffness_parts
     ]
     found = model.stiffness_family.contract(cube, right)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
@@ -78,7 +79,10 @@ def test_a_map_names_each_pair_once():
             direction=np.array([1, 1]),
         )
     dofs = DofMap(
-        node_names=("a",), coordinates=np.zeros((1, 3)), node=np.array([0]), direction=np.array([1])
+        node_names=("a",),
+        coordinates=np.zeros((1, 3)),
+        node=np.array([0]),
+        direction=np.array([1]),
     )
     with pytest.raises(ValueError, match="has no degree of freedom rz"):
         dofs.find("a", "rz")

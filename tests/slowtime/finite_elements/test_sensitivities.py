@@ -37,9 +37,7 @@ def test_slopes_are_the_quotients_of_differences(model):
         up, down = (dense_modes(model, theta + s * change, rows, first + 5) for s in (1, -1))
         expected = (up[0] - down[0])[first:] / (2 * step)
         scale = np.abs(slopes.eigenvalue).max(axis=1)
-        np.testing.assert_allclose(
-            slopes.eigenvalue[:, p] / scale, expected / scale, atol=2e-5
-        )
+        np.testing.assert_allclose(slopes.eigenvalue[:, p] / scale, expected / scale, atol=2e-5)
         here = rows @ modes.shapes
         ends = [
             end[1][:, first:] * np.sign(np.sum(end[1][:, first:] * here, axis=0))
@@ -47,16 +45,12 @@ def test_slopes_are_the_quotients_of_differences(model):
         ]
         quotient = (ends[0] - ends[1]) / (2 * step)
         size = np.abs(slopes.sensed).max(axis=(0, 2))
-        np.testing.assert_allclose(
-            slopes.sensed[:, :, p] / size, quotient / size, atol=2e-4
-        )
+        np.testing.assert_allclose(slopes.sensed[:, :, p] / size, quotient / size, atol=2e-4)
 
 
 def test_stiffness_and_mass_that_grow_alike_change_no_frequency():
     beam = line_of_beams(12)
-    whole = Parameter(
-        name="all", groups=tuple(f"g{i}" for i in range(12)), acts_on="both"
-    )
+    whole = Parameter(name="all", groups=tuple(f"g{i}" for i in range(12)), acts_on="both")
     model = assemble(dataclasses.replace(beam, parameters=(whole,)))
     rows = np.eye(model.size)[-2:]
     modes, slopes = sparse_mode_slopes(model, np.zeros(1), rows, 4)
