@@ -1,10 +1,10 @@
-"""Large parametric models: reduction, updating and placement of sensors, against full solutions.
+"""Large parametric models: reduction, updating, placement of sensors, and full solutions.
 
 Run `python -m benchmarks.methods.finite_elements [--part tower chain peer placement]
 [--trials 200] [--levels 220]`. The tower is a hollow one of hexahedra with diaphragms, made by
-scikit-fem, whose stiffness has 30 groups; its matrices go through files. Times of updated models
-are ratios to one full solution, those of updating to one dense eigenvalue solution of the same
-matrix, and to `scipy.optimize.least_squares` on the same residuals.
+scikit-fem, whose stiffness has 30 groups; its matrices go through files. Times of updated
+models are ratios to one full solution, those of updating to one dense eigenvalue solution of
+the same matrix, and to `scipy.optimize.least_squares` on the same residuals.
 """
 
 import argparse
@@ -92,7 +92,7 @@ def tower_matrices(levels: int) -> Matrices:
     free = basis.complement_dofs(basis.get_dofs(lambda x: x[2] < 1e-9).all())
 
     def inner(matrix: sparse.csr_matrix) -> sparse.csr_array:
-        return sparse.csr_array(matrix)[free][:, free]
+        return sparse.csr_array(sparse.csr_array(matrix)[free][:, free])
 
     elastic = linear_elasticity(*lame_parameters(YOUNG_PA, POISSON))
     weigh = skfem.BilinearForm(lambda u, v, _: DENSITY * dot(u, v))
@@ -178,7 +178,7 @@ def _trials(
 
 
 def chain(number: int) -> SparseStructure:
-    """Unit masses in a row from a support, each spring a parameter."""
+    """Build unit masses in a row from a support, each spring a parameter."""
     stiff, parts = float(number) ** 2, []
     for e in range(number):
         places = [e] if e == 0 else [e - 1, e]
@@ -267,7 +267,8 @@ def _peer(given: argparse.Namespace) -> bool:
     start = time.process_time()
     peer = least_squares(residual, np.zeros(number), method="lm", xtol=1e-12, ftol=1e-12)
     theirs = time.process_time() - start
-    sd = np.sqrt(np.diag(np.linalg.inv(peer.jac.T @ peer.jac))) * prior
+    slope = np.asarray(peer.jac, dtype=np.float64)
+    sd = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope))) * prior
     apart = np.abs(found.theta - prior * peer.x).max() / sd.min()
     ratio = found.sd / sd
     print("Sixty parameters, 12 modes at 16 sensors, beside scipy.optimize.least_squares:")

@@ -1,1 +1,1 @@
-"""Nodes, elements or sparse matrices in; modes, sensitivities and small parametric models out."""
+"""Frames or sparse matrices in; modes, sensitivities and small parametric models out."""

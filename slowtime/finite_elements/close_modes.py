@@ -13,7 +13,7 @@ modes so close rotate among each other under changes of stiffness of a few per c
 def close_groups(
     frequency_hz: Float[np.ndarray, " mode"], relative: float = CLOSE
 ) -> list[list[int]]:
-    """Groups of neighbouring modes, each within `relative` of the one before.
+    """Gather neighbouring modes, each within `relative` of the one before.
 
     Parameters
     ----------

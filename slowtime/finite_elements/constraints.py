@@ -215,15 +215,17 @@ def project_sparse(
     The model over q.
     """
 
-    def turned(part: sparse.csr_array | None) -> sparse.csr_array | None:
-        return None if part is None else sparse.csr_array(matrix.T @ part @ matrix)
+    def turned(part: sparse.csr_array) -> sparse.csr_array:
+        return sparse.csr_array(matrix.T @ part @ matrix)
 
     return dataclasses.replace(
         model,
         stiffness=turned(model.stiffness),
         mass=turned(model.mass),
-        damping=turned(model.damping),
-        stiffness_parts=tuple(turned(part) for part in model.stiffness_parts),
-        mass_parts=tuple(turned(part) for part in model.mass_parts),
+        damping=None if model.damping is None else turned(model.damping),
+        stiffness_parts=tuple(
+            None if part is None else turned(part) for part in model.stiffness_parts
+        ),
+        mass_parts=tuple(None if part is None else turned(part) for part in model.mass_parts),
         expansion=expansion,
     )

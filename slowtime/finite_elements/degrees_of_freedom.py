@@ -57,8 +57,8 @@ class DofMap:
                 )
         if len(self._positions) < len(self.node):
             raise ValueError(
-                f"{len(self.node) - len(self._positions)} degrees of freedom have the same node "
-                "and direction as another. Give each pair once."
+                f"{len(self.node) - len(self._positions)} degrees of freedom have the same "
+                "node and direction as another. Give each pair once."
             )
 
     @property
@@ -111,8 +111,8 @@ class DofMap:
         found = self._positions.get((self._numbers[node], DIRECTIONS.index(direction)))
         if found is None:
             raise ValueError(
-                f"Node {node!r} has no degree of freedom {direction}. Choose another direction, "
-                "or join an element to the node that has it."
+                f"Node {node!r} has no degree of freedom {direction}. Choose another "
+                "direction, or join an element to the node that has it."
             )
         return found
 

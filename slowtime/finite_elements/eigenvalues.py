@@ -224,8 +224,8 @@ def _lanczos(
         )
     except ArpackNoConvergence as error:
         raise MissedModesError(
-            f"Only {len(error.eigenvalues)} of {count} modes converged. Ask for fewer modes, or "
-            "check the model for parts that are not joined."
+            f"Only {len(error.eigenvalues)} of {count} modes converged. Ask for fewer modes, "
+            "or check the model for parts that are not joined."
         ) from None
     order = np.argsort(values)
     return values[order], shapes[:, order]
@@ -266,8 +266,8 @@ def _without_noise(values: np.ndarray) -> np.ndarray:
     scale = np.abs(values[np.abs(values) > RIGID * np.abs(values).max()]).min()
     if values[0] < -RIGID * scale:
         raise ValueError(
-            f"The stiffness matrix has a negative eigenvalue ({values[0]:.4g} rad^2/s^2). Check "
-            "the signs of stiffnesses and springs."
+            f"The stiffness matrix has a negative eigenvalue ({values[0]:.4g} rad^2/s^2). "
+            "Check the signs of stiffnesses and springs."
         )
     return np.where(np.abs(values) < RIGID * scale, 0.0, values)
 

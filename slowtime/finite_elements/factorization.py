@@ -5,6 +5,9 @@ from jaxtyping import Float
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
+Columns = Float[np.ndarray, "own ..."]
+"""One vector, or one a column."""
+
 MASSLESS = 1e-11
 """Pivot over the diagonal entry [1] below which rounding cannot tell it from zero: some
 thousand times the rounding of double precision, for the sums of elimination."""
@@ -43,9 +46,7 @@ class SymmetricFactor:
         own = self._diagonal[place]
         self.singular = bool((np.abs(pivots) <= MASSLESS * np.where(own > 0, own, 1.0)).any())
 
-    def solve(
-        self, right: Float[np.ndarray, "own *vector"]
-    ) -> Float[np.ndarray, "own *vector"]:
+    def solve(self, right: Columns) -> Columns:
         """Solve for one or several right-hand sides.
 
         Parameters

@@ -175,11 +175,12 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Refuse names that occur twice or do not exist."""
-        elements = (*self.bars, *self.beams, *self.springs, *self.masses)
+        lines: tuple[Bar | Beam | Spring, ...] = (*self.bars, *self.beams, *self.springs)
+        elements: tuple[Bar | Beam | Spring | PointMass, ...] = (*lines, *self.masses)
         _check_unique("node", self.node_names)
         _check_unique("element", tuple(element.name for element in elements))
         known = set(self.node_names)
-        for line in (*self.bars, *self.beams, *self.springs):
+        for line in lines:
             _check_known(
                 line.name, [end for end in line.ends if end is not None], known, "node"
             )

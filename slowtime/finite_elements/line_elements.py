@@ -22,7 +22,7 @@ _MIRROR = np.array([1.0, -1.0, 1.0, -1.0])  # a positive rotation about y lowers
 def element_axes(
     along: Float[np.ndarray, "element 3"], orientation: Float[np.ndarray, "element 3"]
 ) -> Float[np.ndarray, "element 3 3"]:
-    """Unit vectors of the local axes x, y, z of elements, one row each.
+    """Compute unit vectors of the local axes x, y, z of elements, one row each.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def element_axes(
     size = np.linalg.norm(across, axis=1)
     if not (size > PARALLEL).all():
         raise ValueError(
-            f"The orientation of element number {int(np.argmin(size)) + 1} lies along its axis. "
-            "Give a vector in the plane of its local x and y axes."
+            f"The orientation of element number {int(np.argmin(size)) + 1} lies along its "
+            "axis. Give a vector in the plane of its local x and y axes."
         )
     z = across / size[:, None]
     return np.stack([x, np.cross(z, x), z], axis=1)
@@ -152,7 +152,8 @@ def bending_mass(
     deflection, rotation = _interpolation(ratio, length)
     shares = _WEIGHT * length[:, None]
     mass = np.einsum("eg,eig,ejg->eij", shares * line_mass[:, None], deflection, deflection)
-    return mass + np.einsum("eg,eig,ejg->eij", shares * rotary[:, None], rotation, rotation)
+    turning = np.einsum("eg,eig,ejg->eij", shares * rotary[:, None], rotation, rotation)
+    return np.asarray(mass + turning)
 
 
 def _interpolation(ratio: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

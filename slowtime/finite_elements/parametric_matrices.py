@@ -297,8 +297,8 @@ def check_symmetric(name: str, matrix: sparse.csr_array) -> None:
     if skew > ASYMMETRY * largest:
         raise ValueError(
             f"The {name} matrix is not symmetric: opposite entries differ by {skew:.3g} where "
-            f"the largest entry is {largest:.3g}. Give a symmetric matrix; if only one triangle "
-            "was exported, mirror it."
+            f"the largest entry is {largest:.3g}. Give a symmetric matrix; if only one "
+            "triangle was exported, mirror it."
         )
 
 

@@ -63,7 +63,7 @@ class Family(Protocol):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedModel:
-    """A model at certain parameters, solved for its lowest modes.
+    r"""A model at certain parameters, solved for its lowest modes.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ class SolvedModel:
     weigh
         Product of the mass matrix with columns.
     solve
-        Solution of :math:`(K - \\sigma M) u = f` for columns f.
+        Solution of :math:`(K - \sigma M) u = f` for columns f.
     shift
-        :math:`\\sigma` [rad^2/s^2], below all eigenvalues.
+        :math:`\sigma` [rad^2/s^2], below all eigenvalues.
     """
 
     eigenvalue: Float[np.ndarray, " found"]

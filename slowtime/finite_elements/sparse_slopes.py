@@ -9,7 +9,6 @@ from .factorization import SymmetricFactor
 from .parametric_matrices import ParametricMatrices
 from .sensitivities import ModeSlopes, SolvedModel, mode_slopes
 
-
 BEYOND = 6
 """Modes found beyond those whose slopes are wanted, for the series of the rest to converge."""
 

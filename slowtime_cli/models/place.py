@@ -71,7 +71,7 @@ def _candidates(
             continue
         sets = [found] if given["together"] else [[k] for k in found]
         for one in sets:
-            rows += [np.eye(1, dofs.size, k)[0] for k in one]
+            rows += [np.eye(1, dofs.size, int(k))[0] for k in one]
             names.append((name, tuple(DIRECTIONS[dofs.direction[k]] for k in one)))
     if not names:
         raise MatrixFileError(

@@ -1,4 +1,4 @@
-"""Matrices of finite-element programs and a model file that names them in; sparse models out."""
+"""Matrix files, and a model file that names them, in; sparse models with parameters out."""
 
 from .dof_tables import read_dof_map, write_dof_map
 from .errors import MatrixFileError

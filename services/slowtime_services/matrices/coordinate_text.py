@@ -1,9 +1,9 @@
 """Matrices as lines of row, column and value: CalculiX and Abaqus.
 
-CalculiX writes `row column value` with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (.sti, .mas). Abaqus
-writes, with ``*MATRIX OUTPUT``, either the same (FORMAT=COORDINATE) or `node, direction, node,
-direction, value` (FORMAT=MATRIX INPUT, behind a line ``*MATRIX, ...``). Either has one triangle
-or both.
+CalculiX writes `row column value` with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (.sti, .mas).
+Abaqus writes, with ``*MATRIX OUTPUT``, either the same (FORMAT=COORDINATE) or `node, direction,
+node, direction, value` (FORMAT=MATRIX INPUT, behind a line ``*MATRIX, ...``). Either has one
+triangle or both.
 """
 
 import re

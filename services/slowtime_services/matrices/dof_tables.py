@@ -105,7 +105,8 @@ def write_dof_map(path: Path, dofs: DofMap) -> None:
 
 
 def _from_table(path: Path) -> tuple[list[tuple[str, int]], dict[str, Sequence[float]]]:
-    places, where = [], {}
+    places = list[tuple[str, int]]()
+    where = dict[str, Sequence[float]]()
     for line, row in _rows(path, COLUMNS):
         word = row["direction"].lower()
         if word not in _WORDS:

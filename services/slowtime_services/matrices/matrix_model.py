@@ -165,8 +165,9 @@ def _matrix(source: MatrixSource, folder: Path, size: int | None) -> sparse.csr_
     """Matrix of a file, with rows of zeros at its end where the file leaves them out."""
     found = read_matrix(folder / source.file, source.variable)
     if size is not None and found.shape[0] < size:
-        found = sparse.csr_array(found)
-        found.resize((size, size))
+        missing = np.full(size - found.shape[0], found.indptr[-1])
+        starts = np.concatenate([found.indptr, missing])
+        found = sparse.csr_array((found.data, found.indices, starts), shape=(size, size))
     return found
 
 
@@ -174,7 +175,8 @@ def _row(model: ParametricMatrices, sensor: MatrixSensor) -> Float[np.ndarray, "
     if model.dofs is None:
         raise MatrixFileError("`sensors` need `dofs`. Give the file that says what rows are.")
     try:
-        line = {sensor.direction: 1.0} if sensor.direction else (sensor.line or ())
-        return model.dofs.row(sensor.node, line)
+        if sensor.direction is not None:
+            return model.dofs.row(sensor.node, {sensor.direction: 1.0})
+        return model.dofs.row(sensor.node, sensor.line or ())
     except ValueError as error:
         raise MatrixFileError(f"Sensor {sensor.channel!r}: {error}") from error

@@ -8,7 +8,6 @@ import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from scipy import sparse
 
 from .errors import MatrixFileError
@@ -160,7 +159,7 @@ def _place(path: Path, card: _Card, node: str, component: str) -> Place:
 
 
 def _real(path: Path, card: _Card, text: str) -> float:
-    """Number as Nastran writes it: `1.5-3` is 1.5e-3, and empty is 0."""
+    """Parse a number as Nastran writes it: `1.5-3` is 1.5e-3, and empty is 0."""
     plain = text.upper().replace("D", "E")
     for k in range(1, len(plain)):
         if plain[k] in "+-" and plain[k - 1] not in "E+-":

@@ -76,7 +76,9 @@ def read_reduced(path: Path) -> AdaptiveModel:
             raise MatrixFileError(f"{path.name} is of format {heading['format']!r}.")
         parts = {
             name: FactoredParts(
-                *(arrays[f"{name}.{key}"] for key in ("columns", "sign", "owner")),
+                arrays[f"{name}.columns"],
+                arrays[f"{name}.sign"],
+                arrays[f"{name}.owner"],
                 heading["counts"][name],
             )
             for name in _PARTS
@@ -84,7 +86,8 @@ def read_reduced(path: Path) -> AdaptiveModel:
         return AdaptiveModel(
             names=tuple(heading["names"]),
             **{name: arrays[name] for name in _ARRAYS},
-            **parts,
+            stiffness_parts=parts["stiffness_parts"],
+            mass_parts=parts["mass_parts"],
             dofs=_dofs(arrays, heading["nodes"]),
             expansion=_expansion(arrays),
             error=None if heading["error"] is None else ReductionError(**heading["error"]),

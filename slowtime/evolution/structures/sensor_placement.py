@@ -1,15 +1,16 @@
 r"""Sensors whose measured modes tell most about the parameters of a model.
 
 A mode seen by the sensors S has frequency and shape. The factor of a shape is unknown and is a
-parameter of its own; so are those of all modes close to it, among which its shape turns. With prior-whitened parameters the information is a sum over sensors,
+parameter of its own; so are those of all modes close to it, among which its shape turns. With
+prior-whitened parameters the information is a sum over sensors,
 
 .. math:: H(S) = H_0 + \sum_{s \in S} U_s U_s^T, \qquad
           U_s^T = \frac{1}{\sigma} \Big[ \frac{\partial x_{sj}}{\partial \theta} \sigma_\theta,
           \; x_{sr} e_{jr} \Big]_j ,
 
 and the parameters have information :math:`H_{\theta\theta} - H_{\theta a} H_{aa}^{-1}
-H_{a\theta}` beside the factors a. Its determinant is maximised (D-optimality), greedily and then
-by exchanges of single sites.
+H_{a\theta}` beside the factors a. Its determinant is maximised (D-optimality), or the trace of
+its inverse minimised (A-optimality), greedily and then by exchanges of single sites.
 
 References
 ----------
@@ -129,8 +130,8 @@ class PlacementProblem:
         sd = check_prior(model, prior_sd)
         if len(sites) != len(sensors) or set(sites.tolist()) != set(range(len(set(sites)))):
             raise ValueError(
-                f"{len(sites)} sites for {len(sensors)} sensors. Give each sensor the number of "
-                "its site, counted from 0 without gaps."
+                f"{len(sites)} sites for {len(sensors)} sensors. Give each sensor the number "
+                "of its site, counted from 0 without gaps."
             )
         modes = model.sensed_modes(np.zeros(len(sd)), sensors, precision.modes)
         count = min(precision.modes, len(modes.eigenvalue))
@@ -203,7 +204,8 @@ class PlacementProblem:
         if criterion == "determinant":
             factors = blocks[:, :, self._parts :]
             whole = _growth(blocks, information)
-            return whole - _growth(factors, information[self._parts :, self._parts :])
+            own = _growth(factors, information[self._parts :, self._parts :])
+            return np.asarray(whole - own)
         spread = blocks @ np.linalg.inv(information)
         inner = np.eye(blocks.shape[1]) + spread @ np.swapaxes(blocks, 1, 2)
         own = spread[:, :, : self._parts] * self.prior_sd
@@ -219,7 +221,7 @@ def _growth(blocks: np.ndarray, information: np.ndarray) -> np.ndarray:
 def _rows(
     modes: SensedModes, count: int, shape_sd: float, prior_sd: np.ndarray
 ) -> Float[np.ndarray, "sensor mode all"]:
-    """What each sensor tells of each mode, by parameters and by factors of close shapes."""
+    """Find what each sensor tells of each mode, by parameters and factors of shapes."""
     sensed, parts = modes.sensed, len(prior_sd)
     largest = np.abs(sensed[:, :count]).max(axis=0)
     weight = 1.0 / (np.where(largest > 0.0, largest, 1.0) * shape_sd)

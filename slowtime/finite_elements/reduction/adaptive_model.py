@@ -195,7 +195,8 @@ class AdaptiveModel:
     def size(self) -> int:
         """Number of coordinates at any parameters."""
         sets = 2 if self._weighs else 1
-        return min(self.fixed.shape[1] + sets * self.responses.shape[2], len(self.mass))
+        count = self.fixed.shape[1] + sets * self.responses.shape[2]
+        return int(min(count, len(self.mass)))
 
     @property
     def basis(self) -> Float[np.ndarray, "own candidate"]:

@@ -1,7 +1,7 @@
 r"""Vectors from which reduced models over a range of parameters are made.
 
 They are the nominal modes :math:`x_j`, and for each parameter the responses
-:math:`A^{-1} K_p x_j` and :math:`A^{-1} \lambda_j M_p x_j` to the forces of a change of it, with
+:math:`A^{-1} K_p x_j` and :math:`A^{-1} \lambda_j M_p x_j` to the forces of its change, with
 :math:`A = K_0 + s M_0` factorised once. Directions of little energy are left out by proper
 orthogonal decomposition in the norm of A.
 
@@ -66,9 +66,9 @@ class BasisSettings:
         """Refuse settings without a solution."""
         if not (0 < self.modes <= self.coordinates and 0.0 < self.span < 1.0):
             raise ValueError(
-                f"modes={self.modes}, coordinates={self.coordinates}, span={self.span}. Allowed "
-                "are at least one mode, as many coordinates as modes, and a span below 1, where "
-                "a part has lost all stiffness."
+                f"modes={self.modes}, coordinates={self.coordinates}, span={self.span}. "
+                "Allowed are at least one mode, as many coordinates as modes, and a span below "
+                "1, where a part has lost all stiffness."
             )
 
 
@@ -188,7 +188,7 @@ def _responses(
 def compressed(
     columns: Float[np.ndarray, "own column"], weight: sparse.csr_array, discarded: float
 ) -> Float[np.ndarray, "own direction"]:
-    """Main directions of columns, in their sizes.
+    """Find the main directions of columns, in their sizes.
 
     Parameters
     ----------

@@ -100,8 +100,8 @@ def restrict(
     The model over these.
     """
 
-    def block(part: sparse.csr_array | None) -> sparse.csr_array | None:
-        return None if part is None else sparse.csr_array(part[positions][:, positions])
+    def block(part: sparse.csr_array) -> sparse.csr_array:
+        return sparse.csr_array(part[positions][:, positions])
 
     pick = sparse.csr_array(
         (np.ones(len(positions)), (positions, range(len(positions)))),
@@ -111,9 +111,11 @@ def restrict(
         model,
         stiffness=block(model.stiffness),
         mass=block(model.mass),
-        damping=block(model.damping),
-        stiffness_parts=tuple(block(part) for part in model.stiffness_parts),
-        mass_parts=tuple(block(part) for part in model.mass_parts),
+        damping=None if model.damping is None else block(model.damping),
+        stiffness_parts=tuple(
+            None if part is None else block(part) for part in model.stiffness_parts
+        ),
+        mass_parts=tuple(None if part is None else block(part) for part in model.mass_parts),
         expansion=pick if model.expansion is None else sparse.csr_array(model.expansion @ pick),
     )
 
@@ -125,7 +127,7 @@ def _constraint_derivatives(
     constraint: np.ndarray,
     factor: SymmetricFactor,
 ) -> Float[np.ndarray, "inner direction"]:
-    r"""Main directions of :math:`-K_{ii}^{-1} (K_{p,ib} + K_{p,ii} \Psi)` over the parameters."""
+    r"""Find main directions of :math:`-K_{ii}^{-1} (K_{p,ib} + K_{p,ii} \Psi)` over p."""
     whole = np.zeros((model.size, len(interface)))
     whole[interface, range(len(interface))] = 1.0
     whole[inner] = constraint

@@ -101,7 +101,7 @@ def _adaptive(
 def settings_for_band(
     model: ParametricMatrices, band_hz: float, settings: BasisSettings
 ) -> BasisSettings:
-    """Settings whose number of modes follows from the band of the sensors.
+    """Set the number of modes by the band of the sensors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""A reduced model: projections of all matrices, so that parameters change without the full one.
+r"""A reduced model: projections of all matrices, linear in the parameters.
 
 .. math:: K_r(\theta) = V^T K_0 V + \sum_i \theta_i V^T K_i V
 """
@@ -224,7 +224,8 @@ class _DenseFamily:
         return np.asarray(left.T @ (self.parts @ right))
 
     def contract(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        return np.einsum("ocj,poj->pcj", left, self.parts @ right, optimize=True)
+        found = np.einsum("ocj,poj->pcj", left, self.parts @ right, optimize=True)
+        return np.asarray(found)
 
 
 def project(
@@ -264,27 +265,18 @@ def project(
     )
 
 
-def orthonormal(
-    columns: Float[np.ndarray, "own column"], gram: Float[np.ndarray, "column column"]
-) -> Float[np.ndarray, "own rank"]:
-    """Orthonormal basis of the span of columns, in the inner product of their Gram matrix.
+def orthonormal_mixture(gram: Float[np.ndarray, "column column"]) -> np.ndarray:
+    """Mixture of columns that makes them orthonormal, largest direction first.
 
     Parameters
     ----------
-    columns
-        The columns.
     gram
-        Their inner products.
+        Inner products of the columns.
 
     Returns
     -------
-    Basis; directions that depend on others are left out.
+    Matrix by which the columns are multiplied; directions that depend on others are left out.
     """
-    return columns @ orthonormal_mixture(gram)
-
-
-def orthonormal_mixture(gram: Float[np.ndarray, "column column"]) -> np.ndarray:
-    """Mixture of columns that makes them orthonormal, largest direction first."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     kept = values > DEPENDENT * values[-1]

@@ -24,7 +24,6 @@ from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 from .adaptive_model import AdaptiveModel
 from .reduced_model import ReducedModel, ReducedModes, ReductionError
 
-
 Reduced = TypeVar("Reduced", ReducedModel, AdaptiveModel)
 
 CUT = 2.0

@@ -85,8 +85,8 @@ def subspace_mac(
     """
     if one.shape[1] > other.shape[1] or one.shape[0] != other.shape[0]:
         raise ValueError(
-            f"Shapes of {one.shape} and {other.shape} were given. Give the same channels, and at "
-            "least as many shapes in the second set as in the first."
+            f"Shapes of {one.shape} and {other.shape} were given. Give the same channels, and "
+            "at least as many shapes in the second set as in the first."
         )
     first, second = np.linalg.qr(one)[0], np.linalg.qr(other)[0]
     cosines = np.linalg.svd(first.conj().T @ second, compute_uv=False)

@@ -28,7 +28,8 @@ parameter scales. docs/matrices.md lists formats and keys.
 @click.option(
     "--band-hz",
     type=POSITIVE,
-    help="Upper end of the sensors' band, instead of --modes: modes below 1.5 times it are kept.",
+    help="Upper end of the sensors' band, instead of --modes: modes up to 1.5 times it are "
+    "kept.",
 )
 @click.option(
     "--coordinates",

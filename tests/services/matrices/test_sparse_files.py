@@ -139,7 +139,7 @@ def test_tables_without_columns_or_with_other_directions_are_refused(tmp_path):
     with pytest.raises(MatrixFileError, match="direction is missing"):
         read_dof_map(path)
     path.write_text("node,direction\n1,up\n")
-    with pytest.raises(MatrixFileError, match="Line 2 of dofs.csv has the direction 'up'"):
+    with pytest.raises(MatrixFileError, match=r"Line 2 of dofs.csv has the direction 'up'"):
         read_dof_map(path)
     path.write_text("node,direction\n1,ux\n1,1\n")
     with pytest.raises(MatrixFileError, match="Give each pair once"):

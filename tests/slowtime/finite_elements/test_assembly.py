@@ -18,7 +18,6 @@ from slowtime.finite_elements.frame import (
     Support,
 )
 from slowtime.finite_elements.sections import Material, Section, rectangle, tube
-
 from tests.slowtime.finite_elements.frames import FLAT, STEEL, line_of_beams, small_tower
 
 SQUARE = rectangle(0.05, 0.05)

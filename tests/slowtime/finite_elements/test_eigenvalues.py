@@ -15,7 +15,6 @@ from slowtime.finite_elements.eigenvalues import (
 )
 from slowtime.finite_elements.frame import Support
 from slowtime.finite_elements.sections import rectangle
-
 from tests.slowtime.finite_elements.frames import FLAT, STEEL, line_of_beams, small_tower
 
 CLAMPED = np.array([1.875104068711961, 4.694091132974174, 7.854757438237612])

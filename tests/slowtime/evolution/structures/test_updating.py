@@ -128,7 +128,7 @@ def tower():
 
 
 def test_a_reduced_tower_is_updated_as_the_full_one(tower):
-    frame, model = tower
+    _, model = tower
     reduced = ReducedStructure(model=reduce_modal(model, BasisSettings(modes=10), trials=0))
     full = SparseStructure(matrices=model)
     rows = [("6.0", "ux"), ("6.1", "uy"), ("4.2", "ux"), ("3.3", "uy"), ("2.0", "ux")]
