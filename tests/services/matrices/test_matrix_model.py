@@ -1,4 +1,6 @@
 import dataclasses
+import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from slowtime_services.matrices import (
 from tests.slowtime.finite_elements.frames import small_tower
 
 FRAME = small_tower(3)
-FREE = assemble(dataclasses.replace(FRAME, supports=()))
+FREE: Any = assemble(dataclasses.replace(FRAME, supports=()))
 
 
 @pytest.fixture
@@ -33,7 +35,7 @@ def folder(tmp_path):
 
 
 def text(**more):
-    values = {
+    values: dict[str, Any] = {
         "slowtime_model": 2,
         "matrices": {
             "stiffness": "K.mtx",
@@ -52,8 +54,6 @@ def text(**more):
     }
     for key, value in more.items():
         values["matrices"][key] = value
-    import json
-
     return json.dumps(values)
 
 
@@ -101,8 +101,6 @@ def test_a_file_of_version_1_is_one_of_version_2_without_matrices(folder):
     model = ModelFile2.model_validate(migrated(first))
     assert model.nodes[0].id == "m"
     assert first["slowtime_model"] == 1
-    import json
-
     (folder / "one.yaml").write_text(json.dumps(first))
     with pytest.raises(MatrixFileError, match="has no `matrices`"):
         read_matrix_model(folder / "one.yaml")

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -9,7 +11,7 @@ from tests.slowtime.finite_elements.frames import small_tower
 
 
 def test_projections_are_those_of_the_dense_matrices():
-    model = assemble(small_tower(3))
+    model: Any = assemble(small_tower(3))
     rng = np.random.default_rng(0)
     left, right = rng.standard_normal((model.size, 4)), rng.standard_normal((model.size, 3))
     expected = [left.T @ part.toarray() @ right for part in model.stiffness_parts]

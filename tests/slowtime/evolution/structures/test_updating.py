@@ -106,7 +106,8 @@ def test_forty_parameters_are_those_of_scipys_least_squares():
         return -np.vstack([here.slope * prior, np.eye(40)])
 
     peer = least_squares(residual, np.zeros(40), jac=slope, xtol=1e-12, ftol=1e-12)
-    sd = prior * np.sqrt(np.diag(np.linalg.inv(peer.jac.T @ peer.jac)))
+    jac = np.asarray(peer.jac, dtype=float)
+    sd = prior * np.sqrt(np.diag(np.linalg.inv(jac.T @ jac)))
     assert np.abs(found.theta - prior * peer.x).max() < 0.02 * sd.min()
     np.testing.assert_allclose(found.sd, sd, rtol=1e-3)
 

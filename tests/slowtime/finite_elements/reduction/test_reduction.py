@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,7 +64,7 @@ def test_masses_may_be_parameters_too():
     extra = Parameter(name="mass", groups=("storey 3", "storey 5"), acts_on="mass")
     both = Parameter(name="both", groups=("storey 2",), acts_on="both")
     model = assemble(dataclasses.replace(frame, parameters=(*frame.parameters, extra, both)))
-    found = reduce_modal(model, BasisSettings(modes=8, coordinates=40), trials=8)
+    found: Any = reduce_modal(model, BasisSettings(modes=8, coordinates=40), trials=8)
     assert found.error.frequency < 1e-3
     assert found.error.agreement > 0.999
 
@@ -91,7 +92,7 @@ def test_slopes_of_the_reduced_model_are_those_of_the_full_one(tower, reduced):
 def test_a_free_structure_keeps_its_rigid_motions():
     frame = line_of_beams(20, supports=())
     model = assemble(frame)
-    found = reduce_modal(model, BasisSettings(modes=12, coordinates=60), trials=3)
+    found: Any = reduce_modal(model, BasisSettings(modes=12, coordinates=60), trials=3)
     values = found.modes(np.full(20, 0.1), 12).eigenvalue
     assert np.abs(values[:6]).max() < 1e-6 * values[6]
     assert found.error.frequency < 1e-3
@@ -124,7 +125,7 @@ def test_craig_bampton_keeps_the_interface_as_it_is(tower):
     exact[interface] = load[:6]
     exact = sparse.linalg.spsolve(sparse.csc_array(tower.stiffness), exact)
     np.testing.assert_allclose(moved, exact, rtol=1e-6, atol=1e-9 * np.abs(exact).max())
-    error = verify(tower, found, modes=8, span=0.1, trials=4).error
+    error: Any = verify(tower, found, modes=8, span=0.1, trials=4).error
     assert error.frequency < 3e-3
 
 
