@@ -32,8 +32,9 @@ def close_groups(
     [[0, 1], [2]]
     """
     groups: list[list[int]] = []
-    for j, frequency in enumerate(frequency_hz):
-        if groups and frequency - frequency_hz[groups[-1][-1]] <= relative * frequency:
+    values = frequency_hz.tolist()
+    for j, frequency in enumerate(values):
+        if groups and frequency - values[groups[-1][-1]] <= relative * frequency:
             groups[-1].append(j)
         else:
             groups.append([j])

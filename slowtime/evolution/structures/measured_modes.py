@@ -169,55 +169,73 @@ def mode_misfit(
             f"{len(measured.frequency_hz)} modes were measured, but the model has only "
             f"{len(modes.eigenvalue)}. Leave out modes that it does not describe."
         )
-    pairs = _pair(measured, modes, spread)
+    groups = close_groups(modes.frequency_hz)
+    pairs = _pair(measured, modes, groups, spread)
     away = np.log(measured.frequency_hz / modes.frequency_hz[pairs])
     residuals = [away / measured.relative_sd]
     slopes = [modes.log_frequency_slope[pairs] / measured.relative_sd[:, None]]
     if measured.shapes is not None:
-        groups = _groups(modes)
-        for j, r in enumerate(pairs):
-            residual, slope = _shape_gap(measured, modes, j, groups[int(r)])
+        together = {r: group for group in groups for r in group}
+        for j, r in enumerate(pairs.tolist()):
+            gap = _shape_gap if len(together[r]) == 1 else _subspace_gap
+            residual, slope = gap(measured, modes, j, together[r])
             residuals.append(residual)
             slopes.append(slope)
     return ModeMisfit(np.concatenate(residuals), np.concatenate(slopes), pairs)
 
 
-def _groups(modes: SensedModes) -> dict[int, list[int]]:
-    """All modes that are close to each one, itself among them."""
-    return {r: group for group in close_groups(modes.frequency_hz) for r in group}
-
-
 def _shape_gap(
     measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Residual and slope of one shape, its factors on a group of close modes fitted.
+    """Residual and slope of one shape, its factor fitted unless it is known."""
+    known, weight, target = _weighted(measured, j)
+    model = weight * modes.sensed[known, group[0]]
+    slope = weight[:, None] * modes.sensed_slope[known, group[0]]
+    power = float(model @ model)
+    if measured.scaled:
+        sign = 1.0 if model @ target >= 0.0 else -1.0
+        return target - sign * model, sign * slope
+    if power <= 0.0:
+        return target, 0.0 * slope
+    factor = float(model @ target) / power
+    across = slope - np.outer(model, model @ slope) / power
+    return target - factor * model, factor * across
+
+
+def _subspace_gap(
+    measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual and slope of one shape beside the span of a group of close modes.
 
     The shapes of close modes turn among each other under the least change, so that only their
-    subspace can be compared. The factor of a single scaled mode is known.
+    span can be compared; the factors on all of them are fitted.
     """
-    assert measured.shapes is not None
-    assert measured.shape_sd is not None
-    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
-    weight = 1.0 / measured.shape_sd[j, known]
-    target = weight * measured.shapes[j, known]
+    known, weight, target = _weighted(measured, j)
     model = weight[:, None] * modes.sensed[known][:, group]
     slopes = weight[:, None, None] * modes.sensed_slope[known][:, group]
-    if measured.scaled and len(group) == 1:
-        sign = 1.0 if model[:, 0] @ target >= 0.0 else -1.0
-        return target - sign * model[:, 0], sign * slopes[:, 0]
-    norms = np.linalg.norm(model, axis=0)
-    if not norms.any():
+    if not model.any():
         return target, 0.0 * slopes[:, 0]
     left, size, right = np.linalg.svd(model, full_matrices=False)
-    left, kept = left[:, size > _SEEN * size[0]], size > _SEEN * size[0]
+    kept = size > _SEEN * size[0]
+    left = left[:, kept]
     factors = right[kept].T @ ((left.T @ target) / size[kept])
     slope = np.einsum("cgp,g->cp", slopes, factors)
     return target - left @ (left.T @ target), slope - left @ (left.T @ slope)
 
 
+def _weighted(measured: MeasuredModes, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Channels that saw a shape, their weights, and the shape in standard deviations."""
+    assert measured.shapes is not None
+    assert measured.shape_sd is not None
+    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
+    weight = 1.0 / measured.shape_sd[j, known]
+    return known, weight, weight * measured.shapes[j, known]
+
+
 def _pair(
     measured: MeasuredModes,
     modes: SensedModes,
+    groups: list[list[int]],
     spread: Float[np.ndarray, " parameter"],
 ) -> Int[np.ndarray, " mode"]:
     """Partner of each measured mode, the likeliest as a whole by frequency and MAC."""
@@ -228,7 +246,7 @@ def _pair(
     if measured.shapes is not None and measured.shape_sd is not None:
         known = np.isfinite(measured.shapes) & np.isfinite(measured.shape_sd)
         shapes = np.where(known, measured.shapes, 0.0)
-        alike = _alike(modes, shapes, known)
+        alike = _alike(modes, groups, shapes, known)
         columns, power = modes.sensed, np.sum(shapes**2, axis=1)[:, None]
         turned = np.sum((modes.sensed_slope * spread) ** 2, axis=(0, 2))
         drift = turned / np.maximum(np.sum(columns**2, axis=0), 1e-300)
@@ -236,17 +254,19 @@ def _pair(
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
         cost = cost + 0.5 * directions * (1.0 - alike) / (np.minimum(drift, 0.5) + noise)
     _, partners = linear_sum_assignment(cost)
-    return _in_order(measured, modes, np.asarray(partners))
+    return _in_order(measured, groups, np.asarray(partners))
 
 
 def _in_order(
-    measured: MeasuredModes, modes: SensedModes, pairs: Int[np.ndarray, " mode"]
+    measured: MeasuredModes, groups: list[list[int]], pairs: Int[np.ndarray, " mode"]
 ) -> Int[np.ndarray, " mode"]:
     """Pairs with measured modes of one close group in the order of their frequencies.
 
     Their shapes are compared as a subspace, so that nothing else tells which is which.
     """
-    for group in close_groups(modes.frequency_hz):
+    for group in groups:
+        if len(group) == 1:
+            continue
         own = np.flatnonzero(np.isin(pairs, group))
         if len(own) > 1:
             ranked = own[np.argsort(measured.frequency_hz[own], kind="stable")]
@@ -254,12 +274,14 @@ def _in_order(
     return pairs
 
 
-def _alike(modes: SensedModes, shapes: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _alike(
+    modes: SensedModes, groups: list[list[int]], shapes: np.ndarray, known: np.ndarray
+) -> np.ndarray:
     """MAC of each measured shape with each mode, or with all modes close to it together."""
     columns = modes.sensed
     power = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     alike = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
-    for group in close_groups(modes.frequency_hz):
+    for group in groups:
         if len(group) == 1:
             continue
         for j, shape in enumerate(shapes):

@@ -217,7 +217,9 @@ class ParametricStructure:
             modes.eigenvalue,
             sensors @ modes.shape,
             modes.log_frequency_slope,
-            np.tensordot(sensors, modes.shape_slope, 1),
+            (sensors @ modes.shape_slope.reshape(self.size, -1)).reshape(
+                len(sensors), *modes.shape_slope.shape[1:]
+            ),
         )
 
     @functools.cached_property
