@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates figures docs pictures clean help
+.PHONY: demo test test-long test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates real figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -36,6 +36,12 @@ blind: .venv/dev  ## diagnose and score hundreds of hidden effects; N=300 SEED=1
 
 blind-pairs: .venv/dev  ## diagnose undecidable pairs, before and after the proposed experiment
 	$(BIN)/python -m tests.blind pairs --cases $(or $(N),28) --seed $(or $(SEED),1) --out var/blind/pairs-$(or $(SEED),1)
+
+blind-outside: .venv/dev  ## diagnose laws that are in no list; SEED=1 CASES=64 JOBS=1, goes on where it ended
+	$(BIN)/python -m tests.blind.outside --seed $(or $(SEED),1) --cases $(or $(CASES),64) --jobs $(or $(JOBS),1)
+
+blind-excitations: .venv/dev  ## diagnose the same effects by eight excitations; SEED=1 CASES=60 JOBS=1
+	$(BIN)/python -m tests.blind.excitations --seed $(or $(SEED),1) --cases $(or $(CASES),60) --jobs $(or $(JOBS),1)
 
 peers: .venv-peers/ready  ## other tools to compare with, in an environment of their own
 
@@ -86,6 +92,9 @@ gallery: .venv/dev  ## twelve hidden effects from the command line to the report
 surrogates: .venv-peers/ready  ## docs/surrogates.md: surrogates beside chaospy, OpenTURNS and scikit-learn on the same points
 	.venv-peers/bin/python -m benchmarks.methods.surrogates --seeds $(or $(SEEDS),3) --write docs/surrogates.md
 
+real: .venv/dev .venv-peers/real  ## docs/real_rigs.md: measured rigs in SLOWTIME_DATA beside other tools; goes on where it ended; ONLY=emps REFRESH=1
+	$(BIN)/python -m benchmarks.real_rigs $(if $(ONLY),--only $(ONLY)) $(if $(REFRESH),--refresh)
+
 figures: .venv/dev  ## draw the book's figures into docs/figures
 	$(BIN)/python docs/figures/chapter_3.py
 	$(BIN)/python docs/figures/chapter_5.py
@@ -109,6 +118,10 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@echo "Installing the tools to compare with into .venv-peers, this once ..."
 	@$(BIN)/python -m venv .venv-peers
 	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[all,peers]' && touch $@
+
+.venv-peers/real: .venv-peers/ready
+	@echo "Installing JAX and jax-sysid into .venv-peers for \`make real\`, this once ..."
+	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[peers-jax]' && touch $@
 
 pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py

@@ -106,6 +106,14 @@ VERBS = {
         "models.diagnose:diagnose",
         "Find effects that a model lacks, with their place and size.",
     ),
+    "effects": Verb(
+        "models.effects:effects",
+        "List the effects that a model may contain or lack.",
+    ),
+    "distortion": Verb(
+        "records.distortion:distortion",
+        "Measure nonlinear distortion, or damping against amplitude.",
+    ),
     "merge": Verb(
         "records.merge:merge",
         "Merge the modes of several set-ups of sensors.",

@@ -17,7 +17,7 @@ from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce, means
-from slowtime.dynamics.units import Quantity, unit_factor
+from slowtime.dynamics.units import unit_factor
 from slowtime.estimation.epochs import Constants, Watched, identify_epoch
 
 from .diagnose.campaign import gather
@@ -169,6 +169,10 @@ def track(
     return TrackedConstants(springs, _together(found), gathered.origins, tuple(notes), white)
 
 
+TRACKED_INPUTS = ("force", "base_acceleration")
+"""Kinds of input under which constants can be tracked."""
+
+
 def accelerometers(description: Description) -> None:
     """Check that every sensor is an accelerometer.
 
@@ -182,6 +186,13 @@ def accelerometers(description: Description) -> None:
         raise ValueError(
             f"Constants are tracked from accelerations; {', '.join(others) or 'no sensor'} "
             "is something else. Leave it out of the model's sensors."
+        )
+    moved = [e.channel for e in description.inputs if e.kind not in TRACKED_INPUTS]
+    if moved:
+        raise ValueError(
+            "Constants are tracked only under inputs of kind "
+            f"{' and '.join(TRACKED_INPUTS)}, not under {', '.join(moved)}. Use `slowtime "
+            "diagnose`, or convert the motion of the base to a base_acceleration."
         )
 
 
@@ -200,7 +211,7 @@ def _of_trial(
     force = np.zeros((len(trial.inputs), structure.dofs))
     base = np.zeros(len(trial.inputs))
     for column, entry in zip(trial.inputs.T, description.inputs, strict=True):
-        quantity: Quantity = "force" if entry.kind == "force" else "acceleration"
+        quantity = entry.quantity
         values = column * unit_factor(entry.unit, quantity, unit)
         if entry.kind == "force":
             assert entry.node is not None

@@ -20,14 +20,20 @@ def description_of(model: ModelFile) -> Description:
         elements=tuple(_element(element) for element in model.elements),
         effects=tuple(effect.model_dump() for effect in model.effects),
         inputs=tuple(described.Input(**entry.model_dump()) for entry in model.inputs),
-        sensors=tuple(described.Sensor(**sensor.model_dump()) for sensor in model.sensors),
+        sensors=tuple(_sensor(sensor) for sensor in model.sensors),
         tolerance=(
             None
             if model.tolerance is None
             else described.Tolerance(**model.tolerance.model_dump())
         ),
         unit_of_coordinate=model.unit_of_coordinate,
+        supports=tuple(described.Support(**one.model_dump()) for one in model.supports),
+        initial=tuple(described.Start(**one.model_dump()) for one in model.initial),
     )
+
+
+def _sensor(sensor: schema.ModelSensor) -> described.Sensor:
+    return described.Sensor(**(sensor.model_dump() | {"node": sensor.node or ""}))
 
 
 def _element(element: schema.SpringElement | schema.BeamElement) -> described.Element:

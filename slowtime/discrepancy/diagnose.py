@@ -8,9 +8,9 @@ from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
-from .data.free_decay import is_free_decay, without_standstill, without_tones
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
+from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
@@ -18,10 +18,11 @@ from .progress import Monitor, Progress, Stop
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
 from .refinement.campaign_span import span_campaign
+from .refinement.constant_offsets import offsets, with_offsets
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
-from .refinement.input_offsets import offsets, with_offsets
+from .refinement.natural_values import hold_natural_values
 from .report.assembly import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
@@ -80,7 +81,7 @@ def diagnose(
         return diagnose_imposed_motion(campaign, trials, findings, known, tell)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
-    how = SearchSettings(known, tell, options, stated)
+    how = SearchSettings(known, tell, options, stated, decays=decays)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("judging by what was not fitted", 0.92)
@@ -97,15 +98,17 @@ def _refined(
     """Drop what does harm or is needless, doubt what is refuted, and fit to the end."""
     kinds, monitor = how.kinds, how.monitor
     stated = how.stated or ()
-    own = len(with_offsets(campaign.description, kinds).effects)
+    own = len(with_offsets(campaign.description, kinds, decays=how.decays).effects)
     found = drop_harmful_effects(found, campaign)
-    found = eliminate_needless(found, found.trials, kinds)
-    found = with_missing_link(found, own, kinds, monitor)
-    found = refute(found, own, kinds)
+    if not found.combined:
+        found = eliminate_needless(found, found.trials, kinds)
+        found = with_missing_link(found, own, kinds, monitor)
+        found = refute(found, own, kinds)
     if not monitor.is_late:
         campaign, found = with_best_holds(campaign, found, stated, how)
         found = converge(found, own, kinds)
         found = converge_stick_slip(found, own, kinds, monitor)
+    found = hold_natural_values(found, kinds)
     found = span_campaign(found, own, campaign, kinds)
     return campaign, _without_offsets(campaign, found, own, kinds)
 

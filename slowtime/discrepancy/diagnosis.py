@@ -161,7 +161,8 @@ class Experiment:
     sentence
         For people.
     level
-        Factor on the excitation of the strongest record; 1 as it was.
+        Factor on the excitation of the strongest record, or on the initial state of a release;
+        1 as it was.
     band_hz
         Of the excitation; None as it was.
     excitation
@@ -179,7 +180,9 @@ class Experiment:
     sentence: str
     level: float = 1.0
     band_hz: tuple[float, float] | None = None
-    excitation: Literal["random", "multisine", "sweep", "sine", "free_decay"] | None = None
+    excitation: (
+        Literal["random", "multisine", "sweep", "sine", "free_decay", "release"] | None
+    ) = None
     start_s: float | None = None
     add_sensors: tuple[Sensor, ...] = ()
     add_inputs: tuple[Input, ...] = ()
@@ -188,13 +191,17 @@ class Experiment:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """One record, measured and free-run, for pictures; columns are sensors."""
+    """One record, measured and free-run, for pictures; columns are sensors.
+
+    Where motion was imposed, ``of_force`` is set and the one column is the force.
+    """
 
     times_s: Float[np.ndarray, " time"]
     measured: Float[np.ndarray, "time sensor"]
     nominal: Float[np.ndarray, "time sensor"]
     refitted: Float[np.ndarray, "time sensor"]
     augmented: Float[np.ndarray, "time sensor"]
+    of_force: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -83,6 +83,8 @@ class Hypothesis:
         Whether constants of the model as given were fitted again from where a law led them.
     exhausted
         Whether the budget ended the search early.
+    combined
+        Whether all combinations of laws were compared, so that none of them is needless.
     """
 
     fits: tuple[Fit, ...]
@@ -105,6 +107,7 @@ class Hypothesis:
     link: Link | None = None
     released: bool = False
     exhausted: bool = False
+    combined: bool = False
 
     @property
     def first(self) -> Fit:

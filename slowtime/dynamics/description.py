@@ -2,14 +2,23 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from .channels import IMPOSED_KINDS, DescriptionError, Input, Sensor, Start, Support
+from .channels.checks import (
+    check_inputs,
+    check_known,
+    check_sensors,
+    check_start,
+    check_supports,
+    check_unique,
+)
 from .elements import BASE, ROTATION, Beam, Element, Node, Spring
 from .structure import Structure
-from .units import UnitOfCoordinate, unit_factor
+from .units import UnitOfCoordinate
 
 __all__ = [
     "BASE",
@@ -22,52 +31,14 @@ __all__ = [
     "Parts",
     "Sensor",
     "Spring",
+    "Start",
+    "Support",
     "Tolerance",
     "assemble",
     "assemble_parts",
 ]
 
 Square = Float[np.ndarray, "dof dof"]
-Where = tuple[str | int, ...]
-
-
-class DescriptionError(ValueError):
-    """A description that contradicts itself; `where` is the way to the fault in it."""
-
-    def __init__(self, where: Where, sentence: str) -> None:
-        super().__init__(sentence)
-        self.where = where
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Input:
-    """A measured force on a node, or the measured acceleration of the base.
-
-    Parameters
-    ----------
-    hold
-        What it does between samples: the band-limited signal through them, straight lines
-        (``"first"``) or steps (``"zero"``); None where that is not known.
-    """
-
-    channel: str
-    kind: Literal["force", "base_acceleration"]
-    unit: str
-    node: str | None = None
-    hold: Literal["band_limited", "first", "zero"] | None = None
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
-    """What one channel measures: the motion of a node, in space or against the base."""
-
-    channel: str
-    quantity: Literal["acceleration", "velocity", "displacement"]
-    node: str
-    unit: str
-    frame: Literal["absolute", "relative_to_base"] = "absolute"
-    noise_sd: float | None = None
-    """Of white noise, in the unit of the channel; None where it is not known."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +64,11 @@ class Description:
         None where nothing is claimed.
     unit_of_coordinate
         ``"rad"`` makes every length an angle, every force a torque, every mass an inertia.
+    supports
+        Points beside the base that elements end at, and that inputs may move.
+    initial
+        Motion of nodes when a simulation begins; a diagnosis estimates the start of each
+        record instead.
 
     Raises
     ------
@@ -116,16 +92,31 @@ class Description:
     sensors: tuple[Sensor, ...] = ()
     tolerance: Tolerance | None = None
     unit_of_coordinate: UnitOfCoordinate = "m"
+    supports: tuple[Support, ...] = ()
+    initial: tuple[Start, ...] = ()
 
     def __post_init__(self) -> None:
         _check_nodes(self)
+        check_supports(self.supports, self.nodes)
         _check_elements(self)
-        _check_channels(self)
+        check_inputs(self.inputs, self.nodes, self.supports, self.unit_of_coordinate)
+        check_sensors(
+            self.sensors, self.nodes, self.elements, self.moved, self.unit_of_coordinate
+        )
+        check_start(self.initial, self.dofs)
 
     @property
     def dofs(self) -> tuple[str, ...]:
         """Names of the degrees of freedom, in the order of the nodes."""
-        return tuple(name for node in self.nodes for name in node.dofs)
+        moved = self.moved
+        return tuple(name for node in self.nodes if node.id not in moved for name in node.dofs)
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """Supports, and nodes that are driven: what moves as inputs say, or with the base."""
+        supports = [one.id for one in self.supports]
+        driven = [e.node for e in self.inputs if e.kind in IMPOSED_KINDS and e.node]
+        return tuple(dict.fromkeys((*supports, *driven)))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -230,6 +221,7 @@ def places(description: Description) -> dict[str, int | None]:
     """
     base = len(description.dofs)
     place: dict[str, int | None] = {BASE: base, BASE + ROTATION: None}
+    place |= {support.id: base for support in description.supports}
     for node in description.nodes:
         place |= {node.id: base, node.id + ROTATION: None}
     return place | {name: row for row, name in enumerate(description.dofs)}
@@ -269,7 +261,7 @@ def spread(
 def _check_nodes(description: Description) -> None:
     if not description.nodes:
         raise DescriptionError(("nodes",), "There are no nodes. Give at least one.")
-    _check_unique("nodes", [node.id for node in description.nodes], "id")
+    check_unique("nodes", [node.id for node in description.nodes], "id")
     for i, node in enumerate(description.nodes):
         if node.id == BASE:
             raise DescriptionError(
@@ -288,22 +280,23 @@ def _check_nodes(description: Description) -> None:
                 f"Node {node.id!r} is a point, which neither turns nor is held. Say `kind: "
                 "beam`, or leave it out.",
             )
-    if not description.dofs:
+    if not description.dofs and not description.moved:
         raise DescriptionError(("nodes",), "All nodes are held: nothing can move. Free one.")
 
 
 def _check_elements(description: Description) -> None:
-    _check_unique("elements", [element.id for element in description.elements], "id")
+    check_unique("elements", [element.id for element in description.elements], "id")
     kinds = {node.id: node.kind for node in description.nodes} | {BASE: "beam"}
+    kinds |= {support.id: "point" for support in description.supports}
     for i, element in enumerate(description.elements):
         where = ("elements", i, "between")
         for node in element.between:
-            _check_known(where, node, kinds)
+            check_known(where, node, kinds)
             if isinstance(element, Beam) and kinds[node] != "beam":
                 raise DescriptionError(
                     where,
                     f"Beam {element.id!r} ends at {node!r}, a point, which does not turn. Say "
-                    "`kind: beam` at the node.",
+                    "`kind: beam` at the node; a support takes springs alone.",
                 )
         if element.between[0] == element.between[1]:
             raise DescriptionError(
@@ -334,49 +327,4 @@ def _check_beam(description: Description, i: int, beam: Beam) -> None:
             ("elements", i, "id"),
             f"Beam and node are both called {beam.id!r}, so that their masses could not be "
             "told apart. Rename one.",
-        )
-
-
-def _check_channels(description: Description) -> None:
-    nodes = {node.id for node in description.nodes}
-    coordinate = description.unit_of_coordinate
-    for i, entry in enumerate(description.inputs):
-        where = ("inputs", i)
-        if (entry.node is None) != (entry.kind == "base_acceleration"):
-            raise DescriptionError(
-                where if entry.node is None else (*where, "node"),
-                f"Input {entry.channel!r}: a force acts on a node, and only a force does. "
-                "Name the node of a force; leave it out of a base_acceleration.",
-            )
-        if entry.node is not None:
-            _check_known((*where, "node"), entry.node, nodes)
-        quantity: Literal["force", "acceleration"]
-        quantity = "force" if entry.kind == "force" else "acceleration"
-        try:
-            unit_factor(entry.unit, quantity, coordinate)
-        except ValueError as error:
-            raise DescriptionError((*where, "unit"), str(error)) from None
-    for i, sensor in enumerate(description.sensors):
-        _check_known(("sensors", i, "node"), sensor.node, nodes | {BASE})
-        try:
-            unit_factor(sensor.unit, sensor.quantity, coordinate)
-        except ValueError as error:
-            raise DescriptionError(("sensors", i, "unit"), str(error)) from None
-    _check_unique("inputs", [entry.channel for entry in description.inputs], "channel")
-    _check_unique("sensors", [sensor.channel for sensor in description.sensors], "channel")
-
-
-def _check_unique(group: str, names: list[str], key: str) -> None:
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise DescriptionError(
-                (group, i, key), f"{name!r} is used twice among the {group}. Rename one."
-            )
-
-
-def _check_known(where: Where, node: str, known: Iterable[str]) -> None:
-    if node not in known:
-        raise DescriptionError(
-            where,
-            f"No node is called {node!r}. There are: {', '.join(sorted({*known, BASE}))}.",
         )

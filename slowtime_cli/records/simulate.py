@@ -15,7 +15,7 @@ from slowtime_services.files import MAX_BYTES
 from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import Simulated, simulated_structure
 
-from .simulate_model import simulate_model
+from .simulate_model import read_start, simulate_model
 
 
 def simulate(
@@ -30,6 +30,7 @@ def simulate(
     hold: str,
     noise: bool,
     effects: tuple[Path, ...],
+    initial: tuple[str, ...],
     out: Path,
 ) -> None:
     """Write the vibration of an ageing structure or of a model file."""
@@ -45,6 +46,7 @@ def simulate(
             hold=hold,
             noise=noise,
             effects=effects,
+            initial=[read_start(given) for given in initial],
         )
         return
     assert name is not None

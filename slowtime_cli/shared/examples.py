@@ -37,6 +37,9 @@ EXAMPLES: dict[str, str] = {
     "slowtime import record.csv --rate-hz 100 --out record.mcap",
     "identify": f"{_RECORD} && slowtime identify tower.mcap",
     "simulate": _RECORD,
+    "distortion": """awk 'BEGIN {print "t_s,angle"; for (i = 0; i < 2000; i++) print i / 50 """
+    """"," exp(-i / 800) * cos(i / 7)}' > swing.csv && """
+    "slowtime distortion swing.csv --decay --output angle",
     "publish": "slowtime publish --to - --seconds 2",
     "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
     """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
@@ -79,6 +82,7 @@ EXAMPLES: dict[str, str] = {
     "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
     """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
     "&& slowtime design rod.yaml",
+    "effects": "slowtime effects coulomb",
     "fatigue": "seq 20000 | awk '{print 50 * sin($1 * 0.3) + 20 * sin($1 * 0.07)}' > s.csv && "
     "slowtime fatigue s.csv --rate-hz 100 --detail-category 71",
     "virtual": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 100}], elements: """

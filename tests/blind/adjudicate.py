@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .answers import read_report
-from .laws import LAWS, Placed
+from .law import Placed
+from .laws import LAWS
 from .motion import Diverged
 from .sensing import Sensor
 from .world import Plan, World, from_json

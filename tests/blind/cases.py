@@ -2,19 +2,24 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .design import Design, draw_design, draw_place, draw_world, groups_of, kinds_of
-from .draws import Draft, Surroundings, draft
-from .laws import LAWS, UNPREDICTABLE, Placed
+from .drafts import Draft, Surroundings
+from .draws import draft
+from .law import Placed
+from .laws import LAWS, UNPREDICTABLE
 from .motion import Diverged
 from .unexplained import unexplained
 from .world import ON_BASE, Plan, Taken, World, to_json
 
 PILOT_S = 12.0
 DESIGNS, TRIES = 8, 12
+MOST_DB = 42.0
+"""Effect-to-noise that a case has at most."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,7 +49,11 @@ def draw_cases(count: int, seed: int, only: str | None = None) -> list[tuple[str
     return list(zip(names, designs, seeds, strict=True))
 
 
-def build(name: str, design: Design, seed: int) -> Case:
+Redraw = Callable[[str, tuple[str, ...], np.random.Generator], Design]
+Pilot = Callable[[World], float]
+
+
+def build(name: str, design: Design, seed: int, redraw: Redraw = draw_design) -> Case:
     """Draw worlds until one carries its effects well, and take its records.
 
     Where none does, the same effects are asked for otherwise.
@@ -57,7 +66,7 @@ def build(name: str, design: Design, seed: int) -> Case:
             except (Diverged, Unfit):
                 continue
         other = np.random.default_rng([seed, again, 1])
-        design = draw_design(design.group, design.kinds, other)
+        design = redraw(design.group, design.kinds, other)
     raise RuntimeError(f"{design.kinds} could not be built by {DESIGNS} designs.")
 
 
@@ -77,7 +86,10 @@ def _build(name: str, design: Design, rng: np.random.Generator) -> Case:
         place = draw_place(kind, world, rng)
         here = surroundings(world, plans, held, place, elongations, speeds, outputs)
         sketch = draft(kind, rng, here)
-        effect, ratio = _strong_enough(kind, place, sketch, world, plans, design, rng)
+        effect, ratio = strong_enough(
+            Placed(LAWS[kind], place, {}), sketch, world, design.target_db,
+            lambda trial: _pilot(trial, plans),
+        )  # fmt: skip
         placed.append(effect)
         alone.append(ratio)
     world = world.with_effects(*placed)
@@ -86,7 +98,7 @@ def _build(name: str, design: Design, rng: np.random.Generator) -> Case:
     ratio, factors = unexplained(
         seen, world.nominal, world.rig, world.sensors, world.tolerance, not design.at_rest
     )
-    if design.kinds and not 5 <= ratio <= 42:
+    if design.kinds and not design.least_db <= ratio <= MOST_DB:
         raise Unfit(f"{ratio:.0f} dB")
     truth = truth_of(name, design, world, plans, held, ratio, alone, factors.tolist())
     return Case(name, world, plans, held, taken, truth)
@@ -136,36 +148,30 @@ def _one_shaken(world: World) -> bool:
     return world.rig.size == 1 and ON_BASE in world.driven
 
 
-def _strong_enough(
-    kind: str,
-    place: str,
-    sketch: Draft,
-    world: World,
-    plans: list[Plan],
-    design: Design,
-    rng: np.random.Generator,
+def strong_enough(
+    bare: Placed, sketch: Draft, world: World, target_db: float, pilot: Pilot
 ) -> tuple[Placed, float]:
     """Turn the strength until a short pilot stands as far above the noise as was asked."""
-    law, strength, best = LAWS[kind], 1.0, (math.inf, 1.0, -math.inf)
+    strength, best = 1.0, (math.inf, 1.0, -math.inf)
     strength = min(max(strength, sketch.low), sketch.high)
     roof = sketch.high
     for _ in range(5):
-        effect = Placed(law, place, sketch.at(strength))
+        effect = dataclasses.replace(bare, parameters=sketch.at(strength))
         try:
-            ratio = _pilot(world.with_effects(effect), plans)
+            ratio = pilot(world.with_effects(effect))
         except Diverged:
             roof = strength / 2
             strength = max(strength / 4, sketch.low)
             continue
-        miss = design.target_db - ratio
+        miss = target_db - ratio
         best = min(best, (abs(miss), strength, ratio))
         further = min(max(strength * 10 ** (miss / 20), sketch.low), roof)
         if abs(miss) < 1.5 or math.isclose(further, strength, rel_tol=0.02):
             break
         strength = further
     if not math.isfinite(best[0]) or best[2] < 6:
-        raise Unfit(f"{kind} at {place}: {best[2]:.0f} dB at best")
-    return Placed(law, place, sketch.at(best[1])), best[2]
+        raise Unfit(f"{bare.law.name} at {bare.place}: {best[2]:.0f} dB at best")
+    return dataclasses.replace(bare, parameters=sketch.at(best[1])), best[2]
 
 
 def _pilot(world: World, plans: list[Plan]) -> float:

@@ -36,6 +36,12 @@ class Design:
     target_db: float
     seconds: tuple[float, float] = (20.0, 60.0)
     """Shortest and longest record."""
+    least_db: float = 5.0
+    """Effect-to-noise that the case has at least."""
+    excitation: str = ""
+    """Of all records, where cases differ in that alone; drawn for each where not given."""
+    rig_seed: int = 0
+    """Of what such cases share."""
 
 
 def groups_of(count: int, rng: np.random.Generator, only: str | None = None) -> list[str]:

@@ -1,56 +1,11 @@
-"""Numbers for an effect that make sense for the motion at its place, up to one strength.
-
-Each draft gives all parameters for a strength s: 1 is a natural size, and the caller turns s
-until the effect stands as far above the noise as was asked.
-"""
+"""Numbers for an effect that make sense for the motion at its place, up to one strength."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 
-Parameters = dict[str, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Surroundings:
-    """What is known at a place before the effect is there."""
-
-    stiffness: float
-    """Of the element, or to the ground of the first element for other places [N/m]."""
-    damping: float
-    elongation: float
-    """Root mean square at the middle level [m]."""
-    speed: float
-    mass: float
-    """Of the node."""
-    force: float
-    """Root mean square of the excitation at the middle level [N]."""
-    signal: float
-    """Standard deviation of the sensor's channel at the middle level, in its unit."""
-    frequencies_hz: tuple[float, ...]
-    rate_hz: float
-    campaign_s: float
-    inside_s: tuple[tuple[float, float], ...]
-    """Spans of the campaign that the records cover."""
-    tolerance: tuple[float, float]
-    """Of stiffness and damping."""
-    off: tuple[float, float] = (0.0, 0.0)
-    """How far stiffness and damping are above what the model says of them, as a share."""
-    weighs: bool = True
-    """Whether a mass does anything that a spring and a damper could not do."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Draft:
-    """Parameters as a function of the strength, and the strengths that make sense."""
-
-    at: Callable[[float], Parameters]
-    low: float = 1e-3
-    high: float = 1e3
-
-
-Drawer = Callable[[np.random.Generator, Surroundings], Draft]
+from .drafts import Draft, Drawer, Parameters, Surroundings, draw_sign, scaled
+from .outside.draws import OUTSIDE_DRAWERS
 
 
 def draft(name: str, rng: np.random.Generator, here: Surroundings) -> Draft:
@@ -59,10 +14,6 @@ def draft(name: str, rng: np.random.Generator, here: Surroundings) -> Draft:
     return dataclasses.replace(
         sketch, at=lambda s: {key: float(value) for key, value in sketch.at(s).items()}
     )
-
-
-def _sign(rng: np.random.Generator, minus: float = 0.5) -> float:
-    return -1.0 if rng.random() < minus else 1.0
 
 
 def _cubic(sign: float) -> Drawer:
@@ -74,7 +25,7 @@ def _cubic(sign: float) -> Drawer:
 
 
 def _quadratic(rng: np.random.Generator, here: Surroundings) -> Draft:
-    size = _sign(rng) * 0.15 * here.stiffness / here.elongation
+    size = draw_sign(rng) * 0.15 * here.stiffness / here.elongation
     return Draft(lambda s: {"k2_n_per_m2": s * size})
 
 
@@ -90,7 +41,7 @@ def _gap(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 def _one_sided(rng: np.random.Generator, here: Surroundings) -> Draft:
     gap = 0.0 if rng.random() < 0.3 else rng.uniform(0.2, 1.4) * here.elongation
-    side = _sign(rng)
+    side = draw_sign(rng)
     return Draft(
         lambda s: {"kg_n_per_m": 0.5 * s * here.stiffness, "gap_m": gap, "side": side},
         0.03,
@@ -150,7 +101,7 @@ def _jump(rng: np.random.Generator, here: Surroundings) -> Draft:
     first, last = here.inside_s[int(rng.integers(len(here.inside_s)))]
     at, sign = (
         rng.uniform(first + 0.2 * (last - first), last - 0.2 * (last - first)),
-        _sign(rng, 0.2),
+        draw_sign(rng, 0.2),
     )
     return Draft(
         lambda s: {"dk_n_per_m": sign * s * here.stiffness, "t_jump_s": at}, 0.003, 0.6
@@ -158,7 +109,7 @@ def _jump(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _drift(rng: np.random.Generator, here: Surroundings) -> Draft:
-    sign = _sign(rng, 0.2)
+    sign = draw_sign(rng, 0.2)
     return Draft(
         lambda s: {"dk_n_per_m": sign * s * here.stiffness, "campaign_s": here.campaign_s},
         0.003, 0.6,
@@ -214,7 +165,7 @@ def _shaken(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _gain(rng: np.random.Generator, here: Surroundings) -> Draft:
-    sign = _sign(rng)
+    sign = draw_sign(rng)
     return Draft(lambda s: {"gain": 1 + 0.15 * sign * s}, 0.2, 4.0)
 
 
@@ -230,7 +181,7 @@ def _sensor_gain(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 def _of_signal(name: str) -> Drawer:
     def drawer(rng: np.random.Generator, here: Surroundings) -> Draft:
-        sign = _sign(rng)
+        sign = draw_sign(rng)
         return Draft(lambda s: {name: 0.5 * sign * s * here.signal}, 0.01, 20.0)
 
     return drawer
@@ -246,39 +197,39 @@ def _dropout(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _clock(rng: np.random.Generator, here: Surroundings) -> Draft:
-    sign = _sign(rng)
+    sign = draw_sign(rng)
     return Draft(lambda s: {"skew": sign * 3e-4 * s}, 0.05, 20.0)
-
-
-def _scaled(
-    name: str, size: Callable[[Surroundings], float], **fixed: tuple[float, float]
-) -> Drawer:
-    """One coefficient of natural size, beside exponents drawn between two ends."""
-
-    def drawer(rng: np.random.Generator, here: Surroundings) -> Draft:
-        others = {key: float(rng.uniform(*ends)) for key, ends in fixed.items()}
-        return Draft(lambda s: {name: s * size(here)} | others, 1e-3, 30.0)
-
-    return drawer
 
 
 def _maxwell(rng: np.random.Generator, here: Surroundings) -> Draft:
     tau = rng.uniform(0.3, 3.0) / (2 * np.pi * here.frequencies_hz[0])
-    return Draft(lambda s: {"ka": s * here.stiffness, "tau_s": tau}, 0.02, 1.5)
+    return Draft(lambda s: {"km_n_per_m": s * here.stiffness, "relaxation_s": tau}, 0.02, 1.5)
 
 
-def _power_damping(rng: np.random.Generator, here: Surroundings) -> Draft:
-    p = float(rng.choice([0.5, 0.65, 1.5, 3.0]))
-    return Draft(lambda s: {"cp": s * here.damping * here.speed ** (1 - p), "p": p}, 0.02, 60.0)
+def _power_law(rng: np.random.Generator, here: Surroundings) -> Draft:
+    power = float(rng.choice([0.5, 0.65, 1.5, 3.0]))
+    v0 = float(rng.uniform(0.8, 2.5)) * here.speed
+    size = here.damping * v0
+    return Draft(lambda s: {"force_n": s * size, "v0_m_per_s": v0, "power": power}, 0.02, 60.0)
 
 
-def _contact(rng: np.random.Generator, here: Surroundings) -> Draft:
-    gap = rng.uniform(-0.3, 0.8) * here.elongation
+def _impact(rng: np.random.Generator, here: Surroundings) -> Draft:
+    gap, side = max(rng.uniform(-0.3, 0.8), 0.0) * here.elongation, draw_sign(rng)
+    loss = float(rng.choice([0.0, 0.2])) / here.speed
+    size = 0.5 * here.stiffness / here.elongation**0.5
     return Draft(
-        lambda s: {"kc": 0.5 * s * here.stiffness / here.elongation**0.5, "gap_m": gap},
-        0.02,
-        10.0,
-    )
+        lambda s: {
+            "kc_n_per_m15": s * size, "gap_m": gap, "side": side, "damping_s_per_m": loss
+        },
+        0.02, 10.0,
+    )  # fmt: skip
+
+
+def _quintic(rng: np.random.Generator, here: Surroundings) -> Draft:
+    e0 = float(rng.uniform(2.0, 4.0)) * here.elongation
+    share = float(rng.uniform(-0.5, 0.5))
+    size = 0.1 * here.stiffness * e0
+    return Draft(lambda s: {"k3_n": share * s * size, "k5_n": s * size, "e0_m": e0}, 0.02, 30.0)
 
 
 DRAWERS: dict[str, Drawer] = {
@@ -311,13 +262,10 @@ DRAWERS: dict[str, Drawer] = {
     "sensor_saturation": _clip,
     "sensor_dropout": _dropout,
     "sensor_clock": _clock,
-    "maxwell_branch": _maxwell,
-    "power_damping": _power_damping,
-    "contact_exponent": _contact,
-    "amplitude_damping": _scaled("ca", lambda h: h.damping / h.elongation),
-    "displacement_damping": _scaled("ca", lambda h: h.damping / h.elongation**2),
-    "quintic_hardening": _scaled("k5", lambda h: 0.02 * h.stiffness / h.elongation**4),
-    "power_stiffness": _scaled("kp", lambda h: 0.1 * h.stiffness / h.elongation**0.5),
-    "wedge_friction": _scaled("mu", lambda h: 0.1 * h.stiffness),
-    "missing_link": _scaled("k", lambda h: 0.1 * h.stiffness),
+    "maxwell": _maxwell,
+    "power_law_damping": _power_law,
+    "impact": _impact,
+    "positional_damping": scaled("c2_n_s_per_m3", lambda h: h.damping / h.elongation**2),
+    "quintic_stiffness": _quintic,
+    **OUTSIDE_DRAWERS,
 }

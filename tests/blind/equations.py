@@ -11,7 +11,8 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from .laws import Placed
+from .law import Placed
+from .outside.operators import OPERATORS
 from .rig import BASE, Rig
 from .signals import Signal
 
@@ -41,9 +42,7 @@ class System:
     @property
     def states(self) -> int:
         """How many: two a mass, and those within effects."""
-        inner = [
-            1 if p.law.rate else 2 if p.law.name == "extra_dof" else 0 for p in self.effects
-        ]
+        inner = [2 if _is_body(p) else len(p.law.rates) for p in self.effects]
         return 2 * self.rig.size + sum(inner)
 
     @functools.cached_property
@@ -72,8 +71,9 @@ class System:
     def _compiled(self) -> dict[str, Any]:
         if "_space" not in self.__dict__:
             space: dict[str, Any] = {
-                name: getattr(math, name) for name in ("tanh", "exp", "cos", "sin", "copysign")
-            }
+                name: getattr(math, name)
+                for name in ("tanh", "exp", "cos", "sin", "sqrt", "copysign")
+            } | OPERATORS
             for number, signal in enumerate([*self.forces.values(), *self.base]):
                 space[f"C{number}"] = signal.coefficients.tolist()
             exec(compile(self.source, "<rig>", "exec"), space)
@@ -90,7 +90,12 @@ class System:
         state = ", ".join(names)
         lines = [f"def rates(t, mode, {state}):", *(f"    {line}" for line in body)]
         if held:
-            lines += ["    if mode:", f"        fr = mode*({held['most']})", "    else:"]
+            lines += [
+                "    d = mode",
+                "    if mode:",
+                f"        fr = mode*({held['most']})",
+                "    else:",
+            ]
             lines += [
                 f"        fr = {held['hold']}",
                 *(f"    {line}" for line in held["apply"]),
@@ -98,7 +103,8 @@ class System:
         lines += [f"    return ({', '.join(rates)},)"]
         if held:
             lines += [f"def grip(t, {state}):", *(f"    {line}" for line in body)]
-            lines += [f"    return {held['speed']}, {held['hold']}, {held['most']}"]
+            lines += [f"    hold = {held['hold']}", "    d = 1.0 if hold > 0 else -1.0"]
+            lines += [f"    return {held['speed']}, hold, {held['most']}"]
             lines += _step(names)
         return "\n".join(lines) + "\n"
 
@@ -116,6 +122,7 @@ class System:
         shaken = [f"u{len(self.forces) + i}" for i in range(len(self.base))]
         lines.append(f"ab = {' + '.join(shaken) or '0.0'}")
         inner: list[str] = []
+        after: list[str] = []
         held: dict[str, Any] = {}
         masses = list(rig.masses)
         for element in rig.elements:
@@ -126,15 +133,15 @@ class System:
             for placed in self.effects:
                 if placed.law.where != "element" or placed.place != element.id:
                     continue
-                z = f"z{len(inner)}"
-                if placed.law.rate:
+                for number in range(len(placed.law.rates)):
+                    lines.append(f"h{number} = z{len(inner) + number}")
+                for rate in placed.law.rates:
                     inner.append(f"r{len(inner)}")
-                    lines.append(f"z = {z}")
-                    lines.append(f"{inner[-1]} = {_filled(placed.law.rate, placed.parameters)}")
+                    lines.append(f"{inner[-1]} = {filled(rate, placed.parameters)}")
                 if placed.law.force:
-                    terms.append(_filled(placed.law.force, placed.parameters))
+                    terms.append(filled(placed.law.force, placed.parameters))
                 if placed.law.grip:
-                    held = {"most": _filled(placed.law.grip, placed.parameters), "ends": (a, b)}
+                    held = {"most": filled(placed.law.grip, placed.parameters), "ends": (a, b)}
                     lines += ["we = abs(v)", "ee = e"]
             name = f"F_{element.id}"
             lines.append(f"{name} = {' + '.join(terms)}")
@@ -143,9 +150,10 @@ class System:
                 net[a].append(name)
         for placed in self.effects:
             if placed.law.where == "node":
-                self._at_node(placed, lines, net, inner, masses)
+                after += self._at_node(placed, lines, net, inner, masses)
         for i in range(n):
             lines.append(f"a{i} = ({' '.join(_signed(net[i]))})/{masses[i]!r} - ab")
+        lines += after
         if held:
             held = _stuck(held, masses)
         rates = [f"v{i}" for i in range(n)] + [f"a{i}" for i in range(n)] + inner
@@ -158,7 +166,8 @@ class System:
         net: list[list[str]],
         inner: list[str],
         masses: list[float],
-    ) -> None:
+    ) -> list[str]:
+        """Write a law at a node; return what has to follow the accelerations of the nodes."""
         i, p = self.rig.nodes.index(placed.place), placed.parameters
         if placed.law.name == "added_mass":
             masses[i] += p["dm_kg"]
@@ -166,16 +175,32 @@ class System:
             omega = 2 * math.pi * p["frequency_hz"]
             lines.append(f"tone = {p['amplitude_n']!r}*sin({omega!r}*T + {p['phase_rad']!r})")
             net[i].append("tone")
-        else:
+        elif placed.law.name == "extra_dof":
             stiffness = p["mass_kg"] * (2 * math.pi * p["frequency_hz"]) ** 2
             x, y = f"z{len(inner)}", f"z{len(inner) + 1}"
             pull = f"{stiffness!r}*({x} - q{i}) + {p['damping_n_s_per_m']!r}*({y} - v{i})"
             lines += [f"pull = {pull}", f"hidden = -pull/{p['mass_kg']!r} - ab"]
             net[i].append("pull")
             inner += [y, "hidden"]
+        else:
+            # A body that rolls moves with the node by a part of its mass and turns by the rest.
+            turning, mass = placed.law.inertia, p["mass_kg"]
+            lines += [f"e = z{len(inner)}", f"v = z{len(inner) + 1}"]
+            lines.append(f"pull = ({filled(placed.law.force, p)})/{1 + turning!r}")
+            net[i].append("pull")
+            masses[i] += mass * turning / (1 + turning)
+            inner += [f"z{len(inner) + 1}", "hidden"]
+            return [f"hidden = -(a{i} + ab)/{1 + turning!r} - pull/{mass!r}"]
+        return []
 
 
-def _filled(text: str, parameters: dict[str, float]) -> str:
+def _is_body(placed: Placed) -> bool:
+    """Whether an effect is a hidden body with a displacement and a speed of its own."""
+    named = placed.law.name in ("added_mass", "harmonic_force")
+    return placed.law.where == "node" and not named
+
+
+def filled(text: str, parameters: dict[str, float]) -> str:
     for name in sorted(parameters, key=len, reverse=True):
         text = _replaced(text, name, f"({parameters[name]!r})")
     return text

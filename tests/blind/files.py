@@ -115,9 +115,10 @@ def model_text(world: World) -> str:
         *_nodes(world.nominal),
         "elements:",
         *_elements(world.nominal),
-        "inputs:",
+        "inputs:" if world.recorded else "inputs: []",
     ]
-    for node, channel in zip(world.driven, world.channels(), strict=True):
+    told = zip(world.driven, world.channels(), strict=True) if world.recorded else ()
+    for node, channel in told:
         kind = "kind: base_acceleration" if node == ON_BASE else f"kind: force, node: {node}"
         lines.append(f"  - {{channel: {channel}, {kind}, unit: {units[channel]}}}")
     lines.append("sensors:")

@@ -1,47 +1,13 @@
-"""The effects that can be hidden in a rig, written from the contract's table and nowhere else.
+"""The effects that can be hidden in a rig, by name.
 
-A law is text: an expression in e [m] and v [m/s] (elongation of an element and its rate), T
-(time of the campaign [s]) and its parameters. `equations` makes equations of motion of them.
+Those of the catalogue are written from the contract's table and nowhere else; those that are
+in no list are in `outside.laws`.
 """
 
 import dataclasses
-from typing import Literal
 
-Where = Literal["element", "node", "base", "input", "sensor", "structure"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Law:
-    """One effect: what it is called, where it sits, what it adds.
-
-    Parameters
-    ----------
-    leading
-        The parameter whose error is scored; empty where there is none.
-    force
-        Of an element, added to k e + c v.
-    rate
-        Of the internal state z, where the force has one.
-    grip
-        Of dry friction: the most that it holds, an expression in e and w = abs(v).
-    listed
-        Whether the contract lists it. What is not listed is to be called unknown.
-    kin
-        Families that would not be a lie, for an effect that is not listed.
-    """
-
-    name: str
-    family: str
-    where: Where = "element"
-    leading: str = ""
-    force: str = ""
-    rate: str = ""
-    grip: str = ""
-    listed: bool = True
-    kin: tuple[str, ...] = ()
-    aliases: tuple[str, ...] = ()
-    """Other names under which a library may know it."""
-
+from .law import Law
+from .outside.laws import OUTSIDE
 
 ELEMENT = (
     Law("cubic_hardening", "hardening", leading="k3_n_per_m3", force="k3_n_per_m3*e*e*e"),
@@ -61,8 +27,8 @@ ELEMENT = (
     Law("viscous_damping", "linear damping", leading="dc_n_s_per_m", force="dc_n_s_per_m*v"),
     Law("van_der_pol", "negative damping", leading="cn_n_s_per_m",
         force="cn_n_s_per_m*((e/e0_m)**2 - 1.0)*v"),
-    Law("bouc_wen", "hysteresis", leading="kh_n_per_m", force="kh_n_per_m*(z - e)",
-        rate="v*(1.0 - abs(z/zy_m)**n*(1.0 + copysign(1.0, v*z))/2.0)"),
+    Law("bouc_wen", "hysteresis", leading="kh_n_per_m", force="kh_n_per_m*(h0 - e)",
+        rates=("v*(1.0 - abs(h0/zy_m)**n*(1.0 + copysign(1.0, v*h0))/2.0)",)),
     Law("stiffness_loss", "linear stiffness", leading="dk_n_per_m", force="-dk_n_per_m*e"),
     Law("stiffness_jump", "time-varying", leading="dk_n_per_m",
         force="(-dk_n_per_m*e if T >= t_jump_s else 0.0)"),
@@ -70,6 +36,17 @@ ELEMENT = (
         force="-dk_n_per_m*e*(T/campaign_s)"),
     Law("parametric", "parametric", leading="dk_n_per_m",
         force="dk_n_per_m*cos(6.283185307179586*frequency_hz*T + phase_rad)*e"),
+    Law("maxwell", "viscoelasticity", leading="km_n_per_m", force="km_n_per_m*h0",
+        rates=("v - h0/relaxation_s",)),
+    Law("power_law_damping", "drag", leading="force_n",
+        force="force_n*copysign(abs(v/v0_m_per_s)**power, v)"),
+    Law("impact", "asymmetric stiffness", leading="kc_n_per_m15",
+        force="side*max(kc_n_per_m15*max(side*e - gap_m, 0.0)**1.5"
+        "*(1.0 + damping_s_per_m*side*v), 0.0)"),
+    Law("positional_damping", "damping by elongation", leading="c2_n_s_per_m3",
+        force="c2_n_s_per_m3*e*e*v"),
+    Law("quintic_stiffness", "polynomial stiffness", leading="k5_n",
+        force="k3_n*(e/e0_m)**3 + k5_n*(e/e0_m)**5"),
     Law("pendulum_sine", "softening", leading="k", force="k*(sin(e) - e)"),
 )  # fmt: skip
 
@@ -88,24 +65,6 @@ ELSEWHERE = (
     Law("sensor_clock", "sensor", "sensor", "skew"),
 )
 
-OUTSIDE = (
-    Law("maxwell_branch", "viscoelastic", force="ka*(e - z)", rate="(e - z)/tau_s",
-        kin=("linear damping",), aliases=("maxwell",)),
-    Law("power_damping", "power-law damping", force="cp*copysign(abs(v)**p, v)",
-        kin=("drag", "friction"), aliases=("power_law_damping",)),
-    Law("contact_exponent", "contact", force="kc*max(e - gap_m, 0.0)**1.5",
-        kin=("asymmetric stiffness",), aliases=("contact", "hertz_contact", "hertz")),
-    Law("amplitude_damping", "amplitude-proportional damping", force="ca*abs(e)*v",
-        kin=("drag",)),
-    Law("displacement_damping", "position-dependent damping", force="ca*e*e*v", kin=("drag",)),
-    Law("quintic_hardening", "higher hardening", force="k5*e**5", kin=("hardening",),
-        aliases=("quintic", "quintic_stiffness")),
-    Law("power_stiffness", "fractional hardening", force="kp*e*abs(e)**0.5",
-        kin=("hardening",)),
-    Law("wedge_friction", "position-dependent friction", grip="mu*abs(e)", kin=("friction",)),
-    Law("missing_link", "missing element", "structure"),
-)  # fmt: skip
-
 LAWS = {
     law.name: dataclasses.replace(law, listed=law not in OUTSIDE)
     for law in (*ELEMENT, *ELSEWHERE, *OUTSIDE)
@@ -116,19 +75,6 @@ FAULTS = tuple(name for name, law in LAWS.items() if law.where in ("sensor", "in
 PHYSICS = tuple(name for name in LISTED if name not in FAULTS)
 UNPREDICTABLE = ("base_motion",)
 """Acts on the held-out record in a way that nobody could foretell."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Placed:
-    """An effect at its place, with numbers."""
-
-    law: Law
-    place: str
-    parameters: dict[str, float]
-
-    def where(self) -> dict[str, str]:
-        """As a report says it."""
-        return {"kind": self.law.where, "id": self.place}
 
 
 def family_of(name: str) -> str:

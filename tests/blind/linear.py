@@ -2,7 +2,7 @@
 
 import numpy as np
 import scipy.signal as sps
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .rig import Rig
 from .signals import Signal
@@ -15,7 +15,7 @@ def linear_motion(
     forces: dict[int, Signal],
     base: Signal | None,
     knots: int,
-    start: Array | None = None,
+    start: ArrayLike | None = None,
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocity and acceleration relative to the base, at the knots [knot, node].
 

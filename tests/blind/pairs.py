@@ -13,8 +13,9 @@ import numpy as np
 from .adjudicate import SHAPES, least_excess
 from .cases import Case, Unfit, surroundings, truth_of
 from .design import Design, draw_world
-from .draws import Surroundings
-from .laws import LAWS, Placed
+from .drafts import Surroundings
+from .law import Placed
+from .laws import LAWS
 from .motion import Diverged
 from .sensing import Sensor
 from .unexplained import price, unexplained

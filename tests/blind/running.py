@@ -4,20 +4,25 @@ import dataclasses
 import json
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 from .answers import judge, read_report
-from .cases import build, draw_cases
+from .cases import Case, build, draw_cases
 from .design import Design
 from .files import CASES, SEALED, write_case
 
 RESULTS = "results"
+Drawn = tuple[str, Design, int]
+Builder = Callable[[str, Design, int], Case]
 ONE_THREAD = {
     name: "1"
     for name in (
@@ -50,22 +55,26 @@ def generate(
     out: Path, count: int, seed: int, jobs: int = 1, only: str | None = None
 ) -> list[str]:
     """Write a battery of cases; those that are there already are left as they are."""
-    todo = [
-        (out, name, design, own)
-        for name, design, own in draw_cases(count, seed, only)
-        if not (out / SEALED / name / "clean.npz").exists()
-    ]
+    drawn = draw_cases(count, seed, only)
+    todo = [one for one in drawn if not is_written(out, one[0])]
     if jobs == 1:
-        done = [_generate_one(one) for one in todo]
-    else:
-        with ProcessPoolExecutor(jobs) as pool:
-            done = list(pool.map(_generate_one, todo))
-    return done
+        return [write_one(out, one, build) for one in todo]
+    with ProcessPoolExecutor(jobs) as pool:
+        return list(pool.map(write_one, repeat(out), todo, repeat(build)))
 
 
-def _generate_one(one: tuple[Path, str, Design, int]) -> str:
-    out, name, design, seed = one
-    write_case(build(name, design, seed), out)
+def is_written(out: Path, name: str) -> bool:
+    """Whether a case is there, whole."""
+    return (out / SEALED / name / "clean.npz").exists()
+
+
+def write_one(out: Path, drawn: Drawn, builder: Builder) -> str:
+    """Build a case and write it, in place of what an interrupted run may have left of it."""
+    name, design, seed = drawn
+    case = builder(name, design, seed)
+    for part in (CASES, SEALED):
+        shutil.rmtree(out / part / name, ignore_errors=True)
+    write_case(case, out)
     return name
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.signal as sps
 from numpy.typing import NDArray
 
-from .laws import Placed
+from .law import Placed
 from .motion import Motion
 
 Array = NDArray[np.float64]

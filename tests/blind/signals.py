@@ -51,14 +51,20 @@ def excitation(
     rate_hz: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Values at the knots, of unit root mean square: random, multisine, sweep or sine.
+    """Values at the knots, of unit root mean square, by the name of their kind.
 
-    Or a single blow, twenty times that high, as short as the upper end of the band asks.
+    Of a free decay, a single blow, twenty times that high, as short as the upper end of the
+    band asks; of a release, nothing.
     """
     count = math.ceil(seconds * rate_hz) + 1
     if kind == "free_decay":
         return _blow(band_hz, count, rate_hz)
-    makers = {"random": _random, "multisine": _multisine, "sweep": _sweep, "sine": _sine}
+    if kind == "release":
+        return np.zeros(count)
+    makers = {
+        "random": _random, "multisine": _multisine, "sweep": _sweep, "sine": _sine,
+        "stepped_sine": _stepped_sine, "hammer": _hammer,
+    }  # fmt: skip
     values = makers[kind](band_hz, count, rate_hz, rng)
     return np.asarray(values / np.sqrt(np.mean(values**2)))
 
@@ -108,6 +114,30 @@ def _sine(
 ) -> Array:
     times = np.arange(count) / rate_hz
     return np.asarray(np.sin(2 * np.pi * np.mean(band_hz) * times + rng.uniform(0, 2 * np.pi)))
+
+
+def _stepped_sine(
+    band_hz: tuple[float, float], count: int, rate_hz: float, rng: np.random.Generator
+) -> Array:
+    """Sines of equal amplitude, one frequency after the other, without a jump of phase."""
+    steps = int(rng.integers(8, 15))
+    frequencies = np.linspace(*band_hz, steps)
+    if rng.random() < 0.5:
+        frequencies = frequencies[::-1]
+    step = np.minimum(np.arange(count) * steps // count, steps - 1)
+    return np.asarray(np.sin(2 * np.pi * np.cumsum(frequencies[step]) / rate_hz))
+
+
+def _hammer(
+    band_hz: tuple[float, float], count: int, rate_hz: float, rng: np.random.Generator
+) -> Array:
+    """Blows of unequal strength, 2 to 4 s apart, as short as the upper end of the band asks."""
+    values, blow = np.zeros(count), _blow(band_hz, math.ceil(rate_hz / band_hz[1]), rate_hz)
+    first = int(rng.uniform(0.2, 0.6) * rate_hz)
+    while first + len(blow) < count:
+        values[first : first + len(blow)] = rng.uniform(0.6, 1.4) * blow
+        first += int(rng.uniform(2.0, 4.0) * rate_hz)
+    return values
 
 
 def _blow(band_hz: tuple[float, float], count: int, rate_hz: float) -> Array:

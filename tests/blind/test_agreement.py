@@ -8,7 +8,8 @@ from slowtime_services.models import read_description
 from tests.blind.draws import draft
 from tests.blind.equations import System
 from tests.blind.files import model_text
-from tests.blind.laws import LAWS, LISTED, Placed
+from tests.blind.law import Placed
+from tests.blind.laws import LAWS, LISTED
 from tests.blind.motion import move
 from tests.blind.rig import Element, Rig
 from tests.blind.sensing import Sensor, measured

@@ -18,7 +18,8 @@ from tests.blind.adjudicate import (
 )
 from tests.blind.experiment import Request, perform, planned
 from tests.blind.files import write_case
-from tests.blind.laws import LAWS, Placed
+from tests.blind.law import Placed
+from tests.blind.laws import LAWS
 from tests.blind.loop import close_loop, tabulate_pairs
 from tests.blind.pairs import PAIRS, build_pair
 from tests.blind.running import Trial

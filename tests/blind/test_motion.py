@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from tests.blind.draws import DRAWERS, Surroundings, draft
+from tests.blind.drafts import Surroundings
+from tests.blind.draws import DRAWERS, draft
 from tests.blind.equations import System
-from tests.blind.laws import LAWS, Placed
+from tests.blind.law import Placed
+from tests.blind.laws import LAWS
 from tests.blind.linear import linear_motion
 from tests.blind.motion import Diverged, move
 from tests.blind.rig import Element, Rig

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .equations import System
-from .laws import LAWS, Placed
+from .law import Placed
+from .laws import LAWS
 from .linear import linear_motion
 from .motion import move
 from .rig import BASE, Element, Rig
@@ -81,6 +82,8 @@ class World:
     """Typical displacement and velocity at level 1."""
     wander: Wander = dataclasses.field(default_factory=lambda: Wander("record", 0))
     stuck: bool = False
+    recorded: bool = True
+    """Whether the inputs are measured."""
 
     def channels(self) -> tuple[str, ...]:
         """Names of the inputs."""
@@ -143,15 +146,18 @@ class World:
             on_base, round(lead * knots / self.rate_hz), round(knots / self.rate_hz),
             silent, sd,
         )  # fmt: skip
-        inputs = {name: signal.at(local) for name, signal in recorded.items()}
+        told = recorded if self.recorded else {}
+        inputs = {name: signal.at(local) for name, signal in told.items()}
         return Taken(times, inputs, outputs, clean, seen)
 
     def linear_scale(self, plan: Plan) -> tuple[Array, Array, Array]:
-        """Elongations, their rates, and outputs of the linear rig under a plan, from rest."""
-        _, forces, base = self.with_effects()._signals(plan, np.random.default_rng(plan.seed))
+        """Elongations, their rates, and outputs of the linear rig, from the start of a plan."""
+        rng = np.random.default_rng(plan.seed)
+        _, forces, base = self.with_effects()._signals(plan, rng)
+        start = self._start(2 * self.rig.size, plan, rng)
         signal = next(iter([*forces.values(), *base]))
         knots = round(plan.seconds * signal.rate_hz)
-        q, v, a = linear_motion(self.rig, forces, base[0] if base else None, knots)
+        q, v, a = linear_motion(self.rig, forces, base[0] if base else None, knots, start)
         to = self.rig.elongations().T
         shaken = base[0].at(np.arange(knots) / signal.rate_hz) if base else np.zeros(knots)
         pick = {"displacement": q, "velocity": v, "acceleration": a + shaken[:, None]}
@@ -188,10 +194,20 @@ class World:
                 base.append(Signal.through(effect.parameters["rms_m_per_s2"] * hidden, knots))
         return recorded, forces, tuple(base)
 
+    def _pulled(self) -> Array:
+        """Displacements under a steady force at the first driven node, the largest being 1."""
+        n = self.rig.size
+        pull = np.eye(n)[self.rig.nodes.index(self.driven[0])] / self.rig.masses
+        shape = np.linalg.solve(-self.rig.state_matrix()[n:, :n], pull)
+        return np.asarray(shape / np.abs(shape).max())
+
     def _start(self, states: int, plan: Plan, rng: np.random.Generator) -> list[float] | None:
         if not plan.kick:
             return None
         n, size = self.rig.size, plan.kick * plan.level
+        if plan.excitation == "release":
+            shape = self._pulled()
+            return [*(size * self.scale[0] * shape).tolist(), *[0.0] * (states - n)]
         values = rng.standard_normal(2 * n) * np.repeat(self.scale, n) * size
         return [*values.tolist(), *[0.0] * (states - 2 * n)]
 

@@ -188,11 +188,25 @@ def own_parts(folder, said):
     assert said.count("\nline 1\n") == said.count("\nit is there already\n") == 1
 
 
+def imposed_motion(folder, said):
+    """The drag of the damper, the forces that it foretells, and the decay that it makes."""
+    report = json.loads((folder / "found/report.json").read_text())
+    (effect,) = report["effects"]
+    assert (effect["effect"], effect["where"]["id"]) == ("quadratic_damping", "damper")
+    drag = effect["parameters"]["c2_n_s2_per_m2"]
+    assert drag["value"] == pytest.approx(3000.0, rel=0.1)
+    (left,) = re.findall(r"^left over: ([\d.]+) %", said, re.M)
+    assert float(left) < 6.0
+    assert "grows with amplitude" in said
+    with np.load(folder / "floor.npz") as floor:
+        assert np.isfinite(floor["r"]).all()
+
+
 ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
-        own_parts, maintenance_plan, own_proposer,
+        own_parts, maintenance_plan, own_proposer, imposed_motion,
     )
 }  # fmt: skip
 

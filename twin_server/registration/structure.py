@@ -180,7 +180,7 @@ def _channels(
     """Return the quantity of each channel, except of those on the base, which is at rest."""
     sees, worth = {}, {}
     for sensor in description.sensors:
-        if sensor.node not in parts.names:
+        if sensor.node not in parts.names or sensor.quantity == "force":
             continue
         row = np.zeros(len(parts.names))
         row[parts.names.index(sensor.node)] = 1.0

@@ -116,11 +116,22 @@ class Effect(Part):
 
 
 class ModelInput(Part):
-    """A measured force on a node, or the measured acceleration of the base."""
+    """A measured force on a node, or the measured motion of the base or of a support."""
 
     channel: Id
-    kind: Literal["force", "base_acceleration"]
-    node: Id | None = None
+    kind: Literal[
+        "force",
+        "base_acceleration",
+        "base_velocity",
+        "base_displacement",
+        "imposed_acceleration",
+        "imposed_velocity",
+        "imposed_displacement",
+    ]
+    node: Id | None = Field(
+        default=None,
+        description="Node that a force acts on; support or driven node of an imposed motion.",
+    )
     unit: Unit
     hold: Literal["band_limited", "first", "zero"] | None = Field(
         default=None,
@@ -133,13 +144,34 @@ class ModelSensor(Part):
     """What one channel measures."""
 
     channel: Id
-    quantity: Literal["acceleration", "velocity", "displacement"]
-    node: Id
+    quantity: Literal["acceleration", "velocity", "displacement", "force"]
+    node: Id | None = Field(
+        default=None,
+        description="Node whose motion is measured; of a force, the base, support or driven "
+        "node on which it acts from outside.",
+    )
+    element: Id | None = Field(
+        default=None, description="Spring element whose force is measured."
+    )
     frame: Literal["absolute", "relative_to_base"] = "absolute"
     unit: Unit
     noise_sd: NotNegative | None = Field(
         default=None, description="Of white noise, in the unit of the channel."
     )
+
+
+class ModelSupport(Part):
+    """A point that elements end at; it moves as an input states, or else with the base."""
+
+    id: Id
+
+
+class ModelStart(Part):
+    """Initial state of a node in a simulation, relative to the base."""
+
+    node: Id
+    displacement_m: Number = 0.0
+    velocity_m_per_s: Number = 0.0
 
 
 class ModelTolerance(Part):
@@ -163,10 +195,18 @@ class ModelFile(Part):
         description="rad makes every length an angle, force a torque, mass an inertia.",
     )
     nodes: tuple[Node, ...]
+    supports: Annotated[
+        tuple[ModelSupport, ...],
+        Field(description="Points other than the base that elements end at and inputs move."),
+    ] = ()
     elements: tuple[Element, ...] = ()
     effects: tuple[Annotated[Effect, Plain], ...] = ()
     inputs: Annotated[
         tuple[ModelInput, ...], Field(description="None listed: ambient, unmeasured.")
     ] = ()
     sensors: tuple[ModelSensor, ...] = ()
+    initial: Annotated[
+        tuple[ModelStart, ...],
+        Field(description="Initial states in a simulation; nodes not named are at rest."),
+    ] = ()
     tolerance: ModelTolerance | None = None

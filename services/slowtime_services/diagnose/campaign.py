@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, Input, Sensor
-from slowtime.dynamics.units import UNITS, Quantity
+from slowtime.dynamics.units import UNITS
 from slowtime_services.files import Record, RecordError
 from slowtime_services.files.times.time_axis import unit_scale
 
@@ -271,11 +271,7 @@ def _between(
     description: Description, entry: Input | Sensor, unit: str, file: str, notes: list[str]
 ) -> float:
     """From the unit that a record gives a channel, where it does, to the model's."""
-    quantity: Quantity
-    if isinstance(entry, Sensor):
-        quantity = entry.quantity
-    else:
-        quantity = "force" if entry.kind == "force" else "acceleration"
+    quantity = entry.quantity
     if not unit or unit == entry.unit:
         return 1.0
     known = UNITS[description.unit_of_coordinate, quantity]

@@ -61,7 +61,7 @@ def gap_chart(document: DiagnosisFile) -> Chart:
 
 def run_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Measured against both models, around the largest motion of the first record."""
-    if not diagnosis.traces:
+    if not diagnosis.traces or diagnosis.traces[0].of_force:
         return []
     traces = diagnosis.traces[0]
     charts = []
@@ -88,7 +88,7 @@ def residual_charts(diagnosis: Diagnosis) -> list[Chart]:
     charts = []
     spectra = diagnosis.spectra
     for i, sensor in enumerate(diagnosis.nominal.sensors[:MAX_SENSORS]):
-        if diagnosis.traces:
+        if diagnosis.traces and not diagnosis.traces[0].of_force:
             charts.append(_left_in_time(diagnosis.traces[0], i, sensor))
         kept = spectra.frequency_hz > 0
         lines = [

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.imposed_motion.records import is_imposed
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
@@ -50,6 +51,9 @@ def refuse_nonsense(
     model = campaign.description
     if campaign.ambient:
         return
+    imposed = is_imposed(model, campaign.trials)
+    if imposed and all(entry.kind.startswith("imposed_") for entry in model.inputs):
+        return  # laws are fitted to force and motion directly, so that any rate will do
     plant = Plant.of(model, kinds=kinds)
     for trial, name in zip(campaign.trials, names, strict=True):
         if float(np.ptp(trial.inputs, axis=0).max()) == 0.0:
@@ -62,7 +66,8 @@ def refuse_nonsense(
                 f"Remove the input from the model if it was not measured. {ANYWAY}"
             )
         _refuse_slow(model, trial, name)
-        _refuse_sizes(model, trial, plant, name)
+        if not imposed:
+            _refuse_sizes(model, trial, plant, name)
     refuse_swaps(campaign, plant, " and ".join(dict.fromkeys(names)), ANYWAY)
 
 
@@ -75,6 +80,8 @@ def _struck(trial: Trial) -> bool:
 
 def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
     """Refuse a rate at which not even the slowest vibration could be followed."""
+    if not model.dofs:
+        return
     frequency = undamped_modes(assemble(model)).frequency_hz
     own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
     if len(own) and trial.rate_hz < 2 * own[0]:

@@ -19,8 +19,9 @@ PAGE, SURFACE = "report.html", "surface.npz"
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
-    ``holdout.npz`` is there only where a record was held out, ``surface.npz`` where a force was
-    recovered. What was there before is replaced.
+    ``holdout.npz`` is written only where a record was held out and compared in time (which
+    ambient records are not), ``surface.npz`` where a force was recovered. Earlier results are
+    replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document.plain(), indent=1, allow_nan=False, ensure_ascii=False)
@@ -30,7 +31,7 @@ def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> N
         f"# {document.verdict}\n{words}\n{model_text(diagnosis.augmented)}", encoding="utf-8"
     )
     write_report(out / PAGE, diagnosis, document)
-    if diagnosis.gap.on == "holdout":
+    if diagnosis.gap.on == "holdout" and diagnosis.traces:
         write_runs(out / HOLDOUT, diagnosis)
     else:
         (out / HOLDOUT).unlink(missing_ok=True)
@@ -49,13 +50,15 @@ def write_surface(path: Path, surface: Surface) -> None:
 def write_runs(path: Path, diagnosis: Diagnosis) -> None:
     """Write free runs on held-out records: `nominal` and so on, each [time, sensor].
 
+    Where motion was imposed, the only column is the force, under the channel of the input.
     Several records follow each other; `record` counts them from 0.
     """
-    traces = diagnosis.traces
+    traces, given = diagnosis.traces, diagnosis.nominal
+    columns = given.inputs if traces[0].of_force else given.sensors
     lengths = [len(trace.times_s) for trace in traces]
     np.savez(
         path,
-        channels=np.array([sensor.channel for sensor in diagnosis.nominal.sensors]),
+        channels=np.array([one.channel for one in columns]),
         t=np.concatenate([trace.times_s for trace in traces]),
         record=np.repeat(np.arange(len(traces)), lengths),
         measured=np.concatenate([trace.measured for trace in traces]),

@@ -156,6 +156,8 @@ def _keys(parent: Path, values: dict[str, Any]) -> list[str]:
             "elements": schema.BeamElement if beam else schema.SpringElement,
             "inputs": schema.ModelInput,
             "sensors": schema.ModelSensor,
+            "supports": schema.ModelSupport,
+            "initial": schema.ModelStart,
             "tolerance": schema.ModelTolerance,
         }.get(str(parent[0]), ModelFile)
     return list(model.model_fields)

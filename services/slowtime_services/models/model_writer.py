@@ -11,7 +11,7 @@ from slowtime_schemas.files.model import ModelFile
 
 from .core_schema import CoreDumper
 
-GROUPS = ("nodes", "elements", "effects", "inputs", "sensors")
+GROUPS = ("nodes", "supports", "elements", "effects", "inputs", "sensors", "initial")
 
 
 def model_file_of(description: Description) -> ModelFile:
@@ -26,7 +26,12 @@ def model_file_of(description: Description) -> ModelFile:
             "elements": [_element(element) for element in description.elements],
             "effects": [dict(effect) for effect in description.effects],
             "inputs": [dataclasses.asdict(entry) for entry in description.inputs],
-            "sensors": [dataclasses.asdict(sensor) for sensor in description.sensors],
+            "sensors": [
+                dataclasses.asdict(sensor) | {"node": sensor.node or None}
+                for sensor in description.sensors
+            ],
+            "supports": [dataclasses.asdict(support) for support in description.supports],
+            "initial": [dataclasses.asdict(start) for start in description.initial],
             "tolerance": None if tolerance is None else dataclasses.asdict(tolerance),
         }
     )

@@ -16,6 +16,7 @@ from slowtime.dynamics.simulation import ambient_structure, simulate_structure
 from slowtime.dynamics.structure import state_matrix
 from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor
+from slowtime.signals.interpolation import REACH
 
 Series = Float[np.ndarray, " time"]
 Motion = Float[np.ndarray, "time dof"]
@@ -30,8 +31,12 @@ def run_model(
     kinds: Mapping[str, Kind] | None = None,
     start_s: float = 0.0,
     rng: np.random.Generator | None = None,
+    samples: int | None = None,
 ) -> dict[str, Series]:
-    """Run a model, its effects included, from rest under measured inputs.
+    """Run a model, its effects included, under measured inputs or from its start alone.
+
+    The initial state is `description.initial`. Nodes that it does not name are at rest relative
+    to the base, at the pseudo-static displacement that the supports give them.
 
     Parameters
     ----------
@@ -49,15 +54,17 @@ def run_model(
         Campaign time of the first sample [s].
     rng
         Where motion of the base that nobody measured comes from.
+    samples
+        Length of a free decay [samples], for a model without inputs; None otherwise.
 
     Returns
     -------
     By channel, what each sensor measures in its unit, without noise.
     """
-    if not description.inputs:
+    if not description.inputs and samples is None:
         raise ValueError(
             "The model lists no inputs: it is under unmeasured ambient forces. Use "
-            "ambient_model, or list the inputs."
+            "ambient_model, list the inputs, or give `samples` for a free decay."
         )
     missing = [entry.channel for entry in description.inputs if entry.channel not in inputs]
     if missing:
@@ -65,11 +72,11 @@ def run_model(
             f"The record has no channel called {', '.join(missing)}; it has "
             f"{', '.join(inputs)}. Name its channels as the model's inputs."
         )
-    said = any(entry.hold is not None for entry in description.inputs)
-    if description.effects or said or hold == "band_limited":
+    if _needs_plant(description, hold):
         plant = Plant.of(description, kinds=kinds, hold=hold)
         columns = [np.asarray(inputs[entry.channel], float) for entry in description.inputs]
-        return run_plant(plant, np.stack(columns, axis=1), rate_hz, start_s=start_s, rng=rng)
+        table = np.stack(columns, axis=1) if columns else np.zeros((samples or 0, 0))
+        return run_plant(plant, table, rate_hz, start_s=start_s, rng=rng)
     structure = assemble(description)
     undamped_modes(structure)  # says so where the structure cannot stand
     coordinate = description.unit_of_coordinate
@@ -92,6 +99,44 @@ def run_model(
     }
 
 
+def _needs_plant(description: Description, hold: str) -> bool:
+    """Whether there is anything but forces and base accelerations on a linear structure."""
+    plain = all(
+        entry.hold is None and entry.kind in ("force", "base_acceleration")
+        for entry in description.inputs
+    )
+    forces = any(sensor.quantity == "force" for sensor in description.sensors)
+    more = description.effects or description.initial or description.moved or forces
+    return bool(more) or not plain or hold == "band_limited"
+
+
+def state_of(
+    plant: Plant, inputs: Float[np.ndarray, "time input"], rate_hz: float
+) -> Float[np.ndarray, " state"] | None:
+    """Return the initial state that the description of a plant gives; None where it gives none.
+
+    Parameters
+    ----------
+    inputs
+        One column for each input of the description, in its unit.
+    rate_hz
+        Their sampling rate [Hz].
+
+    Returns
+    -------
+    Displacements and velocities in the order of `Plant.state_names` (state,), in m and m/s, or
+    rad and rad/s.
+    """
+    if not plant.description.initial:
+        return None
+    found = np.array(plant.run(plant.values, inputs[: 2 * REACH], rate_hz).states[0])
+    names = list(plant.state_names)
+    for start in plant.description.initial:
+        found[names.index(("displacement", start.node))] = start.displacement_m
+        found[names.index(("velocity", start.node))] = start.velocity_m_per_s
+    return found
+
+
 def ambient_model(
     description: Description,
     samples: int,
@@ -104,6 +149,7 @@ def ambient_model(
     """Run a model, stationary from the start, under white forces on all its nodes.
 
     With effects it is run in, for as long as the slowest of its linear modes takes to forget.
+    The initial state of the description is not used.
 
     Parameters
     ----------
@@ -116,7 +162,8 @@ def ambient_model(
     kinds
         Of effect, by name; the catalogue where not given.
     """
-    if description.effects:
+    description = dataclasses.replace(description, initial=())
+    if _needs_plant(description, "first"):
         return _ambient_plant(description, samples, rate_hz, seed, force_psd, kinds)
     structure = assemble(description)
     still = np.zeros(samples)
@@ -200,7 +247,14 @@ def run_plant(
                 "The model has an unmeasured motion of the base, which is random. Give a seed."
             )
         base = np.hypot.reduce(sizes) * rng.standard_normal(len(inputs))
-    found = plant.run(plant.values, inputs, rate_hz, start_s=start_s, base=base)
+    found = plant.run(
+        plant.values,
+        inputs,
+        rate_hz,
+        state0=state_of(plant, inputs, rate_hz),
+        start_s=start_s,
+        base=base,
+    )
     if found.steps < 0:
         raise ValueError(
             f"The motion grows beyond bounds after {-found.steps / rate_hz:g} s: the model is "

@@ -70,7 +70,7 @@ def make_sensor(
     """
     present = tuple(present)
     known = [s.channel for s in description.sensors if s.quantity == "acceleration"]
-    known += [entry.channel for entry in description.inputs]
+    known += [e.channel for e in description.inputs if e.kind in ("force", "base_acceleration")]
     channels = tuple(channel for channel in known if channel in present)
     if not channels:
         raise ValueError(
@@ -98,7 +98,7 @@ def si_factors(
         sensor.channel: (sensor.quantity, sensor.unit) for sensor in description.sensors
     }
     for entry in description.inputs:
-        quantity = "force" if entry.kind == "force" else "acceleration"
+        quantity = entry.quantity
         spoken[entry.channel] = (quantity, entry.unit)
     factors = []
     for channel, unit in zip(channels, units, strict=True):

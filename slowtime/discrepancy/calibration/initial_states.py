@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.plant.sensing import sensor_readouts
 
@@ -104,7 +105,7 @@ def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
         State for coordinates without a sensor.
     """
     described = plant.description
-    moves = any(entry.kind == "base_acceleration" for entry in described.inputs)
+    moves = any(entry.kind in BASE_KINDS for entry in described.inputs)
     coordinates = len(plant.matrices.names)
     found = known.copy()
     ears = sensor_readouts(described, plant.matrices.names)

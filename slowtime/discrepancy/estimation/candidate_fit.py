@@ -188,7 +188,50 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     for number, effect in enumerate(fit.plant.effects):
         if is_constant_change(kinds[effect.kind]):
             against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
+    against -= sum(_at_natural_value(fit, name) for name in fit.prior.names)
     return -fit.cost / (2 * noise_scale) - against
+
+
+def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:
+    """Value that a parameter of an effect has in the simplest form of its law, and its sd.
+
+    Returns
+    -------
+    In the unit of the parameter; None where no value is simpler than others.
+    """
+    if len(name) != 3:
+        return None
+    effect = fit.plant.effects[int(name[1])]
+    natural = fit.plant.kinds[effect.kind].parameter(str(name[2])).natural
+    if natural != "stiffness":
+        return None if natural is None else (natural, 0.0)
+    own = ("stiffness", effect.place.id)
+    if own not in fit.plant.entries:
+        return None
+    sd = fit.sd[fit.prior.names.index(own)] if own in fit.prior.names else 0.0
+    return float(fit.values[list(fit.plant.entries).index(own)]), float(sd)
+
+
+def sds_from_natural_value(fit: Fit, name: Name) -> float:
+    """Deviation of a parameter from the simplest form of its law [standard deviations].
+
+    Infinite where there is no such form.
+    """
+    natural = natural_value(fit, name)
+    if natural is None or name not in fit.prior.names:
+        return math.inf
+    at = fit.prior.names.index(name)
+    return abs(float(fit.free[at]) - natural[0]) / max(
+        math.hypot(float(fit.sd[at]), natural[1]), 1e-300
+    )
+
+
+def _at_natural_value(fit: Fit, name: Name) -> float:
+    """Log evidence that a parameter does not cost where it stands at its natural value.
+
+    Held there, it would be none; half its squared deviation is what that would leave.
+    """
+    return max(math.log(fit.data) / 2 - sds_from_natural_value(fit, name) ** 2 / 2, 0.0)
 
 
 def _spared(fit: Fit, name: Name) -> float:
@@ -390,7 +433,7 @@ class Fitting:
         best: dict[Label, FittedCandidate] = {}
         for one in sorted(found, key=lambda n: -n.score):
             best.setdefault(label_of(one.effect), one)
-        return _with_noise_of_best(
+        return with_noise_of_best(
             self.before, list(best.values()), self.trials, self.kinds,
             anew=not self.stopped, over=over,
         )  # fmt: skip
@@ -601,7 +644,7 @@ def _shown(named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, 
     )
 
 
-def _with_noise_of_best(
+def with_noise_of_best(
     before: Fit,
     found: list[FittedCandidate],
     trials: Sequence[Trial],
@@ -641,7 +684,7 @@ def _with_noise_of_best(
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
-        return _with_noise_of_best(before, found[1:], trials, kinds, anew=anew, over=over)
+        return with_noise_of_best(before, found[1:], trials, kinds, anew=anew, over=over)
     again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
 

@@ -78,9 +78,8 @@ def found_holds(
     delay or a gain explains more than another hold does, between samples all is as it was.
     """
     description = fit.plant.description
-    if all(entry.hold is not None for entry in description.inputs):
-        return None
-    if fit.chi2_in_band < 1 + EXPLAINED_SDS * fit.in_band_sd:
+    explained = fit.chi2_in_band < 1 + EXPLAINED_SDS * fit.in_band_sd
+    if explained or all(entry.hold is not None for entry in description.inputs):
         return None
     number = min(range(len(trials)), key=lambda i: _share(fit, trials[i], i))
     state = fit.states[number]
@@ -109,10 +108,8 @@ def found_holds(
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
     places = [group.places[0] for group in found.groups[:COMPARED_PLACES]]
-    held = [
-        describe_holds(description, [entry.hold or hold for entry in description.inputs])
-        for hold in OTHERS
-    ]
+    stated = [entry.hold for entry in description.inputs]
+    held = [describe_holds(description, [own or hold for own in stated]) for hold in OTHERS]
     tried = [told(one) for one in held]
     most, leaves = max(tried)
     if most < found.log_likelihood + DECISIVE_LOG_LIKELIHOOD:

@@ -11,10 +11,13 @@ from slowtime.discrepancy.diagnosis import Experiment
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input, Sensor, assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.dynamics.units import Quantity, UnitOfCoordinate, unit_factor
+from slowtime.dynamics.units import UnitOfCoordinate, unit_factor
 
 SIMULATED_S = 12.0
 """[s] Length of the records that are simulated. Source: judgement; no study is recorded."""
+RELEASES = (0.5, 0.25, 0.1, 1.5, 2.0)
+"""[1] Factors on the initial state of a release, the mildest first. Source: judgement; larger
+amplitudes than twice those measured are often not allowed."""
 LEVELS = (0.5, 2.0, 3.0, 4.0, 0.25, 6.0, 8.0, 0.1)
 """[1] Factors on the excitation, the mildest first. Source: judgement; no study is recorded."""
 BAND_MARGINS = (0.3, 1.6)
@@ -40,8 +43,8 @@ def experiment_options(
 ) -> list[list[Experiment]]:
     """List experiments that a rig allows, in classes of rising effort.
 
-    Other levels and waveforms of the excitation; a later repeat; more sensors; a measured force
-    on a node.
+    Other levels and waveforms of the excitation, or of a release where nothing drives; a later
+    repeat; more sensors; a measured force on a node.
 
     Parameters
     ----------
@@ -50,8 +53,8 @@ def experiment_options(
     trials
         Records so far.
     """
-    if not description.inputs:
-        return [_other_levels(), [*_later_repeats(trials), *_added_sensors(description, None)]]
+    if not any(trial.inputs.any() for trial in trials):
+        return [_releases(), [*_later_repeats(trials), *_added_sensors(description, None)]]
     frequencies = undamped_modes(assemble(description)).frequency_hz
     low, high = float(frequencies[0]), float(frequencies[-1])
     broad = BAND_MARGINS[0] * low, BAND_MARGINS[1] * high
@@ -81,12 +84,15 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
 
     Returns
     -------
-    A record with these inputs in their units, and outputs of zero.
+    A record with these inputs in their units, and outputs of zero. A release has no inputs;
+    it is as long as the record.
     """
-    count = min(len(trial.inputs), int(SIMULATED_S * trial.rate_hz))
+    released = option.excitation == "release"
+    count = len(trial.inputs)
+    count = count if released else min(count, int(SIMULATED_S * trial.rate_hz))
     inputs = trial.inputs[:count] * option.level
     times = np.arange(count) / trial.rate_hz
-    if option.excitation is not None:
+    if option.excitation is not None and not released:
         size = option.level * trial.inputs.std(axis=0)
         inputs = np.outer(_waveform(option, times), size)
     if option.add_inputs:
@@ -105,7 +111,7 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
 
 
 def _si_factor(entry: Input, description: Description) -> float:
-    quantity: Quantity = "force" if entry.kind == "force" else "acceleration"
+    quantity = entry.quantity
     return unit_factor(entry.unit, quantity, description.unit_of_coordinate)
 
 
@@ -115,6 +121,16 @@ def _other_levels() -> list[Experiment]:
             f"Repeat the strongest record at {_level_words(level)} its level.", level=level
         )
         for level in LEVELS
+    ]  # fmt: skip
+
+
+def _releases() -> list[Experiment]:
+    return [
+        Experiment(
+            f"Release it again from {_level_words(level)} the displacement.",
+            level=level, excitation="release",
+        )
+        for level in RELEASES
     ]  # fmt: skip
 
 

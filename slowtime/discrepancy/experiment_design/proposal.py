@@ -138,7 +138,8 @@ def separations(
     kinds
         Catalogue of effects by name.
     """
-    trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
+    strongest = _strongest(trials)
+    trial = trials[strongest]
     later = max(t.start_s + t.duration_s for t in trials)
     start = later if option.start_s is None else option.start_s
     acts = experiment_trial(option, trial, rivals[0].description)
@@ -148,9 +149,13 @@ def separations(
     told: list[Prediction] = []
     least: list[float] = []
     for rival in rivals:
-        one = predict(rival, option, acts, start, kinds)
+        released = option.excitation == "release"
+        state0 = option.level * rival.fit.states[strongest] if released else None
+        one = predict(rival, option, acts, start, kinds, state0)
         if one is None or (
-            option.level > 1 and not _stays_bounded(rival, option, loud, acts, kinds)
+            option.level > 1
+            and not released
+            and not _stays_bounded(rival, option, loud, acts, kinds)
         ):
             break
         pairs = ((one, other) for other in told)
@@ -160,12 +165,20 @@ def separations(
     return [*least, *[0.0] * (len(rivals) - 1 - len(least))]
 
 
+def _strongest(trials: Sequence[Trial]) -> int:
+    """Give the number of the record with the largest inputs, or motion where there are none."""
+    driven = any(trial.inputs.any() for trial in trials)
+    sizes = [(t.inputs if driven else t.measured).var(axis=0).sum() for t in trials]
+    return int(np.argmax(sizes))
+
+
 def predict(
     named: FittedCandidate,
     option: Experiment,
     trial: Trial,
     start_s: float,
     kinds: Mapping[str, Kind],
+    state0: Float[np.ndarray, " state"] | None = None,
 ) -> Prediction | None:
     """Simulate an experiment with one rival; None where it diverges.
 
@@ -181,12 +194,15 @@ def predict(
         Campaign time of the experiment [s].
     kinds
         Catalogue of effects by name.
+    state0
+        State at its beginning; at rest where not given.
     """
     plant, fit = _plant_of_rival(named, option, kinds), named.fit
     with np.errstate(all="ignore"):
         outputs, slopes = plant.sensitivities(
-            plant.values, trial.inputs, trial.rate_hz, fit.prior.names, start_s=start_s
-        )
+            plant.values, trial.inputs, trial.rate_hz, fit.prior.names,
+            state0=state0, start_s=start_s,
+        )  # fmt: skip
     if not (np.isfinite(outputs).all() and np.isfinite(slopes).all()):
         return None
     noise = fit.noise.sd(0, trial.rate_hz)

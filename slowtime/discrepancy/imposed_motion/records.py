@@ -1,15 +1,22 @@
-"""Records in which inertia is negligible: the motion of an element, and the force in it."""
+"""Records of an imposed motion: the motion of an element, and the force in it.
+
+The rig is declared in one of two ways: the motion as an input (`imposed_displacement` of the
+node) and the force as a sensor; or the force as an input and the displacement as a sensor,
+where inertia is negligible.
+"""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.integrate
 import scipy.signal
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import BASE, Description, Sensor, Spring
 from slowtime.dynamics.effects import Motion
+from slowtime.dynamics.units import unit_factor
 
 MAX_INERTIA_SHARE = 0.02
 """[share of the measured force] Root mean square of mass times acceleration below which the
@@ -52,8 +59,17 @@ class ImposedRig:
         Of that node.
     sensor, velocity
         Columns of the outputs: displacement of the node and, where measured, its velocity.
+        With `driven`, the first is the column of the force.
     sign
         -1 where the spring is given from the node to the base.
+    driven
+        Quantity that the input imposes on the node; None where the input is the force.
+    inertia
+        Whether the force accelerates the node too, or is that of the spring alone.
+    factors
+        SI value of the unit of the input, of the sensor, and of the velocity.
+    pushed
+        1 where a positive force moves the node up; -1 for the reaction of the base.
     """
 
     spring: Spring
@@ -61,6 +77,10 @@ class ImposedRig:
     sensor: int
     velocity: int | None
     sign: float
+    driven: str | None = None
+    inertia: bool = True
+    pushed: float = 1.0
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def rig_of(description: Description) -> ImposedRig | None:
@@ -73,22 +93,43 @@ def rig_of(description: Description) -> ImposedRig | None:
 
     Returns
     -------
-    The rig; None where the model has more than one degree of freedom, no spring to the base, no
-    displacement sensor, or inputs other than one force on the node.
+    The rig; None where the model has more than one node, no spring to the base, or inputs other
+    than one force on the node (with a displacement sensor) or one motion imposed on it (with a
+    force sensor).
     """
     if len(description.nodes) != 1 or len(description.elements) != 1:
         return None
     (node,), (element,), inputs = description.nodes, description.elements, description.inputs
     if not isinstance(element, Spring) or node.kind != "point" or BASE not in element.between:
         return None
-    if len(inputs) != 1 or inputs[0].kind != "force" or inputs[0].node != node.id:
+    if len(inputs) != 1 or inputs[0].node != node.id:
         return None
-    place = _column(description.sensors, "displacement")
+    sign, sensors = 1.0 if element.between[0] == BASE else -1.0, description.sensors
+    velocity = _column(sensors, "velocity")
+    place = _column(sensors, "displacement" if inputs[0].kind == "force" else "force")
     if place is None:
         return None
-    sign = 1.0 if element.between[0] == BASE else -1.0
+    read = (inputs[0], sensors[place], sensors[place if velocity is None else velocity])
+    coordinate = description.unit_of_coordinate
+    first, second, third = (unit_factor(one.unit, one.quantity, coordinate) for one in read)
+    factors = (first, second, third)
+    if inputs[0].kind == "force":
+        return ImposedRig(element, node.mass_kg, place, velocity, sign, factors=factors)
+    felt = sensors[place]
+    if felt.element is not None:
+        pushed = sign
+    else:
+        pushed = -1.0 if felt.node == BASE else 1.0
     return ImposedRig(
-        element, node.mass_kg, place, _column(description.sensors, "velocity"), sign
+        spring=element,
+        mass_kg=node.mass_kg,
+        sensor=place,
+        velocity=velocity,
+        sign=sign,
+        driven=inputs[0].quantity,
+        inertia=felt.node == node.id,
+        pushed=pushed,
+        factors=factors,
     )
 
 
@@ -104,21 +145,38 @@ def force_record(rig: ImposedRig, trial: Trial) -> ForceRecord:
     rig
         The model's rig.
     trial
-        Record with the force as its only input [N] and the displacement [m] among its outputs.
+        Record with the force and the motion of the node, in SI units. Samples of an output that
+        are not finite are interpolated.
     """
-    e = trial.outputs[:, rig.sensor].astype(float)
-    kept = np.isfinite(e)
-    numbers = np.arange(len(e))
-    e = np.interp(numbers, numbers[kept], e[kept])
+    told = rig.factors[1] * trial.outputs[:, rig.sensor]
+    numbers, kept = np.arange(len(told)), np.isfinite(told)
+    told = np.interp(numbers, numbers[kept], told[kept])
+    given = rig.factors[0] * trial.inputs[:, 0]
+    e, force = (told, given) if rig.driven is None else (given, told)
+    if rig.driven in ("velocity", "acceleration"):
+        # A motion is integrated about its mean, which no record of it alone can tell.
+        e = _integrated(e, trial.rate_hz, 2 if rig.driven == "acceleration" else 1)
     window = _window(e)
     v = scipy.signal.savgol_filter(e, window, DEGREE, deriv=1, delta=1 / trial.rate_hz)
     a = scipy.signal.savgol_filter(e, window, DEGREE, deriv=2, delta=1 / trial.rate_hz)
+    if rig.driven == "velocity":
+        v = given
     if rig.velocity is not None:
-        told = trial.outputs[:, rig.velocity]
+        told = rig.factors[2] * trial.outputs[:, rig.velocity]
         v = np.where(np.isfinite(told), told, v)
-    force = trial.inputs[:, 0] - rig.mass_kg * a
+    force = rig.pushed * force - (rig.mass_kg * a if rig.inertia else 0.0)
     motion = Motion(e=rig.sign * e, v=rig.sign * v, a=rig.sign * a, times=trial.times_s)
     return ForceRecord(motion, rig.sign * force)
+
+
+def _integrated(
+    rate: Float[np.ndarray, " time"], rate_hz: float, times: int
+) -> Float[np.ndarray, " time"]:
+    """Integrate a motion by the trapezoidal rule, each time about its mean."""
+    for _ in range(times):
+        rate = rate - rate.mean()
+        rate = np.asarray(scipy.integrate.cumulative_trapezoid(rate, dx=1 / rate_hz, initial=0))
+    return np.asarray(rate - rate.mean())
 
 
 def _window(e: Float[np.ndarray, " time"]) -> int:
@@ -134,7 +192,8 @@ def is_imposed(description: Description, trials: Sequence[Trial]) -> bool:
     """Return whether the inertia of a model is negligible in all of its records.
 
     The motion is then imposed: a free run under the measured force would have no inertia to
-    integrate, and the law follows from force and motion directly.
+    integrate, and the law follows from force and motion directly. So it does where the motion
+    is the input.
     """
     rig = rig_of(description)
     if rig is None or any(len(trial.outputs) < 2 * MIN_WINDOW for trial in trials):
@@ -142,8 +201,11 @@ def is_imposed(description: Description, trials: Sequence[Trial]) -> bool:
     for trial in trials:
         if not np.isfinite(trial.outputs[:, rig.sensor]).any():
             return False
+        if rig.driven is not None:
+            continue
         record = force_record(rig, trial)
         inertia = float(np.std(rig.mass_kg * record.motion.a))
-        if not inertia < MAX_INERTIA_SHARE * float(np.std(trial.inputs[:, 0])):
+        size = rig.factors[0] * float(np.std(trial.inputs[:, 0]))
+        if not inertia < MAX_INERTIA_SHARE * size:
             return False
     return True

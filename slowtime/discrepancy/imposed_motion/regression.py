@@ -1,20 +1,22 @@
 r"""Laws fitted to a measured force along a measured motion, and their evidence.
 
-.. math:: f = k e + c v + b + \sum_i F_i(e, v, z; p_i) + r
+.. math:: f = k e + c v + b + \sum_i F_i(e - e_0, v, z; p_i) + r
 
 The noise of the force is not known beforehand: its variance is estimated from what a law
 leaves, so that a law outside the list makes every other less certain. What is left is
-correlated from sample to sample; they count for :math:`N (1 - \rho)/(1 + \rho)`, with their
-correlation from one to the next :math:`\rho`.
+correlated, within a cycle and from cycle to cycle: it counts for as many samples as it has
+independent ones.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.fft
+import scipy.interpolate
 import scipy.optimize
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from slowtime.dynamics.description import Tolerance
 from slowtime.dynamics.effects import (
@@ -29,12 +31,11 @@ from slowtime.dynamics.effects import (
 )
 
 from .records import ForceRecord, ImposedRig
+from .standstill import informative
 
 AT_BOUND = 1e-3
 """[share of a bound] Within which a parameter stands at it. Source: judgement."""
-STARTS = 3
-"""[shapes] From which the parameters of a law are fitted. Source: judgement."""
-MAX_EVALUATIONS = 60
+MAX_EVALUATIONS = 30
 """[evaluations] Of a fit of one law from one start. Source: least squares of few parameters
 end within twenty."""
 DIFFERENCE_STEP = 1e-3
@@ -42,8 +43,34 @@ DIFFERENCE_STEP = 1e-3
 so that smaller steps tell nothing."""
 ROUGH_SAMPLES = 4000
 """[samples] That the shapes of a law are ranked on. Source: judgement; all are used after."""
+VALIDATION_EVALUATIONS = 20
+"""[evaluations] Of a fit that starts from that to all samples. Source: judgement."""
+STEP_SHARE = 0.003
+"""[share of the range of motion] That internal states are integrated over at most. Source:
+Runge and Kutta's rule is stable up to 2.8 lengths of memory; dampers have shown lengths of
+0.01 ranges."""
+MOST_STEPS = 12
+"""[steps] Of internal states between two samples. Source: a bound on the time taken."""
+LEAST_MEMORY = 0.6
+"""[steps] Length over which a law builds up its force at least. Source: below it Runge and
+Kutta's rule is off by more than a tenth, and the law is dry friction for these records."""
+MEMORY_LENGTHS = frozenset({"presliding_m", "zy_m"})
+OFFSET_SHARE = 0.05
+"""[share of the range of motion] Standard deviation of the elongation at which the transducer
+of displacement reads zero. Source: a decision: rigs are centred by eye."""
+CENTRED = frozenset({
+    "hardening", "softening", "asymmetric stiffness", "polynomial stiffness",
+    "damping by elongation", "negative damping",
+})  # fmt: skip
+"""Families whose force depends on where the middle of the motion is."""
+MIN_INDEPENDENT = 8.0
+"""[samples] That any series of what is left counts for. Source: judgement; a loop has two ends
+and two branches, each with a slope."""
+CORRELATED_SDS = 3.0
+"""[standard deviations] From which a correlation is no chance. Source: three-sigma rule."""
 
 Series = Float[np.ndarray, " time"]
+Mask = Bool[np.ndarray, " time"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -52,34 +79,34 @@ class ForceFit:
 
     Parameters
     ----------
-    constants, constants_sd
+    constants
         Stiffness [N/m], damping [N s/m] and a constant force [N].
     effects
         With fitted parameters.
     sds
         Standard deviations of the fitted parameters of each effect, by name.
-    residuals
-        Of each record [N].
+    centre, centre_sd
+        Elongation at which laws of elongation have their middle, and its standard deviation
+        [m].
+    left
+        What the fit leaves of all samples of all records [N].
+    rms
+        Root mean square of what it leaves of the samples fitted [N].
+    numbers
+        Number of fitted parameters of laws.
     pulls
         Sum of squared deviations of the constants from the model's claims, in tolerances.
     """
 
     constants: Float[np.ndarray, "3"]
-    constants_sd: Float[np.ndarray, "3"]
     effects: tuple[Effect, ...]
     sds: tuple[Mapping[str, float], ...]
-    residuals: tuple[Series, ...]
+    centre: float
+    centre_sd: float
+    left: Series
+    rms: float
+    numbers: int
     pulls: float
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of what is left [N]."""
-        return float(np.sqrt(np.mean(np.concatenate(self.residuals) ** 2)))
-
-    @property
-    def numbers(self) -> int:
-        """Number of fitted parameters of laws."""
-        return sum(len(one) for one in self.sds)
 
 
 def log_evidence(fit: ForceFit, left: float, count: float) -> float:
@@ -90,7 +117,7 @@ def log_evidence(fit: ForceFit, left: float, count: float) -> float:
     fit
         Of the force.
     left
-        Root mean square that it leaves of records which it was not fitted to [N].
+        Root mean square that it leaves of samples which it was not fitted to [N].
     count
         Independent samples of these, the same for all fits that are compared.
     """
@@ -98,15 +125,33 @@ def log_evidence(fit: ForceFit, left: float, count: float) -> float:
     return -count / 2 * math.log(square) - fit.pulls / 2 - fit.numbers / 2 * math.log(count)
 
 
-def independent_samples(residuals: Sequence[Series]) -> float:
-    """Return the number of samples that what is left counts for, at least 8."""
-    total = 0.0
-    for one in residuals:
-        power = float(one @ one)
-        near = float(one[1:] @ one[:-1]) / power if power > 0 else 0.0
-        near = min(max(near, 0.0), 1 - 1 / len(one))
-        total += len(one) * (1 - near) / (1 + near)
-    return max(total, 8.0)
+def independent_samples(left: Series) -> float:
+    r"""Return the number of independent samples of what is left.
+
+    .. math:: N / (1 + 2 \sum_k \rho_k)
+
+    The sum is over all lags with a correlation above chance: what returns each cycle is the
+    error of a law, however many cycles were recorded.
+
+    Parameters
+    ----------
+    left
+        Residuals of all records, one after the other [N].
+
+    References
+    ----------
+    Bayley and Hammersley 1946, for the variance of the mean of a correlated series.
+    """
+    count = len(left)
+    size = scipy.fft.next_fast_len(2 * count)
+    power = np.abs(scipy.fft.rfft(left, size)) ** 2
+    correlation = scipy.fft.irfft(power, size)[:count]
+    if not correlation[0] > 0:
+        return float(count)
+    correlation = correlation / correlation[0]
+    chance = CORRELATED_SDS / math.sqrt(count)
+    total = float(correlation[1:][correlation[1:] > chance].sum())
+    return max(count / (1 + 2 * total), MIN_INDEPENDENT)
 
 
 class ForceRegression:
@@ -134,59 +179,57 @@ class ForceRegression:
         self.rig, self.records, self.kinds = rig, tuple(records), kinds
         self.place = Place("element", rig.spring.id)
         self.force = np.concatenate([one.force for one in records])
-        self.ends = np.cumsum([len(one.force) for one in records])[:-1]
+        self.used = np.concatenate([informative(one.motion) for one in records])
         self.linear = np.concatenate(
             [
                 np.stack([one.motion.e, one.motion.v, np.ones(len(one.force))], axis=1)
                 for one in records
             ]
         )
-        claimed = np.array([rig.spring.stiffness_n_per_m, rig.spring.damping_n_s_per_m, 0.0])
-        given = tolerance or Tolerance()
-        share = np.array([given.stiffness, given.damping, 0.0])
-        self.mean = claimed
-        # What the model says nothing of is free.
-        self.sd = np.where(share * claimed > 0, share * claimed, np.inf)
+        path = max(float(np.abs(np.diff(one.motion.e)).max()) for one in records)
+        span = max(float(np.ptp(one.motion.e)) for one in records)
+        self.step_m = max(STEP_SHARE * span, path / MOST_STEPS)
+        self.steps = [_finer(one.motion, self.step_m) for one in records]
+        self.centre_sd = OFFSET_SHARE * float(np.ptp(self.linear[:, 0]))
+        self.constants = _Constants.of(rig, tolerance)
 
     def bare(self) -> ForceFit:
         """Fit the spring, the damper and a constant alone."""
-        found = self._fit(())
+        found = self.fit((), 0.0)
         if found is None:
             raise np.linalg.LinAlgError("a measured force that is not finite")
         return found
 
-    def fit_from(self, fit: ForceFit) -> ForceFit | None:
-        """Fit the laws of another fit again, from its parameters; None where that fails."""
-        return self._fit(fit.effects)
-
     def as_given(self, records: Sequence[ForceRecord]) -> list[Series]:
         """Return what the model as given leaves of other records [N]."""
-        return [
-            one.force - self.mean[0] * one.motion.e - self.mean[1] * one.motion.v
-            for one in records
-        ]
+        k, c, _ = self.constants.mean
+        return [one.force - k * one.motion.e - c * one.motion.v for one in records]
 
     def predict(self, fit: ForceFit, record: ForceRecord) -> Series:
         """Force of a fit along another motion [N]."""
         k, c, b = fit.constants
         force = k * record.motion.e + c * record.motion.v + b
-        for effect in fit.effects:
-            force = force + force_along(
-                self.kinds[effect.kind], effect.parameters, record.motion
-            )
-        return np.asarray(force)
+        return np.asarray(force + self.laws(fit, record.motion))
 
-    def with_one_more(self, fit: ForceFit, kind: Kind) -> ForceFit | None:
-        """Fit a law beside those of a fit, from the likeliest of its shapes.
+    def laws(self, fit: ForceFit, motion: Motion) -> Series:
+        """Force of the laws of a fit, without its constants, along a motion [N]."""
+        steps, force = _finer(motion, self.step_m), np.zeros(len(motion.e))
+        for one in fit.effects:
+            kind = self.kinds[one.kind]
+            force += _force(kind, one.parameters, motion, steps, fit.centre)
+        return force
+
+    def with_one_more(self, fit: ForceFit, starts: Sequence[Effect]) -> ForceFit | None:
+        """Fit a law beside those of a fit, from several starts.
 
         Returns
         -------
-        The best; None where no shape gives a finite force.
+        The best; None where there is none.
         """
         found = [
             one
-            for start in self._starts(fit, kind)
-            if (one := self._fit((*fit.effects, start))) is not None
+            for start in starts
+            if (one := self.fit((*fit.effects, start), fit.centre)) is not None
         ]
         return min(found, key=lambda one: one.rms, default=None)
 
@@ -204,24 +247,82 @@ class ForceRegression:
                     return True
         return False
 
-    def _starts(self, fit: ForceFit, kind: Kind) -> Iterator[Effect]:
-        """List shapes of a law that explain most of what a fit leaves."""
-        step = max(len(self.force) // ROUGH_SAMPLES, 1)
-        whole = _joined([one.motion for one in self.records])
-        shapes = list(kind.shapes(whole)) or [{}]
-        left = np.concatenate(fit.residuals)[::step]
+    def fit(
+        self,
+        effects: tuple[Effect, ...],
+        centre: float,
+        kept: Mask | None = None,
+        level: float | None = None,
+    ) -> ForceFit | None:
+        """Fit all parameters of effects, with the constants eliminated linearly.
+
+        Parameters
+        ----------
+        effects
+            With the parameters to start from.
+        centre
+            Elongation of the middle to start from [m].
+        kept
+            Samples to fit; all that tell something where not given.
+        level
+            What a fit from here is known to leave [N]: it is not fitted twice, and tells no
+            standard deviations.
+
+        Returns
+        -------
+        The fit; None where it has no finite force.
+        """
+        problem = _LeastSquares(
+            self, effects, centre, self.used if kept is None else kept & self.used
+        )
+        return problem.solve(level)
+
+    def along(self, kind: Kind, parameters: Mapping[str, float], centre: float) -> Series:
+        """Force of one law along the motion of all records [N]."""
+        return np.concatenate(
+            [
+                _force(kind, parameters, one.motion, steps, centre)
+                for one, steps in zip(self.records, self.steps, strict=True)
+            ]
+        )
+
+    def laws_along(self, fit: ForceFit) -> Series:
+        """Force of the laws of a fit along the motion of all records [N]."""
+        return np.concatenate([self.laws(fit, one.motion) for one in self.records])
+
+    def motion(self) -> Motion:
+        """Motion of all records, one after the other."""
+        motions = [one.motion for one in self.records]
+        return Motion(
+            e=np.concatenate([m.e for m in motions]),
+            v=np.concatenate([m.v for m in motions]),
+            a=np.concatenate([m.a for m in motions]),
+            times=np.concatenate([m.times for m in motions]),
+        )
+
+    def starts(self, fit: ForceFit, kind: Kind, count: int) -> tuple[float, list[Effect]]:
+        """List shapes of a law that explain most of what a fit leaves.
+
+        Returns
+        -------
+        Sum of squares that the best leaves without a fit [N²], and the `count` best.
+        """
+        rows = np.flatnonzero(self.used)
+        rows = rows[:: max(len(rows) // ROUGH_SAMPLES, 1)]
+        shapes = list(kind.shapes(self.motion())) or [{}]
+        left = fit.left[rows]
         ranked: list[tuple[float, dict[str, float]]] = []
         for shape in shapes:
             unit = dict(shape)
             if kind.strength is not None:
                 unit[kind.strength] = 1.0
             try:
-                force = self._along(kind, unit)[::step]
+                force = self.along(kind, unit, fit.centre)[rows]
             except ValueError:
                 continue
             if not np.isfinite(force).all() or not force.any():
                 continue
-            columns = np.column_stack([force, self.linear[::step]])
+            columns = np.column_stack([force, self.linear[rows]])
             weights, *_ = np.linalg.lstsq(columns, left, rcond=None)
             strength = float(weights[0]) if kind.strength is not None else 1.0
             scaled = {
@@ -233,132 +334,226 @@ class ForceRegression:
             rest = left - columns @ weights
             ranked.append((float(rest @ rest), scaled))
         ranked.sort(key=lambda one: one[0])
-        for _, parameters in ranked[:STARTS]:
-            yield Effect(kind.name, self.place, parameters)
+        found = [Effect(kind.name, self.place, told) for _, told in ranked[:count]]
+        return (ranked[0][0] if ranked else math.inf), found
 
-    def _along(self, kind: Kind, parameters: Mapping[str, float]) -> Series:
-        return np.concatenate(
-            [force_along(kind, parameters, one.motion) for one in self.records]
-        )
 
-    def _fit(self, effects: tuple[Effect, ...]) -> ForceFit | None:
-        """Fit all parameters of effects, with the constants eliminated linearly."""
-        free = [
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Constants:
+    """Claims of the model: stiffness [N/m], damping [N s/m] and no constant force [N].
+
+    What the model says nothing of is free. A damper that a model has drives nothing.
+    """
+
+    mean: Float[np.ndarray, "3"]
+    sd: Float[np.ndarray, "3"]
+
+    @staticmethod
+    def of(rig: ImposedRig, tolerance: Tolerance | None) -> "_Constants":
+        mean = np.array([rig.spring.stiffness_n_per_m, rig.spring.damping_n_s_per_m, 0.0])
+        given = tolerance or Tolerance()
+        spread = np.array([given.stiffness, given.damping, 0.0]) * mean
+        return _Constants(mean, np.where(spread > 0, spread, np.inf))
+
+    def fit(
+        self, linear: Float[np.ndarray, "time 3"], force: Series, level: float
+    ) -> Float[np.ndarray, "3"]:
+        """Fit the constants to a force [N], under their claims; damping is not negative."""
+        inner = linear.T @ linear / level**2 + np.diag(1 / self.sd**2)
+        right = linear.T @ force / level**2 + self.mean / self.sd**2
+        inner = inner + 1e-12 * np.diag(np.diag(inner))
+        found = np.linalg.solve(inner, right)
+        if found[1] < 0:
+            others = np.array([0, 2])
+            found = np.zeros(3)
+            found[others] = np.linalg.solve(inner[np.ix_(others, others)], right[others])
+        return np.asarray(found)
+
+
+class _LeastSquares:
+    """One nonlinear least-squares problem: parameters of laws, and the centre of the motion.
+
+    Parameters
+    ----------
+    regression
+        Records and claims.
+    effects, centre
+        To start from.
+    kept
+        Samples that are fitted.
+    """
+
+    def __init__(
+        self,
+        regression: ForceRegression,
+        effects: tuple[Effect, ...],
+        centre: float,
+        kept: Mask,
+    ) -> None:
+        self.regression, self.effects, self.kept = regression, effects, kept
+        kinds = regression.kinds
+        self.free = [
             (i, p.name)
             for i, effect in enumerate(effects)
-            for p in self.kinds[effect.kind].parameters
+            for p in kinds[effect.kind].parameters
             if p.fitted
         ]
-        start = np.array([effects[i].parameters[name] for i, name in free])
-        scale = np.where(start != 0, np.abs(start), 1.0)
-        low, high = (
-            np.array([getattr(self._parameter(effects, i, n), end) for i, n in free]) / scale
-            for end in ("low", "high")
-        )
-        # A law that explodes is as bad as this, and its squares stay numbers.
-        bound = 1e6 * max(float(np.std(self.force)), np.finfo(float).tiny)
+        self.centred = any(kinds[one.kind].family in CENTRED for one in effects)
+        start = [effects[i].parameters[name] for i, name in self.free]
+        low, high = ([getattr(self._parameter(i, n), end) for i, n in self.free]
+                     for end in ("low", "high"))  # fmt: skip
+        shortest = LEAST_MEMORY * regression.step_m
+        low = [
+            max(one, shortest) if name in MEMORY_LENGTHS else one
+            for one, (_, name) in zip(low, self.free, strict=True)
+        ]
+        scale = [abs(one) if one != 0 else 1.0 for one in start]
+        if self.centred:
+            start.append(centre)
+            scale.append(regression.centre_sd)
+            low.append(-math.inf)
+            high.append(math.inf)
+        self.scale = np.array(scale)
+        self.start = np.array(start) / self.scale
+        self.low, self.high = np.array(low) / self.scale, np.array(high) / self.scale
+        spread = float(np.std(regression.force[kept]))
+        # A law that goes beyond this has exploded.
+        self.most = 1e6 * max(spread, np.finfo(float).tiny)
+        self.level = max(0.1 * spread, np.finfo(float).tiny)
 
-        def laws(values: Float[np.ndarray, " free"]) -> tuple[Effect, ...]:
-            changed = [dict(effect.parameters) for effect in effects]
-            for (i, name), value in zip(free, (values * scale).tolist(), strict=True):
-                changed[i][name] = value
-            return tuple(
-                dataclasses.replace(effect, parameters=parameters)
-                for effect, parameters in zip(effects, changed, strict=True)
-            )
+    def _parameter(self, number: int, name: str) -> Parameter:
+        return self.regression.kinds[self.effects[number].kind].parameter(name)
 
-        def residual(values: Float[np.ndarray, " free"]) -> Series:
-            left = self.force.copy()
-            for effect in laws(values):
-                left = left - self._along(self.kinds[effect.kind], effect.parameters)
-            left = np.clip(np.nan_to_num(left, nan=bound), -bound, bound)
-            constants = self._constants(left, level[0])[0]
-            rows = (constants - self.mean) / self.sd * level[0]
-            return np.concatenate([left - self.linear @ constants, rows])
-
-        level = [float(np.std(self.force)) * 0.1]
-        values = start / scale
-        for _round in range(2):
-            if len(free):
-                inside = np.clip(values, low + 1e-9, high - 1e-9)
-                found = scipy.optimize.least_squares(
-                    residual,
+    def solve(self, level: float | None) -> ForceFit | None:
+        """Minimise, estimate the noise, and minimise again under the claims' due weight."""
+        values = self.start
+        self.level = level or self.level
+        for _round in range(2 if level is None else 1):
+            if len(values):
+                inside = np.clip(values, self.low + 1e-9, self.high - 1e-9)
+                values = scipy.optimize.least_squares(
+                    self._residual,
                     inside,
-                    bounds=(low, high),
-                    diff_step=DIFFERENCE_STEP,
-                    max_nfev=MAX_EVALUATIONS,
-                )
-                values = found.x
-            left = residual(values)[: len(self.force)]
-            level[0] = max(float(np.sqrt(np.mean(left**2))), np.finfo(float).tiny)
-        return self._result(laws, residual, values, scale, free, level[0])
+                    bounds=(self.low, self.high),
+                    diff_step=np.full(len(inside), DIFFERENCE_STEP),
+                    max_nfev=MAX_EVALUATIONS if level is None else VALIDATION_EVALUATIONS,
+                ).x
+            left = self._left(values)[0][self.kept]
+            rms = float(np.sqrt(np.mean(left**2)))
+            self.level = max(rms, np.finfo(float).tiny)
+        return self._result(values, spread=level is None)
 
-    def _result(
-        self,
-        laws: Callable[[Float[np.ndarray, " free"]], tuple[Effect, ...]],
-        residual: Callable[[Float[np.ndarray, " free"]], Series],
-        values: Float[np.ndarray, " free"],
-        scale: Float[np.ndarray, " free"],
-        free: Sequence[tuple[int, str]],
-        level: float,
-    ) -> ForceFit | None:
-        effects = laws(values)
-        whole = residual(values)
-        left = whole[: len(self.force)]
-        if not np.isfinite(left).all():
-            return None
-        residuals = tuple(np.split(left, self.ends))
-        count = independent_samples(residuals)
-        force = self.force.copy()
+    def _laws(self, values: Float[np.ndarray, " free"]) -> tuple[tuple[Effect, ...], float]:
+        told = (values * self.scale).tolist()
+        centre = told.pop() if self.centred else 0.0
+        changed = [dict(effect.parameters) for effect in self.effects]
+        for (i, name), value in zip(self.free, told, strict=True):
+            changed[i][name] = value
+        effects = tuple(
+            dataclasses.replace(effect, parameters=parameters)
+            for effect, parameters in zip(self.effects, changed, strict=True)
+        )
+        return effects, centre
+
+    def _left(
+        self, values: Float[np.ndarray, " free"]
+    ) -> tuple[Series, Float[np.ndarray, "3"]]:
+        """Return what the laws and the constants leave of all samples [N]; the constants."""
+        regression = self.regression
+        left = regression.force.copy()
+        effects, centre = self._laws(values)
         for effect in effects:
-            force -= self._along(self.kinds[effect.kind], effect.parameters)
-        constants, inner = self._constants(force, level)
-        inflated = level * math.sqrt(len(left) / max(count, 1.0))
-        columns = [
-            (residual(values + step)[: len(left)] - left) / size
-            for step, size in (
-                (1e-4 * np.eye(len(values))[i] * max(abs(values[i]), 1e-3),
-                 1e-4 * max(abs(values[i]), 1e-3))
-                for i in range(len(values))
-            )
-        ]  # fmt: skip
+            left -= regression.along(regression.kinds[effect.kind], effect.parameters, centre)
+        if not (np.abs(left) < self.most).all():
+            return 1e3 * self.level * np.cos(np.arange(len(left))), np.zeros(3)
+        constants = regression.constants.fit(
+            regression.linear[self.kept], left[self.kept], self.level
+        )
+        return left - regression.linear @ constants, constants
+
+    def _residual(self, values: Float[np.ndarray, " free"]) -> Series:
+        left, constants = self._left(values)
+        claims = self.regression.constants
+        rows = [(constants - claims.mean) / claims.sd * self.level]
+        if self.centred:
+            rows.append(values[-1:] * self.level)
+        return np.concatenate([left[self.kept], *rows])
+
+    def _result(self, values: Float[np.ndarray, " free"], *, spread: bool) -> ForceFit | None:
+        effects, centre = self._laws(values)
+        left, constants = self._left(values)
+        sd = self._spread(values, left) if spread else np.zeros(len(values))
+        if sd is None:
+            return None
+        told = (sd * self.scale).tolist()
+        centre_sd = told.pop() if self.centred else 0.0
         sds: list[dict[str, float]] = [{} for _ in effects]
-        if columns:
-            jacobian = np.stack(columns, axis=1)
-            if not np.isfinite(jacobian).all():
-                return None
-            covariance = np.linalg.pinv(jacobian.T @ jacobian)
-            spread = inflated * np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
-            for (i, name), sd in zip(free, spread.tolist(), strict=True):
-                sds[i][name] = sd
+        for (i, name), one in zip(self.free, told, strict=True):
+            sds[i][name] = one
+        claims = self.regression.constants
+        pulls = float(np.sum(((constants - claims.mean) / claims.sd) ** 2))
         return ForceFit(
             constants=constants,
-            constants_sd=inflated / level * np.sqrt(np.diag(np.linalg.pinv(inner))),
             effects=effects,
             sds=tuple(sds),
-            residuals=residuals,
-            pulls=float(np.sum(((constants - self.mean) / self.sd) ** 2)),
+            centre=centre,
+            centre_sd=centre_sd,
+            left=left,
+            rms=self.level,
+            numbers=len(values),
+            pulls=pulls + (float(values[-1] ** 2) if self.centred else 0.0),
         )
 
-    def _constants(
-        self, force: Series, level: float
-    ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-        """Stiffness, damping and constant, under their priors; and their information."""
-        inner = self.linear.T @ self.linear / level**2 + np.diag(1 / self.sd**2)
-        right = self.linear.T @ force / level**2 + self.mean / self.sd**2
-        return np.linalg.solve(inner + 1e-12 * np.diag(np.diag(inner)), right), inner
+    def _spread(
+        self, values: Float[np.ndarray, " free"], left: Series
+    ) -> Float[np.ndarray, " free"] | None:
+        """Return standard deviations, by the independent samples; None if not finite."""
+        if not len(values):
+            return np.zeros(0)
+        kept, base = left[self.kept], self._residual(values)
+        inflated = self.level * math.sqrt(len(kept) / independent_samples(kept))
+        columns = []
+        for i, value in enumerate(values):
+            step = DIFFERENCE_STEP * max(abs(value), DIFFERENCE_STEP)
+            moved = values.copy()
+            moved[i] += step if value + step <= self.high[i] else -step
+            columns.append((self._residual(moved) - base) / (moved[i] - value))
+        jacobian = np.stack(columns, axis=1)
+        if not np.isfinite(jacobian).all():
+            return None
+        covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+        return np.asarray(inflated * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
-    def _parameter(self, effects: Sequence[Effect], number: int, name: str) -> Parameter:
-        return self.kinds[effects[number].kind].parameter(name)
+
+def _force(
+    kind: Kind,
+    parameters: Mapping[str, float],
+    motion: Motion,
+    steps: tuple[int, Motion],
+    centre: float,
+) -> Series:
+    """Force of one law along a motion; internal states are integrated in its finer steps."""
+    many, finer = steps
+    seen = finer if isinstance(kind.action, Law) and kind.action.rates else motion
+    force = force_along(kind, parameters, dataclasses.replace(seen, e=seen.e - centre))
+    return np.asarray(force[::many] if seen is finer else force)
 
 
-def _joined(motions: Sequence[Motion]) -> Motion:
-    return Motion(
-        e=np.concatenate([m.e for m in motions]),
-        v=np.concatenate([m.v for m in motions]),
-        a=np.concatenate([m.a for m in motions]),
-        times=np.concatenate([m.times for m in motions]),
-    )
+def _finer(motion: Motion, step_m: float) -> tuple[int, Motion]:
+    """Return how many steps a sample has, and the motion at all of them.
+
+    Between samples, elongation is the cubic through its values and rates.
+    """
+    path = float(np.abs(np.diff(motion.e)).max())
+    many = max(math.ceil(path / max(step_m, np.finfo(float).tiny)), 1)
+    if many == 1:
+        return 1, motion
+    numbers = np.arange((len(motion.e) - 1) * many + 1) / many
+    times = np.interp(numbers, np.arange(len(motion.e)), motion.times)
+    cubic = scipy.interpolate.CubicHermiteSpline(motion.times, motion.e, motion.v)
+    rate = scipy.interpolate.CubicHermiteSpline(motion.times, motion.v, motion.a)
+    finer = Motion(e=cubic(times), v=rate(times), a=rate(times, 1), times=times)
+    return many, finer
 
 
 def applicable_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:

@@ -171,8 +171,17 @@ class LinearModel:
             description=description,
             structure=structure,
             rows=rows,
-            orders=tuple(derivative_order(s.quantity) for s in description.sensors),
-            absolute=np.array([float(s.frame == "absolute") for s in description.sensors]),
+            # Measured forces are fitted, but do not help to locate: no row reads them.
+            orders=tuple(
+                0 if s.quantity == "force" else derivative_order(s.quantity)
+                for s in description.sensors
+            ),
+            absolute=np.array(
+                [
+                    float(s.frame == "absolute" and s.quantity != "force")
+                    for s in description.sensors
+                ]
+            ),
             scale=1.0 / np.array(factors),
         )
 
@@ -297,6 +306,17 @@ class LinearModel:
                 along[self.structure.dof(name)] += sign
         return along
 
+    def elongation_of_supports(self, place: Place) -> Float[np.ndarray, " moved"]:
+        """Row that gives what supports and driven nodes add to the coordinate of a place."""
+        moved = self.description.moved
+        along = np.zeros(len(moved))
+        if place.kind == "element":
+            element = next(e for e in self.description.elements if e.id == place.id)
+            for name, sign in zip(element.between, (-1.0, 1.0), strict=True):
+                if name in moved:
+                    along[moved.index(name)] += sign
+        return along
+
     def _elements(self) -> list[ForceSource]:
         places = [
             Place("element", e.id) for e in self.description.elements if isinstance(e, Spring)
@@ -319,9 +339,9 @@ class LinearModel:
         found = []
         for entry in self.description.inputs:
             place = Place("input", entry.channel)
-            if entry.node is None:
+            if entry.kind == "base_acceleration":
                 found.append(ForceSource(place=place, force=self.base_force(), base=1.0))
-            else:
+            elif entry.kind == "force" and entry.node is not None:
                 force = self.elongation(Place("node", entry.node))
                 found.append(ForceSource(place=place, force=force))
         return found
@@ -343,6 +363,31 @@ def _powers_of_state(
         known = np.concatenate([known, known @ ahead.T])
         ahead = ahead @ ahead
     return known[:samples]
+
+
+def support_columns(
+    description: Description,
+) -> dict[tuple[str, str], Float[np.ndarray, "dof moved"]]:
+    """Give the force on each coordinate per motion of each support, by name of the constant.
+
+    Signs are those of the stiffness matrix: a spring of stiffness k has -k here.
+    """
+    rows = {name: row for row, name in enumerate(description.dofs)}
+    moved = description.moved
+    found: dict[tuple[str, str], Float[np.ndarray, "dof moved"]] = {}
+    for part in description.elements:
+        first, second = part.between
+        for end, other in ((first, second), (second, first)):
+            if not isinstance(part, Spring) or end not in moved or other not in rows:
+                continue
+            for what, value in (
+                ("stiffness", part.stiffness_n_per_m),
+                ("damping", part.damping_n_s_per_m),
+            ):
+                column = np.zeros((len(rows), len(moved)))
+                column[rows[other], moved.index(end)] = -value
+                found[what, part.id] = column
+    return found
 
 
 def parameter_matrices(

@@ -5,7 +5,13 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .linear_response import ForceSource, FreeDecaySpectra, LinearModel, parameter_matrices
+from .linear_response import (
+    ForceSource,
+    FreeDecaySpectra,
+    LinearModel,
+    parameter_matrices,
+    support_columns,
+)
 from .spectral_lines import Lines, TrialLines
 
 MIN_CONSTANT_SHARE = 0.05
@@ -24,7 +30,7 @@ class LinearConstants:
     Parameters
     ----------
     matrices
-        Contribution of each to stiffness, damping or mass.
+        Contribution of each to stiffness, damping or mass; the last columns are of supports.
     orders
         0 for stiffness, 1 for damping, 2 for mass.
     reference_change
@@ -33,7 +39,7 @@ class LinearConstants:
         Prior standard deviation, relative to the reference.
     """
 
-    matrices: Float[np.ndarray, "constant dof dof"]
+    matrices: Float[np.ndarray, "constant dof all"]
     orders: tuple[int, ...]
     reference_change: Constants
     sd: Constants
@@ -50,9 +56,13 @@ class LinearConstants:
         own = parameter_matrices(linear.description)
         order = {"stiffness": 0, "damping": 1, "mass": 2}
         dofs, seen = linear.structure.dofs, len(linear.description.dofs)
-        matrices = np.zeros((len(names), dofs, dofs))
+        ends = support_columns(linear.description)
+        matrices = np.zeros((len(names), dofs, dofs + len(linear.description.moved)))
         for i, name in enumerate(names):
-            matrices[i, :seen, :seen] = own[name]
+            if name in own:
+                matrices[i, :seen, :seen] = own[name]
+            if name in ends:
+                matrices[i, :seen, dofs:] = ends[name]
         return cls(
             matrices=matrices,
             orders=tuple(order[name[0]] for name in names),
@@ -60,7 +70,7 @@ class LinearConstants:
             sd=sd,
         )
 
-    def matrix_changes(self, change: Constants) -> Float[np.ndarray, "order dof dof"]:
+    def matrix_changes(self, change: Constants) -> Float[np.ndarray, "order dof all"]:
         """Sum the changes of stiffness, damping and mass."""
         found = np.zeros((3, *self.matrices.shape[1:]))
         for matrix, order, value in zip(self.matrices, self.orders, change, strict=True):
@@ -109,11 +119,11 @@ class PerturbedReference:
     ) -> "PerturbedReference":
         """Change the constants of the reference for one trial."""
         sums = known.matrix_changes(change)
-        linear = reference.tuned(*sums)
+        linear = reference.tuned(*sums[:, :, : reference.structure.dofs])
         compliance = linear.compliance(trial.frequency_hz)
         sensed = linear.sensor_response(trial.frequency_hz, compliance)
         free = linear.free_decay_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
-        inner = absolute_motion(linear, trial.motion, trial.base)
+        inner = absolute_motion(linear, trial.motion, trial.base, trial.supports)
         pull = -sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
         shift = np.einsum("fab,fb->fa", compliance, pull)
         return cls(
@@ -142,7 +152,7 @@ class PerturbedReference:
         self, known: LinearConstants, motion: MotionSpectra, base: np.ndarray
     ) -> Columns:
         """Give the readings that doubling each constant would add along a motion."""
-        inner = absolute_motion(self.linear, motion, base)
+        inner = absolute_motion(self.linear, motion, base, self.trial.supports)
         pulled = np.empty((*motion.shape[1:], len(known.sd)), dtype=complex)
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
             pulled[:, :, i] = -inner[order] @ matrix.T
@@ -157,7 +167,7 @@ class PerturbedReference:
         force: Complex[np.ndarray, "frequency dof"],
     ) -> MotionSpectra:
         """Motion with a force and a further small change, without initial states."""
-        inner = absolute_motion(self.linear, motion, base)
+        inner = absolute_motion(self.linear, motion, base, self.trial.supports)
         sums = known.matrix_changes(change)
         pull = force - sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
         shift = self.shift + np.einsum("fab,fb->fa", self.compliance, pull)
@@ -166,10 +176,26 @@ class PerturbedReference:
 
 
 def absolute_motion(
-    linear: LinearModel, motion: MotionSpectra, base: np.ndarray
+    linear: LinearModel,
+    motion: MotionSpectra,
+    base: np.ndarray,
+    supports: MotionSpectra | None = None,
 ) -> MotionSpectra:
-    """Motion that internal and inertial forces depend on: acceleration is absolute."""
+    """Motion that internal and inertial forces depend on: acceleration is absolute.
+
+    Parameters
+    ----------
+    linear
+        The reference.
+    motion
+        Against the base (order, frequency, dof).
+    base
+        Acceleration of the base [m/s^2].
+    supports
+        Motion of supports against the base, which is put behind that of the coordinates.
+    """
     influence = linear.structure.influence
-    if influence is None:
-        return motion
-    return np.concatenate([motion[:2], motion[2:] + np.multiply.outer(base, influence)])
+    if influence is not None:
+        shaken = motion[2:] + np.multiply.outer(base, influence)
+        motion = np.concatenate([motion[:2], shaken])
+    return motion if supports is None else np.concatenate([motion, supports], axis=2)

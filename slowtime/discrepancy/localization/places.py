@@ -11,7 +11,7 @@ from slowtime.signals.spectra import transform
 
 from .latent_force import Explanation
 from .linear_response import LinearModel
-from .spectral_lines import TrialLines
+from .spectral_lines import OuterMotion, TrialLines
 
 ALLOWED_TOLERANCES = 2.0
 """[tolerances] By which a constant may move before that counts as force. Source: the 95 %
@@ -96,6 +96,8 @@ class Localization:
         Records, and their spectra with the last estimate of the noise.
     runs
         Displacement, velocity, acceleration of the reference in each trial.
+    outer
+        Motion of base and supports in each trial.
     outputs
         Readings of the sensors in the reference's runs.
     nominal, tolerance
@@ -110,6 +112,7 @@ class Localization:
     trials: tuple[Trial, ...]
     lines: tuple[TrialLines, ...]
     runs: tuple[Float[np.ndarray, "order time dof"], ...]
+    outer: tuple[OuterMotion, ...]
     outputs: tuple[Float[np.ndarray, "time sensor"], ...]
     nominal: dict[tuple[str, str], float]
     tolerance: dict[tuple[str, str], float]
@@ -224,7 +227,8 @@ class Localization:
         if place.kind == "base":
             return Motion(e=0 * base, v=0 * base, a=base, times=trial.times_s)
         along = self.linear.elongation(place)
-        q, v, a = self.motion(explained, number) @ along
+        outer = self.linear.elongation_of_supports(place)
+        q, v, a = self.motion(explained, number) @ along + self.outer[number].supports @ outer
         own = base if place.kind == "node" else 0.0
         return Motion(e=q, v=v, a=a + own, times=trial.times_s)
 

@@ -15,7 +15,7 @@ from .linear_response import ForceSource, LinearModel
 from .noise_update import noise_log_likelihood, update_noise
 from .perturbed_reference import LinearConstants, PerturbedReference
 from .places import Localization, PlaceGroup
-from .spectral_lines import TrialLines, trial_lines
+from .spectral_lines import OuterMotion, TrialLines, trial_lines
 
 BAND_MARGIN = 1.5
 """[1] Times the frequency above which the structure is silent up to which lines are used.
@@ -64,10 +64,18 @@ def locate(
     """
     linear = LinearModel.of_plant(fit.plant, fit.values)
     records = tuple(trials)
-    runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
+    moved = [_motion(fit, trial, i) for i, trial in enumerate(records)]
+    runs, outer = tuple(one for one, _ in moved), tuple(one for _, one in moved)
     lines = tuple(
         trial_lines(
-            linear, trial, residual, run, fit.noise, i, BAND_MARGIN * fit.silent_above_hz
+            linear,
+            trial,
+            residual,
+            run,
+            fit.noise,
+            i,
+            BAND_MARGIN * fit.silent_above_hz,
+            outer[i],
         )
         for i, (trial, residual, run) in enumerate(
             zip(records, _clock_corrected(fit, records), runs, strict=True)
@@ -87,6 +95,7 @@ def locate(
         trials=records,
         lines=solver.trials,
         runs=runs,
+        outer=outer,
         outputs=fit.outputs,
         nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
         tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
@@ -165,7 +174,9 @@ def _sort_by_likelihood(
     return [families[i] for i in order], best
 
 
-def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order time dof"]:
+def _motion(
+    fit: Fit, trial: Trial, number: int
+) -> tuple[Float[np.ndarray, "order time dof"], OuterMotion]:
     run = fit.plant.run(
         fit.values,
         trial.inputs,
@@ -174,9 +185,13 @@ def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order tim
         start_s=trial.start_s,
     )
     dofs = len(fit.plant.matrices.names)
-    return np.stack(
-        [run.states[:, :dofs], run.states[:, dofs : 2 * dofs], run.rates[:, dofs : 2 * dofs]]
-    )
+    inner = [
+        run.states[:, :dofs], run.states[:, dofs : 2 * dofs], run.rates[:, dofs : 2 * dofs]
+    ]  # fmt: skip
+    supports = np.zeros((3, len(run.times), len(run.supports)))
+    for k, series in enumerate(run.supports.values()):
+        supports[:, :, k] = series
+    return np.stack(inner), OuterMotion(run.base, supports)
 
 
 def _clock_corrected(

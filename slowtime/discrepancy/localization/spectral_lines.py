@@ -23,6 +23,22 @@ Lines = Complex[np.ndarray, "frequency sensor"]
 MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class OuterMotion:
+    """Motion that inputs impose in one trial.
+
+    Parameters
+    ----------
+    base
+        Acceleration of the base [m/s^2].
+    supports
+        Displacement, velocity, acceleration of supports and driven nodes against it.
+    """
+
+    base: Float[np.ndarray, " time"]
+    supports: Float[np.ndarray, "order time moved"]
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrialLines:
     r"""Spectra of a trial, scaled so that noise of density :math:`N` gives :math:`E|Y|^2 = N`.
@@ -42,6 +58,9 @@ class TrialLines:
         relative to the base.
     base
         Measured acceleration of the base [m/s^2].
+    supports
+        Motion of supports and driven nodes as that of the coordinates; None where there are
+        none.
     gaps
         Mask of the samples that are not used and are filled by estimates; None without any.
     """
@@ -55,6 +74,7 @@ class TrialLines:
     residual: Lines
     motion: MotionSpectra
     base: Complex[np.ndarray, " frequency"]
+    supports: Complex[np.ndarray, "order frequency moved"] | None = None
     gaps: Bool[np.ndarray, "time sensor"] | None = None
 
     def gap_spectrum(self, explained: Lines) -> Lines:
@@ -89,6 +109,7 @@ def trial_lines(
     noise: Noise,
     number: int,
     top_hz: float,
+    outer: OuterMotion | None = None,
 ) -> TrialLines:
     """Transform a trial.
 
@@ -108,6 +129,8 @@ def trial_lines(
         Of the trial in `noise`.
     top_hz
         Highest frequency of the lines that are kept [Hz].
+    outer
+        Motion of base and supports; that of base accelerations alone where not given.
     """
     count = len(residual)
     frequency, spectrum = transform(residual, trial.rate_hz)
@@ -117,6 +140,8 @@ def trial_lines(
     if kept == len(frequency) and count % 2 == 0:
         weight[-1] = 0.5
     share = np.maximum(trial.used.mean(axis=0), 1 / count)
+
+    shaken = _base_acceleration(linear, trial) if outer is None else outer.base
 
     def lines(series: np.ndarray) -> np.ndarray:
         flat = transform(series.reshape(count, -1), trial.rate_hz)[1][:kept]
@@ -131,7 +156,12 @@ def trial_lines(
         noise=noise.weighting_density(number, frequency[:kept]) * share,
         residual=spectrum[:kept],
         motion=np.stack([lines(one) for one in motion]),
-        base=lines(_base_acceleration(linear, trial)[:, None])[:, 0],
+        base=lines(shaken[:, None])[:, 0],
+        supports=(
+            None
+            if outer is None or not outer.supports.shape[2]
+            else np.stack([lines(one) for one in outer.supports])
+        ),
         gaps=None if trial.used.all() else ~trial.used,
     )
 
@@ -161,6 +191,6 @@ def _base_acceleration(linear: LinearModel, trial: Trial) -> Float[np.ndarray, "
     total = np.zeros(len(trial.outputs))
     coordinate = linear.description.unit_of_coordinate
     for series, entry in zip(trial.inputs.T, linear.description.inputs, strict=True):
-        if entry.node is None:
+        if entry.kind == "base_acceleration":
             total += series * unit_factor(entry.unit, "acceleration", coordinate)
     return total

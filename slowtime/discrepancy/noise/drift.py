@@ -12,7 +12,6 @@ is therefore added: the density of the response to a white error of each input. 
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -158,7 +157,11 @@ def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift
     if not motions.shape[1]:
         return None
     shapes = np.zeros((len(description.sensors), motions.shape[1]))
-    orders = tuple(derivative_order(sensor.quantity) for sensor in description.sensors)
+    # A force follows from forces: it does not drift.
+    orders = tuple(
+        2 if sensor.quantity == "force" else derivative_order(sensor.quantity)
+        for sensor in description.sensors
+    )
     coordinate = description.unit_of_coordinate
     for i, sensor in enumerate(description.sensors):
         if sensor.node in structure.names and orders[i] < 2:
@@ -178,15 +181,16 @@ def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift
 def _input_participation(
     description: Description, structure: Structure, motions: Float[np.ndarray, "dof rigid"]
 ) -> Float[np.ndarray, "rigid input"]:
-    """Modal force of each rigid motion per unit of each input."""
+    """Modal force of each rigid motion per unit of each input.
+
+    Errors of a measured displacement or velocity are not integrated, and so count for nothing.
+    """
     found = np.zeros((motions.shape[1], len(description.inputs)))
     for i, entry in enumerate(description.inputs):
-        quantity: Literal["force", "acceleration"]
-        quantity = "force" if entry.kind == "force" else "acceleration"
-        scale = unit_factor(entry.unit, quantity, description.unit_of_coordinate)
-        if entry.node is None:
+        scale = unit_factor(entry.unit, entry.quantity, description.unit_of_coordinate)
+        if entry.kind == "base_acceleration":
             found[:, i] = scale * (motions.T @ structure.base_force(np.ones(1))[0])
-        elif entry.node in structure.names:
+        elif entry.kind == "force" and entry.node in structure.names:
             found[:, i] = scale * motions[structure.dof(entry.node)]
     return found
 

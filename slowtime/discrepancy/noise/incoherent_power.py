@@ -40,7 +40,7 @@ def incoherent_power(
     residual
         Residual (time, sensor) in the sensors' units; zero where a sample is not used.
     inputs
-        Inputs (time, input).
+        Inputs (time, input); constant ones are left out.
     rate_hz
         Sampling rate [Hz].
     used
@@ -61,6 +61,7 @@ def incoherent_power(
        2nd ed., Wiley (2012), ch. 7 (local polynomial method, here of first order).
     """
     frequency, spectrum = transform(residual, rate_hz)
+    inputs = inputs[:, np.ptp(inputs, axis=0) > 0]
     moved = transform(inputs, rate_hz)[1] if inputs.shape[1] else np.empty((len(frequency), 0))
     blocks = (len(frequency) - 2) // BLOCK_LINES
     kept = slice(1, 1 + blocks * BLOCK_LINES)

@@ -18,6 +18,7 @@ from slowtime.discrepancy.localization import (
 from slowtime.discrepancy.quoting import sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
 AMPLITUDE_RELATIVE_SD = 0.05
@@ -67,7 +68,7 @@ def base_motion(
         return None
     if any(p.kind in ("element", "node") for p in group.places):
         return None
-    if any(one.kind == "base_acceleration" for one in located.linear.description.inputs):
+    if any(one.kind in BASE_KINDS for one in located.linear.description.inputs):
         return None  # somebody did measure it
     likelihood = group.explained.likelihood
     apart = [g for g in located.groups[1:] if not set(g.places) & set(group.twins)]

@@ -15,6 +15,7 @@ from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
     NamedEffect,
+    Rival,
     Step,
     Surface,
     Suspect,
@@ -31,7 +32,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
-from slowtime.discrepancy.selection.inadequacy import temper_unexplained
+from slowtime.discrepancy.selection.inadequacy import law_probability, temper_unexplained
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
 from slowtime.discrepancy.selection.probabilities import (
     MAX_LOCAL_MINIMUM_REST,
@@ -54,6 +55,7 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
 from .gap_closure import ClosedGap, close_gap, describe_gap_closure
+from .likeness import OWN_CLOCK
 
 MAX_REST_HERE = 1e-3
 """[share of what was missing at first] That is left at the place of an effect at most, if its
@@ -64,6 +66,12 @@ stand. Source: judgement; no study is recorded."""
 NOISE_ERROR_RATIO = 1.01
 """[1] Of the error on a held-out record to that of noise alone, up to which the record is
 explained. Source: judgement; no study is recorded."""
+MIN_LAW_PROBABILITY = 0.5
+"""[probability] Of laws compared in all combinations, below which the effect is unknown.
+Source: even odds."""
+MAX_CONSTANT_RATIO = 3.0
+"""[1] Of a fitted mass or stiffness to the stated one, either way, beyond which the model is
+another structure's. Source: judgement; drawings are off by tens of per cent."""
 SINGLE_LAW_ERROR_SHARE = 0.1
 """[share of the error of the refitted model] To which one law must reduce it, where noise is so
 low that no law explains the record within it. Source: judgement; no study is recorded."""
@@ -73,15 +81,18 @@ Source: judgement; no study is recorded."""
 FALLEN_ERROR_SHARE = 0.9
 """[1] Of an error to the one before, up to which it has fallen; of the noise floor to an error,
 from which the floor is reached. Source: judgement; no study is recorded."""
+CLOCK_ERROR_SHARE = 0.5
+"""[1] The same of a law with a clock of its own, for it to be called near. Source: a
+decision."""
 
 NOT_HELD_OUT = (
     "No record was held out: the gap is that of the last third of each record, by numbers "
     "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
-NEARER = " Constants known better than their tolerance would tell, or another level."
+NEARER = " Tighter tolerances of the constants, or a record of another level, would decide."
 LOUD = (
-    "What is left is not of the colour that the noise was taken to have, but no record shows "
-    "it as an error: it is noise, or far below it."
+    "The residual does not have the spectrum that was assumed for the noise, but the error on "
+    "records that were not fitted is no larger than the noise. It is taken to be noise."
 )
 EQUIVALENT_CHI2 = 9.0
 """[1] Chi squared that a law may leave more than another and explain as much. Source:
@@ -90,12 +101,16 @@ IMPROBABLE_PULL = 0.05
 """[probability] That any constant is as far within its tolerance, below which it is reported.
 Source: the 5 % level."""
 FLOATS = (
-    "No element holds the structure to the base: as given, it floats. Where it does not, join "
-    "a node to `base`."
+    "No element connects the structure to the base, so that the model moves freely. If the "
+    "structure does not, connect a node to `base`."
 )
 NOT_KEPT = (
-    "The model as given does better on the record it never saw than with what was fitted: it "
-    "is left as it was."
+    "On the record it never saw, the model as given has a smaller error than the fitted one: "
+    "it is left as it was."
+)
+NO_SURFACE = (
+    "No force surface was fitted: what is missing is a link or an unmeasured motion, not a "
+    "force in an element of the model."
 )
 HURRIED = "The budget ran out before every law was tried; --patience gives it more."
 
@@ -163,66 +178,158 @@ def report(
     monitor
         Of the budget; where given, and the effect is unknown, a force surface closes the gap.
     """
-    given, last = campaign.description, found.last
+    given = campaign.description
     evaluation = _evaluate(campaign, trials, found, kinds)
-    nominal, steps = evaluation.nominal, evaluation.steps
-    found = _doubted(found, evaluation, kinds)
-    located = found.localized
+    judged = _judge(given, found, evaluation, findings, kinds)
+    found, verdict, sentence = judged.found, judged.verdict, judged.sentence
+    last, located = found.last, found.localized
     assert located is not None
-    unknown = _is_unknown(found, evaluation, kinds)
-    answers = _answers(given, found, () if unknown else found.effects, findings, kinds)
-    verdict, sentence = _verdict_and_sentence(given, found, answers, kinds, unknown=unknown)
-    # Constants that were bent to make up for what has no name are no better a model.
-    useless = unknown and evaluation.last_is_worse
-    kept = nominal if useless else steps[-1]
-    closed = (
-        _closed(found, trials, evaluation, kept, kinds, monitor)
-        if unknown and monitor
-        else None
-    )
-    if closed is not None:
-        kept, useless = closed.result, False
-    augmented = last if closed is None else closed.fit
-    experiment = (
-        propose_experiment(found.pair, trials, kinds) if found.pair and not unknown else None
-    )
+    kept = _kept_model(judged, evaluation, trials, kinds, monitor)
+    doubted = bool(found.pair) and not judged.unknown
+    experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
     white_p_value = chi2_p_value(last)
+    named = found.effects or judged.unknown
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + _closing(kept, evaluation),
-        effects=tuple(answers),
+        sentence=sentence + _closing(kept.result, evaluation),
+        effects=judged.answers,
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
         nothing_probability=_nothing(found, located),
-        moved={} if useless else moved_of(last) | renumbered(last, given),
+        moved={} if kept.useless else moved_of(last) | renumbered(last, given),
         where=_suspects(located),
         when=_when(located) if found.effects else When((), (), ""),
         findings=findings,
-        gap=_gap(found, evaluation, kept, closed),
+        gap=_gap(found, evaluation, kept.result, kept.closed),
         chi2_per_datum=last.chi2_per_datum,
         residual_white=white_p_value > LIMITS.white_p_value,
         white_p_value=white_p_value,
         nominal=given,
         refitted=_described(found.first),
-        augmented=given if useless else saying_holds(_described(augmented)),
-        traces=traces_of(evaluation.tests, nominal.runs, steps[0].runs, kept.runs),
-        spectra=spectra_of(evaluation.tests, steps[0].runs, kept.runs, evaluation.noise),
-        surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
-        notes=(
-            *_notes_on_records(given, evaluation, useless=useless),
-            *((HURRIED,) if found.exhausted else ()),
-            *_notes_on_effects(found, kinds, unknown=unknown),
-            *(
-                (describe_gap_closure(closed, evaluation.errors[0], found, kinds),)
-                if closed is not None
-                else ()
-            ),
-            *(_far(last) if verdict == "nothing_missing" else ()),
-            *_note_on_noise(found, evaluation, kinds, unknown=unknown),
+        augmented=given if kept.useless else saying_holds(_described(kept.fit)),
+        traces=traces_of(
+            evaluation.tests, evaluation.nominal.runs, evaluation.steps[0].runs,
+            kept.result.runs,
         ),
+        spectra=spectra_of(
+            evaluation.tests, evaluation.steps[0].runs, kept.result.runs, evaluation.noise
+        ),
+        surface=_surface(found, kinds, unknown=judged.unknown) if named else None,
+        notes=_notes(given, judged, kept, evaluation, kinds),
+    )  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Judgement:
+    """Verdict on a hypothesis, after its free runs on records that were not fitted.
+
+    Parameters
+    ----------
+    found
+        The hypothesis, with the doubts that arose.
+    unknown
+        Whether something is missing that is none of the effects known here.
+    answers
+        Effects and faults of sensors, each with its probability.
+    """
+
+    found: Hypothesis
+    unknown: bool
+    answers: tuple[NamedEffect, ...]
+    verdict: Verdict
+    sentence: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class KeptModel:
+    """The model that is adopted, and its free run on what was not fitted.
+
+    Parameters
+    ----------
+    closed
+        A force surface that closes the gap, where the effect is unknown and one does.
+    why_open
+        Why none does.
+    useless
+        Whether the model as given does better than the fitted one, and is kept.
+    """
+
+    fit: Fit
+    result: FreeRunResult
+    closed: ClosedGap | None
+    why_open: str | None
+    useless: bool
+
+
+def _judge(
+    given: Description,
+    found: Hypothesis,
+    evaluation: Evaluation,
+    findings: Sequence[Finding],
+    kinds: Mapping[str, Kind],
+) -> Judgement:
+    found = _doubted(found, evaluation, kinds)
+    unknown = _is_unknown(found, evaluation, kinds)
+    found = found if unknown else _near_unknown(found)
+    answers = _answers(given, found, () if unknown else found.effects, findings, kinds)
+    nearest = _nearest(found, evaluation, kinds)
+    verdict, sentence = _verdict_and_sentence(
+        given, found, answers, nearest, kinds, unknown=unknown
     )
+    return Judgement(
+        found=found, unknown=unknown, answers=tuple(answers), verdict=verdict,
+        sentence=sentence,
+    )  # fmt: skip
+
+
+def _kept_model(
+    judged: Judgement,
+    evaluation: Evaluation,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    monitor: Monitor | None,
+) -> KeptModel:
+    """Close the gap by a force surface where the effect is unknown, or keep what there is."""
+    found, unknown = judged.found, judged.unknown
+    # Constants that were distorted to imitate an unknown effect do not make a better model.
+    useless = unknown and evaluation.last_is_worse
+    result = evaluation.nominal if useless else evaluation.steps[-1]
+    closed = (
+        _closed(found, trials, evaluation, result, kinds, monitor)
+        if unknown and monitor
+        else None
+    )
+    if isinstance(closed, ClosedGap):
+        return KeptModel(
+            fit=closed.fit, result=closed.result, closed=closed, why_open=None, useless=False
+        )
+    return KeptModel(
+        fit=found.last, result=result, closed=None, why_open=closed, useless=useless
+    )
+
+
+def _notes(
+    given: Description,
+    judged: Judgement,
+    kept: KeptModel,
+    evaluation: Evaluation,
+    kinds: Mapping[str, Kind],
+) -> tuple[str, ...]:
+    """Collect what limits the diagnosis."""
+    found, unknown = judged.found, judged.unknown
+    notes = [*_notes_on_records(given, evaluation, useless=kept.useless)]
+    if found.exhausted:
+        notes.append(HURRIED)
+    notes += _notes_on_effects(found, evaluation, kinds, unknown=unknown)
+    if kept.closed is not None:
+        notes.append(describe_gap_closure(kept.closed, evaluation.errors[0], found, kinds))
+    if kept.why_open is not None:
+        notes.append(kept.why_open)
+    if judged.verdict == "nothing_missing":
+        notes += _far(found.last)
+    return (*notes, *_note_on_noise(found, evaluation, kinds, unknown=unknown))
 
 
 def _closed(
@@ -232,14 +339,19 @@ def _closed(
     kept: FreeRunResult,
     kinds: Mapping[str, Kind],
     monitor: Monitor,
-) -> ClosedGap | None:
+) -> ClosedGap | str:
     """Close the gap by a force surface, where that does better on what was not fitted."""
     if found.final or found.link is not None:
-        return None
+        return NO_SURFACE
     monitor("measuring the force surface", 0.94)
-    closed = close_gap(found, trials, evaluation.tests, kinds, held_out=evaluation.held_out)
-    better = closed is not None and closed.error < float(kept.error.mean())
-    return closed if better else None
+    return close_gap(
+        found,
+        trials,
+        evaluation.tests,
+        kinds,
+        held_out=evaluation.held_out,
+        error=float(kept.error.mean()),
+    )
 
 
 def _evaluate(
@@ -249,7 +361,7 @@ def _evaluate(
     given, first, held_out = campaign.description, found.first, bool(campaign.holdout)
     channels = tuple(sensor.channel for sensor in given.sensors)
     tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
-    # What a fast clock told of times after the end, nobody foretells.
+    # A fast clock claims samples after the end of the record, which no model can predict.
     tests = mask_clock_overrun(
         tests, channels, (answer.effect for answer in found.effects), kinds
     )
@@ -283,8 +395,27 @@ def _doubted(
     return found if confirmed else doubt_laws(found, kinds)
 
 
+def _near_unknown(found: Hypothesis) -> Hypothesis:
+    """Say that laws near those found may be the true ones, where these leave much."""
+    decided = law_probability(found) >= LIMITS.decided_probability
+    if decided or found.undecided or found.final or not found.effects:
+        return found
+    share = law_probability(found)
+    return dataclasses.replace(
+        found,
+        near_unknown=True,
+        undecided=tuple(
+            Rival(a.effect.kind, a.effect.place, share * a.probability) for a in found.effects
+        ),
+        pair=tuple(found.fitted[:2]) if len(found.fitted) > 1 else None,
+    )
+
+
 def _is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> bool:
     """Whether something is missing that is none of the effects known here."""
+    if found.combined and found.effects:
+        # Sets of simple laws are right or wrong by what they leave, however exact the sensor.
+        return law_probability(found) < MIN_LAW_PROBABILITY
     if found.refuted_at is not None or found.link is not None:
         return True
     # Which of two it is matters once one of them could be right.
@@ -303,8 +434,8 @@ def _answers(
     """Give effects, less sure where they are many, and faults that screening found."""
     assert found.localized is not None
     alike = bool(found.localized.groups[0].twins)
-    sure = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
-    sure = temper_unexplained(sure, found.first, found.last)
+    several = temper_many_laws(effects, len(found.fits) - 1, kinds, alike=alike)
+    sure = temper_unexplained(several, found)
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     return _once([*sure, *faults])
 
@@ -323,15 +454,38 @@ def _notes_on_records(
 
 
 def _notes_on_effects(
-    found: Hypothesis, kinds: Mapping[str, Kind], *, unknown: bool
+    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind], *, unknown: bool
 ) -> Iterator[str]:
     """Tell which effects come nearest to an unknown one, or what else those found may be."""
     if unknown:
-        yield from (f"Nearest: {answer.sentence}" for answer in found.effects)
+        yield from (f"Nearest: {a.sentence}" for a in _nearest(found, evaluation, kinds))
         return
     yield from _pieced(found, kinds)
     yield from _as_well(found, kinds)
     yield from _besides(found)
+
+
+def _nearest(
+    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]
+) -> tuple[NamedEffect, ...]:
+    """Give the effects with which the error on what was not fitted falls noticeably.
+
+    A law with a clock of its own describes a stationary gap badly: it has to take half of it.
+    """
+    errors = evaluation.errors
+    if len(errors) != len(found.effects) + 1:
+        return found.effects
+    return tuple(
+        answer
+        for answer, before, after in zip(found.effects, errors, errors[1:], strict=False)
+        if after
+        < before
+        * (
+            CLOCK_ERROR_SHARE
+            if kinds[answer.effect.kind].family in OWN_CLOCK
+            else FALLEN_ERROR_SHARE
+        )
+    )
 
 
 def _note_on_noise(
@@ -475,14 +629,20 @@ def _verdict_and_sentence(
     given: Description,
     found: Hypothesis,
     answers: Sequence[NamedEffect],
+    nearest: Sequence[NamedEffect],
     kinds: Mapping[str, Kind],
     *,
     unknown: bool,
 ) -> tuple[Verdict, str]:
     if unknown:
-        return "unknown_effect", _unnamed(found, kinds)
+        return "unknown_effect", _unnamed(found, nearest, kinds)
     if found.undecided:
-        names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
+        together = len(found.undecided) > 1 and len(found.undecided) == len(found.effects)
+        together &= {(r.effect, r.place) for r in found.undecided} == {
+            (a.effect.kind, a.effect.place) for a in found.effects
+        }
+        word = " with " if together else " or "
+        names = word.join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
         names += ", or no more than constants that are off" if found.constants_suffice else ""
         names += ", or a law near it that is not known here" if found.near_unknown else ""
         told = f"Something is missing, and these records cannot tell which: {names}."
@@ -496,10 +656,10 @@ def _verdict_and_sentence(
     return "nothing_missing", "Nothing is missing beyond the stated tolerances."
 
 
-def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
-    near = " with ".join(
-        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.effects
-    )
+def _unnamed(
+    found: Hypothesis, nearest: Sequence[NamedEffect], kinds: Mapping[str, Kind]
+) -> str:
+    near = " with ".join(f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in nearest)
     if found.link is not None:
         return (
             f"Something is missing that the model has no element for: {found.link} explains "
@@ -515,11 +675,35 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
         far = _still_left(found) > UNEXPLAINED_SHARE
         place, but = (first if far else rest).best_structural, "leaves more than the noise"
         near = "" if far else near
+    impossible = _impossible_constants(found)
+    if impossible:
+        return (
+            f"The constants of the model cannot be those of the structure: {impossible}. "
+            "Correct the model first; what is missing, and where, cannot be told with it."
+        )
     return (
         f"Something is missing at {place} that is none of the effects known here; "
         "its force is drawn as it was recovered."
         + (f" The nearest, {near}, {but}." if near else "")
     )
+
+
+def _impossible_constants(found: Hypothesis) -> str:
+    """Name the masses and stiffnesses that a refit moved by more than `MAX_CONSTANT_RATIO`."""
+    last = found.last
+    names = [name for name in last.prior.names if name[0] in ("mass", "stiffness")]
+    told = []
+    for name in names:
+        at = last.prior.names.index(name)
+        stated, fitted = float(last.prior.mean[at]), float(last.free[at])
+        pull = abs(last.pulls.get(name, 0.0))
+        ratio = fitted / stated if stated else 1.0
+        if pull > LIMITS.moved_tolerances and not (
+            1 / MAX_CONSTANT_RATIO < ratio < MAX_CONSTANT_RATIO
+        ):
+            unit = last.plant.entries[name].unit
+            told.append(f"{name[0]} of {name[1]} {fitted:.3g} {unit}, stated {stated:.3g}")
+    return "; ".join(told)
 
 
 def _closing(kept: FreeRunResult, evaluation: Evaluation) -> str:

@@ -1,28 +1,32 @@
-"""A gap without a name closed by a measured force surface, and what that surface resembles."""
+"""Adoption of a measured force surface where no law explains the records."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
-from slowtime.discrepancy.calibration import Fit
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, refit
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization
-from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refinement.force_surface import fit_force_surface
-from slowtime.discrepancy.validation.free_run import (
-    FreeRunResult,
-    evaluate_free_run,
-    refit_on_heads,
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.refinement.force_surface import (
+    MAX_WORK,
+    SurfaceFit,
+    fit_force_surface,
+    surface_band,
 )
-from slowtime.dynamics.effects import Kind, Place
+from slowtime.discrepancy.validation.free_run import FreeRunResult, evaluate_free_run
+from slowtime.dynamics.effects import Kind, Motion, Place
+from slowtime.dynamics.work import metered
 
-MIN_LIKENESS = 0.5
-"""[share of the recovered force] That a law has to explain to be said to be like the surface.
-Source: a decision: below half, most of the force is another's."""
-MAX_LIKE = 2
-"""[laws] That are named. Source: a decision."""
+from .likeness import describe_likeness
+
+NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
+FIRST_SHARE = 0.6
+"""[share of the budget] That the first of two surfaces may use. Source: judgement; the one
+beside no other law is fitted first, and most often does."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +41,14 @@ class ClosedGap:
         With the surface as its last effect.
     result
         Its free run.
+    finished
+        Whether its fit came to an end within the budget.
     """
 
     place: Place
     fit: Fit
     result: FreeRunResult
+    finished: bool
 
     @property
     def error(self) -> float:
@@ -56,8 +63,13 @@ def close_gap(
     kinds: Mapping[str, Kind],
     *,
     held_out: bool,
-) -> ClosedGap | None:
+    error: float,
+) -> ClosedGap | str:
     """Fit a force surface beside the model as given, and beside the effects that were nearest.
+
+    The surface whose free run leaves less of whole training records comes first; it is adopted
+    where its free run on what was not fitted is better than without, and the other one
+    otherwise.
 
     Parameters
     ----------
@@ -67,23 +79,63 @@ def close_gap(
         Records that the free run is judged on.
     held_out
         Whether these were held out; the last thirds of the fitted records otherwise.
+    error
+        Relative error without a surface [1].
 
     Returns
     -------
-    The one that leaves less of the fitted records; None where none could be fitted.
+    The surface that was adopted; a sentence that says why there is none otherwise.
     """
-    fitted = [
-        one
-        for before, localized in _starts(found, trials)
-        if (one := fit_force_surface(before, localized, trials, kinds)) is not None
-    ]
+    fitted = _fitted(found, trials, kinds)
     if not fitted:
-        return None
-    best = _best(fitted, trials)
-    fit = best.fit if held_out else refit_on_heads(best.fit, trials)
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
-    return ClosedGap(best.effect.place, best.fit, result)
+        return NO_ELEMENT
+    told = []
+    for one in sorted(fitted, key=lambda one: unexplained_by(one.fit)):
+        fit = one.fit if held_out else _refit_on_heads(one, trials)
+        values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+        result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
+        closed = ClosedGap(one.place, one.fit, result, one.finished)
+        if closed.error < error:
+            return closed
+        told.append(closed)
+    best = min(told, key=lambda one: one.error)
+    cut = "" if best.finished else " Its fit was cut by the budget of work."
+    return (
+        f"A force surface was fitted at {best.place}, and not adopted: with it the error on "
+        f"what was not fitted is {100 * best.error:.2g} %, without it {100 * error:.2g} %.{cut}"
+    )
+
+
+def _fitted(
+    found: Hypothesis, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[SurfaceFit]:
+    """Fit a surface beside each start within one budget; those that leave less than without."""
+    fitted = []
+    with metered() as meter:
+        for number, (before, localized) in enumerate(_starts(found, trials)):
+            share = FIRST_SHARE if number == 0 else 1.0
+            left = share * MAX_WORK - meter.spent
+            one = fit_force_surface(before, localized, trials, kinds, max_work=left)
+            if one is not None and unexplained_by(one.fit) < unexplained_by(before):
+                fitted.append(one)
+    return fitted
+
+
+def _refit_on_heads(one: SurfaceFit, trials: Sequence[Trial]) -> Fit:
+    """Refit the chosen terms to all but the tails of records."""
+    ends = [len(trial.outputs) * 2 // 3 for trial in trials]
+    if min(ends) < MIN_SAMPLES:
+        return one.fit
+    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
+    fit = one.fit
+    try:
+        found = refit(
+            fit.plant, heads, free=one.free, noise=fit.noise, values=fit.values,
+            states=fit.states, horizons=(1.0,),
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return fit
+    return found if np.isfinite(found.cost) else fit
 
 
 def _starts(found: Hypothesis, trials: Sequence[Trial]) -> Iterator[tuple[Fit, Localization]]:
@@ -91,11 +143,6 @@ def _starts(found: Hypothesis, trials: Sequence[Trial]) -> Iterator[tuple[Fit, L
         yield found.first, found.localized
     if found.effects and found.rest is not None and len(found.last.states) == len(trials):
         yield found.last, found.rest
-
-
-def _best(fitted: Sequence[FittedCandidate], trials: Sequence[Trial]) -> FittedCandidate:
-    noise = min((one.fit for one in fitted), key=unexplained_by).noise
-    return min(fitted, key=lambda one: misfit(one.fit, noise, trials))
 
 
 def describe_gap_closure(
@@ -109,28 +156,20 @@ def describe_gap_closure(
         Relative error [1] of the refitted model without it.
     """
     effect = closed.fit.plant.effects[-1]
-    reach, speed = effect.parameters["e0_m"], effect.parameters["v0_m_per_s"]
+    own = effect.parameters
     unit = closed.fit.plant.description.unit_of_coordinate
     share = 100 * (1 - closed.error / before)
+    still = Motion(e=np.zeros(1), v=np.zeros(1), a=np.zeros(1), times=np.zeros(1))
+    edge = dataclasses.replace(still, e=np.array([own["high_m"]]))
+    sds = [float(surface_band(closed.fit, one)[1][0]) for one in (still, edge)]
     text = (
-        f"A force surface was measured at {closed.place} instead (measured_force): with it the "
-        f"augmented model closes {share:.0f} % of what the refitted one leaves. It was "
-        f"measured up to {reach:.2g} {unit} and {speed:.2g} {unit}/s; beyond that it is only "
-        "held constant."
+        f"Instead of a law, a force surface was fitted at {closed.place} ({effect.kind}): it "
+        f"reduces the error of the refitted model by {share:.0f} %. It was "
+        f"measured from {own['low_m']:.2g} to {own['high_m']:.2g} {unit} and up to "
+        f"{own['high_m_per_s']:.2g} {unit}/s, with a standard deviation of "
+        f"{sds[0]:.2g} at rest and {sds[1]:.2g} at the edge (N, or N m); beyond that "
+        "it is extrapolated linearly, which no record supports."
     )
-    like = _resembles(found, closed.place)
-    if like:
-        names = " and ".join(f"{kinds[kind].words} ({100 * s:.0f} %)" for kind, s in like)
-        text += f" Of the laws known here, it is most like {names} along the motion."
-    return text
-
-
-def _resembles(found: Hypothesis, place: Place) -> list[tuple[str, float]]:
-    """List laws at a place by the share of the recovered force that they explain."""
-    shares: dict[str, float] = {}
-    for one in found.tried:
-        if one.effect.place == place and one.cost_without > 0:
-            share = 1 - one.cost / one.cost_without
-            shares[one.effect.kind] = max(shares.get(one.effect.kind, 0.0), share)
-    ranked = sorted(shares.items(), key=lambda item: -item[1])
-    return [item for item in ranked[:MAX_LIKE] if item[1] >= MIN_LIKENESS]
+    if not closed.finished:
+        text += " Its fit was cut by the budget of work; --patience does not change that."
+    return text + describe_likeness(closed.fit, closed.place, found, kinds)

@@ -10,6 +10,7 @@ import dataclasses
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.combined_laws.search import explain_together, explains_most
 from slowtime.discrepancy.estimation.input_hold import held_otherwise, with_holds
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.localization import locate
@@ -40,6 +41,9 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     first
         Fit of the model as given, its constants free within their tolerances.
     """
+    together = explain_together(first, trials, how.kinds, how.monitor) if how.decays else None
+    if together is not None and explains_most(together):
+        return together
     found = Hypothesis((first,), trials)
     if how.options.quick:
         return continue_search(found, how, 0)
@@ -55,7 +59,8 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     found = _begin_otherwise(found, held, trials, how)
     if found.suggested_holds is not None:
         return found
-    return generalize(_revise(found, how), how.kinds, how.stated, how.monitor)
+    found = generalize(_revise(found, how), how.kinds, how.stated, how.monitor)
+    return found if together is None else better(found, together, how.kinds)
 
 
 def continue_search(found: Hypothesis, how: SearchSettings, begun: int) -> Hypothesis:

@@ -17,7 +17,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement.input_offsets import with_offsets
+from slowtime.discrepancy.refinement.constant_offsets import with_offsets
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.plant import Plant
 
@@ -38,6 +38,8 @@ def search_with_holds(
     stated = how.stated
     assert stated is not None
     first = _fit_as_given(campaign, trials, how)
+    if how.decays:  # nothing acts between samples either
+        return campaign, search(first, trials, dataclasses.replace(how, stated=None))
     monitor("looking at what inputs do between samples", 0.08)
     holds = found_holds(first, trials, kinds)
     if holds is not None:
@@ -73,7 +75,7 @@ def with_best_holds(
 
     What is left is noise under either; parameters are not the same.
     """
-    settled = found.final or found.holds is not None or not found.effects
+    settled = how.decays or found.final or found.holds is not None or not found.effects
     if settled or not found.fits_whole_records:
         return campaign, found
     holds = held_better(found.last, found.trials, how.kinds, stated)
@@ -85,7 +87,7 @@ def with_best_holds(
 
 
 def _fit_as_given(campaign: Campaign, trials: tuple[Trial, ...], how: SearchSettings) -> Fit:
-    start = with_offsets(campaign.description, how.kinds)
+    start = with_offsets(campaign.description, how.kinds, decays=how.decays)
     return refit(Plant.of(start, kinds=how.kinds), trials)
 
 

@@ -57,6 +57,8 @@ class SearchSettings:
         What the model says of its inputs between samples; as it stands where not given.
     asked
         Holds under which effects were searched for already.
+    decays
+        Whether the records are free decays, in which displacement sensors have offsets.
     """
 
     kinds: Mapping[str, Kind]
@@ -64,3 +66,4 @@ class SearchSettings:
     options: SearchOptions = DEFAULT_OPTIONS
     stated: tuple[Hold, ...] | None = None
     asked: tuple[tuple[Hold, ...] | None, ...] = ()
+    decays: bool = False

@@ -4,9 +4,10 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.thresholds import LIMITS
 
 CLOSED_SHARE = 0.8
@@ -18,17 +19,37 @@ POWER = 2.0
 is then given less than 0.8."""
 
 
-def closed_share(first: Fit, last: Fit) -> float:
+def closed_share(found: Hypothesis) -> float:
     """Return the share of the gap between the first fit and the noise that the last one closes.
 
-    In logarithms of the mean square over the noise, so that each factor counts alike.
+    In logarithms of the mean square over the noise that the last fit leaves, so that each
+    factor counts alike.
     """
-    before, after = (max(fit.chi2_in_band, 1.0) for fit in (first, last))
+    first, last = found.first, found.last
+    if len(first.states) == len(last.states) == len(found.trials):
+        before, after = (misfit(fit, last.noise, found.trials) for fit in (first, last))
+        before, after = before / last.data, after / last.data
+    else:
+        before, after = first.chi2_in_band, last.chi2_in_band
+    before, after = max(before, 1.0), max(after, 1.0)
     return math.log(before / after) / math.log(before) if before > after else 0.0
 
 
+def law_probability(found: Hypothesis) -> float:
+    """Probability that the laws found are the right ones, by what they leave unexplained.
+
+    Returns
+    -------
+    1 where what is left is near the noise, or white.
+    """
+    last = found.last
+    if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
+        return 1.0
+    return float(min(closed_share(found) / CLOSED_SHARE, 1.0) ** POWER)
+
+
 def temper_unexplained(
-    effects: Sequence[NamedEffect], first: Fit, last: Fit
+    effects: Sequence[NamedEffect], found: Hypothesis
 ) -> tuple[NamedEffect, ...]:
     """Lower the probability of names where what is left is far above the noise and not white.
 
@@ -36,12 +57,10 @@ def temper_unexplained(
     ----------
     effects
         With their probabilities beside each other.
-    first, last
-        Fits without effects and with all of them.
+    found
+        The fits without effects and with all of them.
     """
-    if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
-        return tuple(effects)
-    share = min(closed_share(first, last) / CLOSED_SHARE, 1.0) ** POWER
+    share = law_probability(found)
     return tuple(
         dataclasses.replace(one, probability=share * one.probability) for one in effects
     )

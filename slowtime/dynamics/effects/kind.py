@@ -37,6 +37,12 @@ class Parameter:
         False for what is chosen, as a side or a span, and not estimated.
     choices
         All values allowed, where there are few.
+    natural
+        Value that it has in the simplest form of the law, or "stiffness" for that of the
+        element; None where no value is simpler than others.
+    spread
+        Name of the parameter that holds the standard deviation of its prior; nothing is known
+        about it where empty.
     """
 
     name: str
@@ -48,6 +54,8 @@ class Parameter:
     default: float | None = None
     fitted: bool = True
     choices: tuple[float, ...] = ()
+    natural: float | Literal["stiffness"] | None = None
+    spread: str = ""
 
     def refuses(self, value: float) -> str | None:
         """Explain why a value is not allowed.

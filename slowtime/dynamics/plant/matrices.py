@@ -1,7 +1,8 @@
 r"""Mass, damping and stiffness matrices with derivatives to the parameters.
 
-All are over the free coordinates, the hidden ones that effects bring, and the base last. Where
-hidden masses are at rest against the base they are carried along, as the nodes are.
+All are over the free coordinates, the hidden ones that effects bring, the base, and what inputs
+move: supports and driven nodes. A row more for each force sensor gives its reading along these.
+Where hidden masses are at rest against the base they are carried along, as the nodes are.
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.dynamics.description import Beam, Description, places, spread
+from slowtime.dynamics.description import BASE, Beam, Description, places, spread
 from slowtime.dynamics.effects import Effect, Hidden, Kind
 from slowtime.dynamics.elements import ROTATION
 
@@ -23,6 +24,22 @@ Triple = Float[np.ndarray, "3 all all"]
 NUDGE = 1e-4
 """Relative step of central differences of what hidden coordinates add: exact for squares, and
 to a part in 10^8 for cubes."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Gauge:
+    """Where a force is measured.
+
+    Parameters
+    ----------
+    element
+        Whose force it is; None for a reaction.
+    row
+        Of the whole: of the element's second end, or of what is held or driven.
+    """
+
+    element: str | None
+    row: int
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +58,12 @@ class Matrices:
         By number of the effect: its law, and where its own coordinates stand in the whole.
     names
         Of the free coordinates, hidden ones too.
+    moved
+        Names of what inputs move.
+    gauges
+        One for each force sensor.
+    ridden
+        Name of the element that each hidden effect works along; None at a node.
     """
 
     constant: Triple
@@ -48,6 +71,9 @@ class Matrices:
     beams: tuple[str, ...]
     hidden: Mapping[int, tuple[Hidden, Float[np.ndarray, "own all"]]]
     names: tuple[str, ...]
+    moved: tuple[str, ...] = ()
+    gauges: tuple[Gauge, ...] = ()
+    ridden: Mapping[int, str | None] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def of(
@@ -61,11 +87,12 @@ class Matrices:
             if isinstance(action, Hidden)
             for k in range(action.coordinates)
         ]
-        free, size = len(description.dofs), len(description.dofs) + len(riders) + 1
-        place = places(description)
-        place = {name: size - 1 if row == free else row for name, row in place.items()}
+        next_row = len(description.dofs)
+        place = rows_of(description, next_row + len(riders))
+        measured = [sensor for sensor in description.sensors if sensor.quantity == "force"]
+        size = next_row + len(riders) + 1 + len(description.moved) + len(measured)
         constant, units = _units(description, place, size)
-        hidden, next_row = {}, free
+        hidden = {}
         for i, (effect, action) in enumerate(zip(effects, actions, strict=True)):
             if isinstance(action, Hidden):
                 to = np.zeros((1 + action.coordinates, size))
@@ -74,8 +101,24 @@ class Matrices:
                     to[1 + k, next_row] = 1.0
                     next_row += 1
                 hidden[i] = action, to
-        beams = tuple(part.id for part in description.elements if isinstance(part, Beam))
-        return cls(constant, units, beams, hidden, (*description.dofs, *riders))
+        ends = {part.id: part.between[1] for part in description.elements}
+        gauges = [
+            Gauge(one.element, place[ends[one.element] if one.element else one.node] or 0)
+            for one in measured
+        ]
+        return cls(
+            constant=constant,
+            units=units,
+            beams=tuple(part.id for part in description.elements if isinstance(part, Beam)),
+            hidden=hidden,
+            names=(*description.dofs, *riders),
+            moved=description.moved,
+            gauges=tuple(gauges),
+            ridden={
+                i: effects[i].place.id if effects[i].place.kind == "element" else None
+                for i in hidden
+            },
+        )
 
     def at(self, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
         """Compute mass, damping and stiffness at values of the parameters.
@@ -97,9 +140,13 @@ class Matrices:
         for beam in self.beams:
             bent = values["stiffness", beam] * self.units["stiffness", beam][2]
             whole[1] += values["damping", beam] * bent
+        inner: dict[int, Triple] = {}
         for i, (action, to) in self.hidden.items():
             own = np.array([values["effect", i, name] for name in kinds[i].names])
-            whole += to.T @ np.array(action.matrices(own)) @ to
+            inner[i] = np.array(action.matrices(own)) @ to
+            whole += to.T @ inner[i]
+        if self.gauges:
+            self._measure(whole, values, inner)
         return whole
 
     def slope(self, name: Name, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
@@ -126,13 +173,54 @@ class Matrices:
             step = np.zeros(len(own))
             step[place] = NUDGE * abs(own[place]) or NUDGE
             above, below = (np.array(action.matrices(own + sign * step)) for sign in (1, -1))
-            return np.asarray(to.T @ (above - below) @ to / (2 * step[place]))
+            inner = (above - below) @ to / (2 * step[place])
+            whole = np.asarray(to.T @ inner)
+            self._measure(whole, {}, {i: inner})
+            return whole
         found = self.units[name].copy() if name in self.units else np.zeros_like(self.constant)
         if name[1] in self.beams and name[0] != "mass":
             bending = self.units["stiffness", name[1]][2]
             other = "damping" if name[0] == "stiffness" else "stiffness"
             found[1] += values[other, name[1]] * bending
+        self._measure(found, {name: 1.0}, {})
         return found
+
+    def _measure(
+        self, whole: Triple, values: Mapping[Name, float], inner: Mapping[int, np.ndarray]
+    ) -> None:
+        """Write the rows of the force sensors, in place.
+
+        Parameters
+        ----------
+        values
+            Of the constants whose share is wanted.
+        inner
+            By number of a hidden effect: the forces in its own coordinates (3, own, own).
+        """
+        first = whole.shape[1] - len(self.gauges)
+        for k, gauge in enumerate(self.gauges):
+            if gauge.element is None:
+                whole[:, first + k] = whole[:, gauge.row]
+                continue
+            for name in (("stiffness", gauge.element), ("damping", gauge.element)):
+                if name in values:
+                    whole[:, first + k] += values[name] * self.units[name][:, gauge.row]
+            for i, forces in inner.items():
+                if self.ridden[i] == gauge.element:
+                    whole[:, first + k] += forces[:, 0]
+
+
+def rows_of(description: Description, base: int) -> dict[str, int | None]:
+    """Row of each coordinate in the whole: see `Matrices`.
+
+    Parameters
+    ----------
+    base
+        Row of the base, behind the free coordinates.
+    """
+    held = len(description.dofs)
+    found = {name: base if row == held else row for name, row in places(description).items()}
+    return found | {name: base + 1 + k for k, name in enumerate(description.moved)}
 
 
 def along(
@@ -148,7 +236,7 @@ def along(
     for name, sign in ends:
         row = place[name]
         # Coordinates are relative to the base, which therefore stands still.
-        if row is not None and row != size - 1:
+        if row is not None and row != place[BASE]:
             found[row] += sign
     return found
 

@@ -37,7 +37,7 @@ def names_of(
     """Every number of a description, in order: stiffness, damping, mass, effects.
 
     Where a description has no tolerance, nothing is claimed and the standard deviation is
-    infinite; so it is of the parameters of effects.
+    infinite; so it is of the parameters of effects, but for those with a spread of their own.
     """
     found: dict[Name, Entry] = {}
     angle = description.unit_of_coordinate == "rad"
@@ -65,17 +65,23 @@ def names_of(
         add("damping", spring.id, spring.damping_n_s_per_m)
     for beam in beams:
         add("damping", beam.id, beam.damping_s, "s")
+    felt = {sensor.node for sensor in description.sensors if sensor.quantity == "force"}
     for node in description.nodes:
         if node.mass_kg:
             add("mass", node.id, node.mass_kg)
+            if node.id in description.moved and node.id not in felt:
+                # Its motion is imposed, and nothing measured depends on its mass.
+                found["mass", node.id] = dataclasses.replace(
+                    found["mass", node.id], sd=0.0, fitted=False
+                )
     for beam in beams:
         if beam.mass_kg_per_m:
             add("mass", beam.id, beam.mass_kg_per_m, "kg/m")
     for i, effect in enumerate(effects):
         kind = kinds[effect.kind]
-        for parameter, value in zip(
-            kind.parameters, kind.values(effect.parameters).tolist(), strict=True
-        ):
+        values = kind.values(effect.parameters).tolist()
+        known = dict(zip(kind.names, values, strict=True))
+        for parameter, value in zip(kind.parameters, values, strict=True):
             low, high = (
                 max(parameter.low, lowest(description, effect.place, kind)),
                 parameter.high,
@@ -83,7 +89,12 @@ def names_of(
             if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
                 low, high = sorted((value / FARTHEST, value * FARTHEST))
             found["effect", i, parameter.name] = Entry(
-                value, parameter.unit, math.inf, low, high, parameter.fitted
+                value,
+                parameter.unit,
+                known.get(parameter.spread, math.inf),
+                low,
+                high,
+                parameter.fitted,
             )
     return found
 

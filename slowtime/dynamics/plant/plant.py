@@ -129,7 +129,8 @@ class Plant:
         rate_hz
             Samples per second.
         state0
-            State at the first sample, in the order of `state_names`; rest where not given.
+            State at the first sample, in the order of `state_names`; where not given, rest
+            against the base, carried along by supports.
         start_s
             Campaign time of the first sample [s].
         base
@@ -170,7 +171,8 @@ class Plant:
         free
             Names of the parameters to differentiate to.
         state0
-            State at the first sample, in the order of `state_names`; rest where not given.
+            State at the first sample, in the order of `state_names`; where not given, rest
+            against the base, carried along by supports.
         start_s
             Campaign time of the first sample [s].
         base
@@ -207,7 +209,8 @@ class Plant:
         rate_hz
             Sampling rate [Hz].
         state0
-            State at the first sample, in the order of `state_names`; rest where not given.
+            State at the first sample, in the order of `state_names`; where not given, rest
+            against the base, carried along by supports.
         start_s
             Campaign time of the first sample [s].
         base
@@ -246,7 +249,8 @@ class Plant:
             Names of the parameters to differentiate to; None for no derivatives at all, while
             an empty sequence still gives those to the first state.
         state0
-            State at the first sample, in the order of `state_names`; rest where not given.
+            State at the first sample, in the order of `state_names`; where not given, rest
+            against the base, carried along by supports.
         start_s
             Campaign time of the first sample [s].
         base
@@ -268,7 +272,7 @@ class Plant:
             inputs,
             rate_hz,
             free,
-            state0=np.zeros(self.layout.states) if state0 is None else state0,
+            state0=state0,
             start_s=start_s,
             base=base,
             hold=self.hold,

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -66,9 +65,7 @@ def acting(
     """
     acts, slopes = np.empty_like(inputs, dtype=float), []
     for column, entry in enumerate(description.inputs):
-        quantity: Literal["force", "acceleration"]
-        quantity = "force" if entry.kind == "force" else "acceleration"
-        factor = unit_factor(entry.unit, quantity, description.unit_of_coordinate)
+        factor = unit_factor(entry.unit, entry.quantity, description.unit_of_coordinate)
         series = factor * np.asarray(inputs[:, column], dtype=float)
         directions: list[tuple[Name, Series]] = []
         for i, effect in enumerate(effects):
@@ -118,8 +115,12 @@ def _kept(column: bytes, hold: str, powers: int) -> Float[np.ndarray, "time powe
     return polynomials(np.frombuffer(column), hold)[:, :powers].copy()
 
 
-def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Base:
-    """Integrate a base acceleration that is polynomial between samples, from rest.
+def base_of(
+    along: Float[np.ndarray, "time power slope"],
+    interval: float,
+    start: Float[np.ndarray, "2 slope"],
+) -> Base:
+    """Integrate a base acceleration that is polynomial between samples.
 
     Parameters
     ----------
@@ -127,6 +128,8 @@ def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Ba
         Coefficients over the share of the sample interval [m/s^2], with their slopes.
     interval
         Sample interval [s].
+    start
+        Displacement [m] and velocity [m/s] at the first sample, with their slopes.
 
     Returns
     -------
@@ -134,40 +137,83 @@ def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Ba
     """
     powers = np.arange(along.shape[1])[:, None]
     gained = interval * np.sum(along / (powers + 1), axis=1)
-    velocity = np.cumsum(gained, axis=0) - gained
+    velocity = start[1] + np.cumsum(gained, axis=0) - gained
     moved = interval**2 * np.sum(along / ((powers + 1) * (powers + 2)), axis=1)
     moved = moved + interval * velocity
-    return Base((np.cumsum(moved, axis=0) - moved, velocity, along[:, 0]))
+    return Base((start[0] + np.cumsum(moved, axis=0) - moved, velocity, along[:, 0]))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class SensorReadout:
-    """Coordinate that one sensor reads, order of its derivative, frame, factor of its unit."""
+    """What one sensor reads.
+
+    Parameters
+    ----------
+    coordinate
+        Free coordinate whose motion it measures; None where it measures none.
+    order
+        Of the derivative; 2 of the integral of a measured force, too.
+    absolute
+        Whether the motion of the base is added.
+    factor
+        From SI to the unit of the sensor.
+    support, gauge
+        Number of the support or driven node, or of the force sensor; None for others.
+    """
 
     coordinate: int | None
     order: int
     absolute: bool
     factor: float
+    support: int | None = None
+    gauge: int | None = None
+
+    def row(self, free: int, states: int, moved: int, gauges: int) -> int | None:
+        """Return the number of the state whose value or, from order 2, rate is read.
+
+        None where nothing moves.
+
+        Parameters
+        ----------
+        free
+            Number of free coordinates.
+        states, moved, gauges
+            Number of states, of supports and of force sensors.
+        """
+        if self.gauge is not None:
+            return states - gauges + self.gauge
+        if self.support is not None:
+            first = states - gauges - (moved if self.order else 2 * moved)
+            return first + self.support
+        if self.coordinate is None:
+            return None
+        return self.coordinate + (free if self.order else 0)
 
 
 def sensor_readouts(
     description: Description, names: Sequence[str]
 ) -> tuple[SensorReadout, ...]:
     """Give one for each sensor of a description."""
-    return tuple(
-        SensorReadout(
-            coordinate=(
-                names.index(sensor.node)
-                if sensor.node != BASE and sensor.node in names
-                else None  # held, as at a pin: it does not move against the base
-            ),
-            order=QUANTITIES.index(sensor.quantity),
-            absolute=sensor.frame == "absolute",
-            factor=1
-            / unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate),
+    found: list[SensorReadout] = []
+    moved, gauges = description.moved, 0
+    for sensor in description.sensors:
+        factor = unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate)
+        if sensor.quantity == "force":
+            found.append(SensorReadout(None, 2, False, 1 / factor, gauge=gauges))
+            gauges += 1
+            continue
+        # A node that is held, as at a pin, and the base itself do not move against the base.
+        moves = sensor.node != BASE and sensor.node in names
+        found.append(
+            SensorReadout(
+                coordinate=names.index(sensor.node) if moves else None,
+                order=QUANTITIES.index(sensor.quantity),
+                absolute=sensor.frame == "absolute",
+                factor=1 / factor,
+                support=moved.index(sensor.node) if sensor.node in moved else None,
+            )
         )
-        for sensor in description.sensors
-    )
+    return tuple(found)
 
 
 def told(

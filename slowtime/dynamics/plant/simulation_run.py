@@ -7,15 +7,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.description import Beam, Description
 from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 from slowtime.dynamics.effects.compilation import ROUND
 from slowtime.dynamics.work import count_simulation
 
+from .boundary import (
+    add_prescribed_friction,
+    named_rows,
+    prescribed_friction,
+    pseudo_static,
+)
+from .imposed import Driven, differentiations, driven_by
 from .kernel import Now, System, march, padded, places
 from .matrices import Matrices
 from .parameter_names import Name
-from .sensing import SensorReadout, acting, base_of, held, sensor_readouts, told
+from .sensing import SensorReadout, acting, base_of, sensor_readouts, told
 from .system import Layout
 from .system_cache import Asked, is_linear, system_of
 
@@ -37,6 +45,8 @@ class Run:
         where they were not asked for.
     states, rates
         Of the structure in SI; and how fast they change.
+    supports
+        By name, displacement, velocity and acceleration of what inputs move, against the base.
     forces
         Of laws, and rates of what they remember.
     base
@@ -52,6 +62,7 @@ class Run:
     slopes: Float[np.ndarray, "time sensor slope"] | None
     states: Float[np.ndarray, "time state"]
     rates: Float[np.ndarray, "time state"]
+    supports: Mapping[str, Float[np.ndarray, "order time"]]
     forces: Float[np.ndarray, "time channel"]
     base: Float[np.ndarray, " time"]
     times: Float[np.ndarray, " time"]
@@ -69,7 +80,7 @@ def run(
     rate_hz: float,
     free: Sequence[Name] | None,
     *,
-    state0: Float[np.ndarray, " state"],
+    state0: Float[np.ndarray, " state"] | None,
     start_s: float,
     base: Float[np.ndarray, " time"] | None,
     hold: str,
@@ -95,7 +106,8 @@ def run(
     free
         Names of the parameters to differentiate to; None for no derivatives.
     state0
-        State at the first sample, in SI units.
+        State at the first sample, in SI units; where not given, at rest against the base and
+        carried along by the supports.
     start_s
         Campaign time of the first sample [s].
     base
@@ -119,7 +131,10 @@ def run(
     holds = [entry.hold or hold for entry in description.inputs]
     holds += [hold] * (acts.shape[1] - len(holds))
     holds += [holds[column] for _, column, _ in driven]
-    coefficients = held(columns, holds) if holds else np.zeros((samples, 0, 1))
+    differentiated = [*differentiations(description), *((0,) if base is not None else ())]
+    differentiated += [differentiated[column] for _, column, _ in driven]
+    moving = driven_by(columns, holds, differentiated, interval)
+    coefficients = moving.coefficients
     wish = Asked(
         layout=layout,
         matrices=matrices,
@@ -133,17 +148,31 @@ def run(
         unmeasured=base is not None,
     )
     system, order = system_of(wish), wish.order
-    slopes = len(order) + layout.states if free is not None else 0
-    now = _now(system, state0, len(order), slopes, coefficients.shape[1])
+    slopes = len(order) + layout.free if free is not None else 0
+    begun = _begun(description, layout, moving.start, driven, order)
+    begun[: layout.free] = _carried(wish, begun) if state0 is None else 0.0
+    if state0 is not None:
+        begun[: layout.free, 0] = state0
+    now = _now(
+        system,
+        begun[:, 0],
+        len(order),
+        slopes,
+        coefficients.shape[1],
+    )
+    if slopes:
+        now.s[:, : len(order)] = begun[:, 1:]
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
     forces = np.full((samples, len(layout.laws)), np.nan)
     free_count = len(matrices.names)
     readouts = sensor_readouts(description, matrices.names)
     factors = np.array([readout.factor for readout in readouts])
     # By sensor, so that what is asked of one stands together in memory.
-    heard = np.zeros((len(readouts), samples, len(asked) + layout.states if slopes else 0))
+    heard = np.zeros(
+        (len(readouts), samples, len(asked) + layout.free if free is not None else 0)
+    )
     target = [asked.index(name) for name in order]
-    target += range(len(asked), len(asked) + layout.states)
+    target += range(len(asked), len(asked) + layout.free)
     eventful = True if len(system.jumps) or system.table[:, 0].any() else None
     steps = march(
         places(system, now),
@@ -155,7 +184,7 @@ def run(
         states,
         rates,
         forces,
-        _read_rows(readouts, free_count),
+        _read_rows(readouts, free_count, layout),
         factors,
         np.array(target[:slopes], dtype=np.int64),
         heard,
@@ -163,16 +192,16 @@ def run(
     count_simulation(abs(int(steps)), layout.states * (1 + slopes))
     if steps < 0:
         heard[:, -steps:] = np.nan
-    shaken, shaking = _base(description, coefficients, driven, base is not None)
+    shaken, from_rest, shaking = _base(description, moving, driven, base is not None)
     ground = (
-        base_of(shaken, interval).motion
+        base_of(shaken, interval, from_rest).motion
         if any(readout.absolute for readout in readouts)
         else ()
     )
     outputs = np.zeros((samples, len(readouts)))
     for k, readout in enumerate(readouts):
-        if readout.coordinate is not None:
-            row = readout.coordinate + (free_count if readout.order > 0 else 0)
+        row = readout.row(free_count, *_sizes(layout))
+        if row is not None:
             outputs[:, k] = (states if readout.order < 2 else rates)[:, row]
         if readout.absolute:
             outputs[:, k] += ground[readout.order][:, 0]
@@ -181,46 +210,118 @@ def run(
     outputs *= factors
     wanted = heard.transpose(1, 0, 2)
     at = {name: j for j, name in enumerate(asked)}
-    told(description, effects, kinds, values, outputs, times, wanted, at)
-    return Run(
+    found = Run(
         outputs=outputs,
         slopes=wanted if free is not None else None,
-        states=states,
-        rates=rates,
+        states=states[:, : layout.free],
+        rates=rates[:, : layout.free],
+        supports=_supports(matrices.moved, states, rates, layout),
         forces=forces,
         base=shaken[:, 0, 0],
         times=times,
         steps=int(steps),
     )
+    if prescribed_friction(description, effects, kinds):
+        moved = motions(description, matrices.names, found)
+        add_prescribed_friction(
+            description, effects, kinds, values, moved, outputs, wanted, at, factors
+        )
+    told(description, effects, kinds, values, outputs, times, wanted, at)
+    return found
 
 
 def motions(description: Description, names: Sequence[str], found: Run) -> dict[Place, Motion]:
     """Motion of every spring element, and of every node that moves: see `Plant.states`."""
     free = len(names)
-    place = {name: row for row, name in enumerate(names)}
-    q, v, a = found.states[:, :free], found.states[:, free : 2 * free], found.rates
-    a = a[:, free : 2 * free]
-    seen = {}
+    rows = found.states[:, :free], found.states[:, free : 2 * free], found.rates
+    whole = np.stack([rows[0], rows[1], rows[2][:, free : 2 * free]])
+    moved = {name: whole[:, :, k] for k, name in enumerate(names)} | dict(found.supports)
+    still, seen = np.zeros((3, len(found.times))), {}
     for part in description.elements:
         if isinstance(part, Beam):
             continue
-        row = np.zeros(free)
-        for name, sign in zip(part.between, (-1.0, 1.0), strict=True):
-            if name in place:
-                row[place[name]] += sign
-        seen["element", part.id] = Motion(e=q @ row, v=v @ row, a=a @ row, times=found.times)
+        first, second = (moved.get(name, still) for name in part.between)
+        e, v, a = second - first
+        seen["element", part.id] = Motion(e=e, v=v, a=a, times=found.times)
     for node in description.nodes:
-        if node.id in place:
-            k = place[node.id]
-            seen["node", node.id] = Motion(
-                e=q[:, k], v=v[:, k], a=a[:, k] + found.base, times=found.times
-            )
+        if node.id in moved:
+            e, v, a = moved[node.id]
+            seen["node", node.id] = Motion(e=e, v=v, a=a + found.base, times=found.times)
     return {Place(kind, name): motion for (kind, name), motion in seen.items()}  # type: ignore[arg-type]
+
+
+def _sizes(layout: Layout) -> tuple[int, int, int]:
+    """Count states, supports, and measured forces."""
+    return layout.states, layout.support_states // 2, len(layout.shares)
+
+
+def _supports(
+    names: Sequence[str],
+    states: Float[np.ndarray, "time state"],
+    rates: Float[np.ndarray, "time state"],
+    layout: Layout,
+) -> dict[str, Float[np.ndarray, "order time"]]:
+    """Displacement, velocity and acceleration of what inputs move, against the base."""
+    at, _, gauges = layout.free, *_sizes(layout)[1:]
+    velocities = named_rows(states, names, gauges)
+    accelerations = named_rows(rates, names, gauges)
+    return {
+        name: np.stack([states[:, at + k], velocities[name], accelerations[name]])
+        for k, name in enumerate(names)
+    }
+
+
+def _begun(
+    description: Description,
+    layout: Layout,
+    start: Float[np.ndarray, "2 input"],
+    driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
+    order: Sequence[Name],
+) -> Float[np.ndarray, "state slope"]:
+    """First displacements and velocities of supports against the base, then their slopes."""
+    found = np.zeros((layout.states, 1 + len(order)))
+    states, moved, gauges = _sizes(layout)
+    rows = np.stack([np.arange(moved), moved + np.arange(moved)]) + layout.free
+    assert rows.size + layout.free + gauges == states
+    moving = [k for k in layout.supports if k is not None]
+    inputs = len(description.inputs)
+    first = start.shape[1] - len(driven)
+    columns = [(0, k, k) for k in range(inputs)]
+    columns += [
+        (1 + order.index(name), column, first + i) for i, (name, column, _) in enumerate(driven)
+    ]
+    for to, column, source in columns:
+        support = layout.supports[column]
+        if support is not None:
+            found[rows[:, support], to] += start[:, source]
+        elif description.inputs[column].kind in BASE_KINDS and moving:
+            found[rows[:, moving], to] -= start[:, source, None]
+    return found
+
+
+def _carried(
+    wish: Asked, begun: Float[np.ndarray, "state slope"]
+) -> Float[np.ndarray, "free_state slope"]:
+    """State of a structure that its supports carry along as if it had no mass, and slopes."""
+    layout, matrices = wish.layout, wish.matrices
+    found = np.zeros((layout.free, begun.shape[1]))
+    if begun.any():
+        values, kinds = dict(wish.values), list(wish.kinds)
+        free, moved = len(matrices.names), layout.support_states // 2
+        stiffness = [matrices.at(values, kinds)[2]]
+        stiffness += [matrices.slope(name, values, kinds)[2] for name in wish.linear]
+        shapes = pseudo_static(np.array(stiffness), free, moved)
+        for order in range(2):
+            rows = slice(layout.free + order * moved, layout.free + (order + 1) * moved)
+            to = slice(order * free, (order + 1) * free)
+            found[to] = shapes[0] @ begun[rows]
+            found[to, 1 : len(shapes)] += (shapes[1:] @ begun[rows, 0]).T
+    return found
 
 
 def _now(
     system: System,
-    state0: Float[np.ndarray, " state"],
+    state0: Float[np.ndarray, " states"],
     before: int,
     slopes: int,
     inputs: int,
@@ -231,7 +332,7 @@ def _now(
     wide = padded(slopes)
     slope = np.zeros((size, wide))
     if slopes:
-        slope[:, before:slopes] = np.eye(size)
+        slope[:, before:slopes] = np.eye(size, slopes - before)
     speeds = system.seeing @ state0
     modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.table]
     widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.table)]))
@@ -282,32 +383,34 @@ def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]
     return found
 
 
-def _read_rows(readouts: Sequence[SensorReadout], dofs: int) -> Int[np.ndarray, "sensor 2"]:
+def _read_rows(
+    readouts: Sequence[SensorReadout], dofs: int, layout: Layout
+) -> Int[np.ndarray, "sensor 2"]:
     """Which number of the state or, with a 1 behind it, of its rate each sensor hears."""
+    rows = [(readout.row(dofs, *_sizes(layout)), readout.order) for readout in readouts]
     return np.array(
-        [
-            (-1, 0)
-            if readout.coordinate is None
-            else (readout.coordinate + (dofs if readout.order else 0), int(readout.order == 2))
-            for readout in readouts
-        ],
+        [(-1, 0) if row is None else (row, int(order == 2)) for row, order in rows],
         dtype=np.int64,
     ).reshape(-1, 2)
 
 
 def _base(
     description: Description,
-    coefficients: Float[np.ndarray, "time input power"],
+    moving: Driven,
     driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
     unmeasured: bool,
-) -> tuple[Float[np.ndarray, "time power slope"], list[Name]]:
-    """Polynomials of the base's acceleration, then of its slopes; and of which those are."""
-    shaking = [k for k, entry in enumerate(description.inputs) if entry.kind != "force"]
+) -> tuple[Float[np.ndarray, "time power slope"], Float[np.ndarray, "2 slope"], list[Name]]:
+    """Base's acceleration, then its slopes: polynomials, the start, and names of slopes."""
+    coefficients = moving.coefficients
+    shaking = [k for k, entry in enumerate(description.inputs) if entry.kind in BASE_KINDS]
     count = len(description.inputs) + unmeasured
     moved = [(i, name) for i, (name, column, _) in enumerate(driven) if column in shaking]
     found = np.zeros((len(coefficients), coefficients.shape[2], 1 + len(moved)))
+    start = np.zeros((2, 1 + len(moved)))
     for k in (*shaking, *((count - 1,) if unmeasured else ())):
         found[:, :, 0] += coefficients[:, k]
+        start[:, 0] += moving.start[:, k]
     for at, (i, _) in enumerate(moved):
         found[:, :, 1 + at] = coefficients[:, count + i]
-    return found, [name for _, name in moved]
+        start[:, 1 + at] = moving.start[:, count + i]
+    return found, start, [name for _, name in moved]

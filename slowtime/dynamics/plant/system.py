@@ -1,6 +1,7 @@
 r"""Assembled coefficients of the compiled time stepping.
 
-State :math:`x = (q, \dot q, z)`, internal states of laws last;
+State :math:`x = (q, \dot q, z, x_s, \dot x_s, J)`: internal states of laws, then displacements
+and velocities of supports and integrals of measured forces (`boundary`), which are not free;
 :math:`\dot x = A x + B_u u + B_y y` with one column of :math:`B_u` for each input and of
 :math:`B_y` for each force of a law and each rate of an internal state.
 """
@@ -11,13 +12,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from slowtime.dynamics.description import Description, places
+from slowtime.dynamics.channels import IMPOSED_KINDS
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Friction, Kind, Law
 from slowtime.dynamics.effects.compilation import ROUND, law_address
 from slowtime.dynamics.elements import ROTATION
 
+from .boundary import boundary_rows, law_shares, prescribed_friction
 from .kernel import RADAU, padded
-from .matrices import Triple, along
+from .matrices import Triple, along, rows_of
 from .parameter_names import Name
 from .step_levels import levels_of, product
 
@@ -40,7 +43,13 @@ class Layout:
         By effect with a law, the row of coordinates it works along, with the sign with which
         its force works there.
     forced
-        By input, the row of coordinates that a force acts on; None for a base acceleration.
+        By input, the row of coordinates that a force acts on; None for a motion.
+    supports
+        By input, the number of the support or driven node that it moves; None for others.
+    shares
+        Of the laws' channels in measured forces.
+    free
+        How many states are free at the first sample; the others follow from inputs.
     """
 
     table: Int[np.ndarray, "effect 6"]
@@ -49,11 +58,19 @@ class Layout:
     seeing: Float[np.ndarray, "seen state"]
     directions: tuple[Float[np.ndarray, " coordinate"], ...]
     forced: tuple[Float[np.ndarray, " coordinate"] | None, ...]
+    supports: tuple[int | None, ...]
+    shares: Float[np.ndarray, "gauge channel"]
+    free: int
 
     @property
     def states(self) -> int:
         """How many states there are."""
         return int(self.seeing.shape[1])
+
+    @property
+    def support_states(self) -> int:
+        """How many of them are displacements and velocities of supports."""
+        return self.states - self.free - len(self.shares)
 
 
 def layout_of(
@@ -63,12 +80,17 @@ def layout_of(
     names: Sequence[str],
 ) -> Layout:
     """Place the laws of effects among the states."""
-    free = len(names)
-    place = places(description)
-    base = len(description.dofs)
-    place = {name: free if row == base else row for name, row in place.items()}
-    acting = [i for i, kind in enumerate(kinds) if isinstance(kind.action, Law | Friction)]
-    states = 2 * free + sum(_internal(kinds[i]) for i in acting)
+    free, moved = len(names), len(description.moved)
+    place = rows_of(description, free)
+    apart = prescribed_friction(description, effects, kinds)
+    acting = [
+        i
+        for i, kind in enumerate(kinds)
+        if isinstance(kind.action, Law | Friction) and i not in apart
+    ]
+    inside = 2 * free + sum(_internal(kinds[i]) for i in acting)
+    measured = sum(sensor.quantity == "force" for sensor in description.sensors)
+    states = inside + 2 * moved + measured
     table, directions = [], []
     laws: list[int] = []
     law_names: list[Name] = []
@@ -76,7 +98,8 @@ def layout_of(
     next_state = 2 * free
     for i in acting:
         action, inner = kinds[i].action, _internal(kinds[i])
-        row = along(description, effects[i], place, free + 1)[:free]
+        row = along(description, effects[i], place, free + 1 + moved)
+        row, outer = row[:free], row[free + 1 :]
         table.append(
             [
                 isinstance(action, Friction),
@@ -92,17 +115,19 @@ def layout_of(
         elif isinstance(action, Law):
             laws += [law_address(law) for law in (action.force, *action.rates)]
         law_names += [("effect", i, name) for name in kinds[i].names]
-        still = np.zeros(states - free)
-        seeing.append(np.concatenate([row, still]))
-        seeing.append(np.concatenate([np.zeros(free), row, np.zeros(states - 2 * free)]))
+        for first, behind in ((0, inside), (free, inside + moved)):
+            seen = np.zeros(states)
+            seen[first : first + free], seen[behind : behind + moved] = row, outer
+            seeing.append(seen)
         for _ in range(inner):
             seeing.append(np.eye(states)[next_state])
             next_state += 1
         directions.append(row if effects[i].place.kind == "node" else -row)
     forced = tuple(
-        None if entry.node is None else _pushed(entry.node, place, free)
+        _pushed(entry.node, place, free) if entry.kind == "force" and entry.node else None
         for entry in description.inputs
     )
+    channels = [(i, int(row[1])) for i, row in zip(acting, table, strict=True)]
     return Layout(
         table=np.array(table, dtype=np.int64).reshape(-1, 6),
         laws=np.array(laws, dtype=np.int64),
@@ -110,6 +135,12 @@ def layout_of(
         seeing=np.array(seeing).reshape(-1, states),
         directions=tuple(directions),
         forced=forced,
+        supports=tuple(
+            description.moved.index(entry.node) if entry.kind in IMPOSED_KINDS else None
+            for entry in description.inputs
+        ),
+        shares=law_shares(description, effects, channels, len(laws)),
+        free=inside,
     )
 
 
@@ -140,11 +171,21 @@ def state_matrices(
     inverted = np.concatenate([inverse, -inverse @ mass[1:] @ inverse])
     carried = np.array([not name.endswith(ROTATION) for name in names], dtype=float)
     base = -(mass @ carried + whole[:, 0, :free, free])
+    moved = layout.support_states // 2
+    outer = slice(free + 1, free + 1 + moved)
+    driven = [number for number in layout.supports if number is not None]
+    # Those that no input moves go with the base; the others' acceleration is against it.
+    base -= whole[:, 0, :free, [free + 1 + k for k in range(moved) if k not in driven]].sum(0)
     fixed = np.zeros((len(whole), free))
     columns = []
-    for row in (*layout.forced, *((None,) if unmeasured else ())):
+    more = (None,) if unmeasured else ()
+    supports = (*layout.supports, *more)
+    for row, support in zip((*layout.forced, *more), supports, strict=True):
         fixed[0] = 0.0 if row is None else row
-        columns.append(base if row is None else fixed.copy())
+        if support is not None:
+            columns.append(-whole[:, 0, :free, free + 1 + support])
+        else:
+            columns.append(base if row is None else fixed.copy())
     pushed = product(inverted, np.stack(columns, axis=2)) if columns else whole[:, 0, :free, :0]
     states = layout.states
     a, b_u = (
@@ -154,12 +195,23 @@ def state_matrices(
     a[0, :free, free : 2 * free] = np.eye(free)
     a[:, free : 2 * free, :free] = -product(inverted, stiffness)
     a[:, free : 2 * free, free : 2 * free] = -product(inverted, damping)
+    at = layout.free
+    for k, first in ((2, at), (1, at + moved)):
+        a[:, free : 2 * free, first : first + moved] = -product(
+            inverted, whole[:, k, :free, outer]
+        )
     b_u[:, free : 2 * free] = pushed
     b_y = np.zeros((len(whole), states, len(layout.laws)))
     for row, direction in zip(layout.table, layout.directions, strict=True):
         b_y[:, free : 2 * free, row[1]] = inverted @ direction
         for k in range(row[3]):
             b_y[0, :, row[1] + 1 + k] = layout.seeing[row[2] + 2 + k]
+    if states > at:
+        shaken = [
+            row is None and support is None
+            for row, support in zip((*layout.forced, *more), supports, strict=True)
+        ]
+        boundary_rows(a, b_u, b_y, whole, names, supports, shaken, layout.shares)
     return a, b_u, b_y
 
 

@@ -172,7 +172,8 @@ def latent_model(
     omega, shapes = real.angular_frequency[:modes], real.shapes[:, :modes]
     damping = shapes.T @ structure.damping @ shapes
     _check_modes(omega, damping)
-    measured = [e for e in description.inputs if e.channel in channels]
+    heard = [e for e in description.inputs if e.channel in channels]
+    measured = [e for e in heard if e.kind in ("force", "base_acceleration")]
     base = structure.base_force(np.ones(1))[0]
     patterns = [np.eye(modes)[j] for j in range(modes)]
     names = [f"mode {j + 1}" for j in range(modes)]

@@ -21,6 +21,7 @@ Examples:
   slowtime simulate --structure frame --epochs 4 --out frame.npz
   slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
   slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
+  slowtime simulate --model rig.yaml --initial m1=0.02 --duration 9 --rate-hz 50 --out d.npz
 """,
 )
 @click.option(
@@ -79,6 +80,13 @@ Examples:
     help="With --model: Python file that holds effects of your own, or name of an installed "
     "part; may be repeated.",
 )
+@click.option(
+    "--initial",
+    multiple=True,
+    metavar="NODE=DISPLACEMENT[,VELOCITY]",
+    help="With --model: initial state of a node relative to the base [m, m/s; rad, rad/s], in "
+    "place of the one in the model; may be repeated.",
+)
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(
     "--out",
@@ -92,9 +100,10 @@ def simulate(name: str | None, model: Path | None, **_given: object) -> None:
     With --structure, epoch by epoch: MCAP holds raw blocks and the true values; .npz holds the
     samples (epoch, time), their slow times and the true values.
 
-    With --model, its effects included: from rest under the inputs found in RECORD, or
-    stationary under ambient forces if the model lists no inputs. OUT (.npz) holds t [s] and one
-    array for each sensor.
+    With --model, its effects included: under the inputs found in RECORD, from rest or from the
+    initial state in the model or in --initial. A model without inputs decays freely from its
+    initial state; without one, it is stationary under ambient forces. OUT (.npz) holds
+    t [s] and one array for each sensor.
     """
     together((("--structure", name), ("--model", model)))
     if name is None and model is None:

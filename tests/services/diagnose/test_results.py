@@ -12,9 +12,9 @@ from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.diagnose import document_of, write_results
-from slowtime_services.diagnose.charts import residual_charts
+from slowtime_services.diagnose.charts import residual_charts, run_charts
 from slowtime_services.models import read_description
-from tests.services.diagnose.slide import CUBIC, SAMPLES, told
+from tests.services.diagnose.slide import CUBIC, SAMPLES, SLIDE, told
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +53,14 @@ def test_the_augmented_model_reads_back_with_its_effect(out):
     assert effect["k3_n_per_m3"] == pytest.approx(CUBIC["k3_n_per_m3"], rel=0.02)
 
 
+def test_a_diagnosis_without_free_runs_is_written_without_them(tmp_path, answer):
+    imposed = dataclasses.replace(answer[0], traces=())
+    write_results(tmp_path, answer[0], answer[1])
+    write_results(tmp_path, imposed, answer[1])
+    assert (tmp_path / "report.json").exists()
+    assert not (tmp_path / "holdout.npz").exists()
+
+
 def test_free_runs_on_what_was_held_out_are_whole(out, answer):
     trace = answer[0].traces[0]
     with np.load(out / "holdout.npz") as runs:
@@ -66,6 +74,26 @@ def test_free_runs_on_what_was_held_out_are_whole(out, answer):
             ("t", trace.times_s),
         ):
             np.testing.assert_array_equal(runs[name], run)
+
+
+def test_runs_of_an_imposed_motion_are_those_of_its_force(tmp_path, answer):
+    """Two sensors, one force: the column is called after the input, and no chart shows it."""
+    found, document = answer
+    (trace,) = found.traces
+    force = {
+        name: getattr(trace, name)[:, :1]
+        for name in ("measured", "nominal", "refitted", "augmented")
+    }
+    imposed = dataclasses.replace(
+        found, traces=(dataclasses.replace(trace, of_force=True, **force),)
+    )
+    write_results(tmp_path, imposed, document)
+    with np.load(tmp_path / "holdout.npz") as runs:
+        assert runs["channels"].tolist() == ["u"]
+        np.testing.assert_array_equal(runs["measured"], force["measured"])
+        assert runs["augmented"].shape == (len(trace.times_s), 1)
+    assert run_charts(imposed) == []
+    assert len(residual_charts(imposed)) == len(residual_charts(found)) - len(SLIDE.sensors)
 
 
 def test_pictures_are_thinned_without_losing_an_extreme(answer):

@@ -218,3 +218,55 @@ def test_motion_of_the_base_that_nobody_measured_wants_a_seed(run, refused, text
     flags = ("simulate", "--model", model, "--input", record, "--out", "out.npz")
     assert "random. Give a seed" in refused(*flags)
     assert run(*flags, "--seed", 3).status == 0
+
+
+FREE = AMBIENT + "initial:\n  - {node: m2, displacement_m: 0.01}\n"
+
+
+def test_a_model_without_inputs_decays_freely_from_its_start(run, tmp_path, text):
+    model = text(FREE.splitlines(), "free.yaml")
+    done = run(
+        "simulate", "--model", model, "--duration", "2", "--rate-hz", "200", "--out", "a.npz"
+    )
+    assert done.status == 0, done.err
+    told = written(tmp_path, "a.npz")["x2"]
+    assert told[0] == pytest.approx(10.0)
+    other = ("--initial", "m2=0.02", "--duration", "2", "--rate-hz", "200", "--out", "b.npz")
+    assert run("simulate", "--model", model, *other).status == 0
+    np.testing.assert_allclose(written(tmp_path, "b.npz")["x2"], 2 * told, atol=1e-9)
+
+
+def test_a_velocity_is_a_start_too(run, tmp_path, model, record):
+    done = run(
+        "simulate", "--model", model, "--input", record, "--initial", "m1=0,0.5",
+        "--out", "a.npz",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    run("simulate", "--model", model, "--input", record, "--out", "b.npz")
+    assert not np.allclose(written(tmp_path, "a.npz")["x2"], written(tmp_path, "b.npz")["x2"])
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [
+        ("m1", "Write NODE=DISPLACEMENT"),
+        ("m1=x", "Write NODE=DISPLACEMENT"),
+        ("m1=1,2,3", "Write NODE=DISPLACEMENT"),
+        ("=1", "Write NODE=DISPLACEMENT"),
+        ("m1=nan", "Write NODE=DISPLACEMENT"),
+        ("m9=1", "called 'm9'. There are: m1, m2"),
+    ],
+)
+def test_a_start_that_is_none_says_how_to_write_it(run, model, record, start, words):
+    done = run(
+        "simulate", "--model", model, "--input", record, "--initial", start, "--out", "a.npz"
+    )
+    assert done.status == 2
+    assert words in " ".join(done.err.split())
+
+
+def test_a_free_decay_says_what_it_needs(run, text):
+    model = text(FREE.splitlines(), "free.yaml")
+    done = run("simulate", "--model", model, "--out", "a.npz")
+    assert "decays freely" in done.err
+    assert "--duration" in done.err

@@ -313,4 +313,5 @@ def _add_parts(asset: Asset, twins: list[Node], links: list[Node]) -> None:
         measured = {"quantity": sensor.quantity, "unit": sensor.unit}
         twins.append(_twin(at, _shared("Sensor"), channel=sensor.channel, **measured))
         links.append(_link(asset.id, "listens_by", at))
-        links.append(_link(at, "measures", _part(asset.id, "node", sensor.node)))
+        if sensor.node is not None:
+            links.append(_link(at, "measures", _part(asset.id, "node", sensor.node)))

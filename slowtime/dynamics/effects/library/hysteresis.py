@@ -172,7 +172,14 @@ KINDS = (
             Parameter(
                 name="gamma_per_mn", unit="1/m^n", meaning="shape factor of the direction"
             ),
-            Parameter(name="n", unit="", meaning="sharpness of the yield", low=1.0, high=20.0),
+            Parameter(
+                name="n",
+                unit="",
+                meaning="sharpness of the yield",
+                low=1.0,
+                high=20.0,
+                natural=1.0,
+            ),
         ),
         equation="kh (z − e), ż = v − β |v| |z|ⁿ⁻¹ z − γ v |z|ⁿ",
         source="Bouc 1967; Wen 1976; both signs: Ikhouane and Rodellar 2007",

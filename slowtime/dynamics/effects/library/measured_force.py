@@ -1,53 +1,237 @@
-r"""Force surfaces that were estimated from records, where no law with a name explains them.
+r"""Force surfaces estimated from records, for forces that no law of the catalogue explains.
 
-With :math:`x = e/e_0`, :math:`y = v/v_0`, both held to [−1, 1], a direction
-:math:`s = \tanh(10 y)` and a memory :math:`\dot w = (v - |v| w) / x_0` (Dahl), the force is a
-polynomial in them. Beyond the measured range it keeps its value at the edge.
+With the position :math:`x = e/e_1` and the speed :math:`y = v/v_1` over the largest that were
+measured, a direction :math:`s = \tanh(v/v_s)` and a side
+:math:`q = \tanh(e/e_q)`, the force is
+
+.. math::
+   F = a_x x + a_y y + g(e) + h(v) + \mu(e) s + \gamma(e) y + a_q q + a_{qy} q y
+       + (a_w + a_{xw} x) w + (a_r + a_{xr} x) r ,
+
+where :math:`g, h, \mu, \gamma` are cubic B-splines with equal intervals of the warped position
+:math:`W((e - e_c)/e_d)` or speed :math:`W(v/v_d)`, with
+:math:`W(z) = \operatorname{sgn}(z)\,(\sqrt{1 + 2|z|} - 1)`, so that knots are dense where the
+motion dwells. Beyond the measured range :math:`g` and :math:`h` continue as straight lines,
+while :math:`\mu` and :math:`\gamma` keep their values. The state :math:`w` is a memory of the
+path, :math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` one of the past motion in time,
+:math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`.
 """
 
 import math
 from typing import Any
 
+from slowtime.dynamics.effects.compilation import compiled
 from slowtime.dynamics.effects.kind import Kind, Law, Parameter
 
+FINE, COARSE, SPEED = 10, 5, 8
+"""[intervals] Of the splines g; mu and gamma; h. Source: judgement; no
+study is recorded."""
 
-def surface(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of the surface [N]."""
-    x = min(max(e / p[1], -1.0), 1.0)
-    y = min(max(v / p[2], -1.0), 1.0)
-    s = math.tanh(10.0 * y)
-    w = z[0]
+
+@compiled
+def spline(share: float, intervals: int, differences: Any, first: int) -> float:
+    """Evaluate a cubic B-spline with equal intervals, given differences of its coefficients.
+
+    Independent priors of the differences make a smooth curve, which stays level where no
+    record determines it (P-splines).
+
+    Parameters
+    ----------
+    share
+        Share of the range that lies below [1], within [0, 1].
+    intervals
+        Number of intervals; there are three coefficients more.
+    differences, first
+        Array with the first coefficient and the difference of each later one to that before,
+        and the index of the first one.
+
+    Returns
+    -------
+    Value of the spline, in the unit of the coefficients.
+
+    References
+    ----------
+    .. [1] C. de Boor, "A Practical Guide to Splines", Springer (2001), ch. IX.
+    .. [2] P. H. C. Eilers and B. D. Marx, "Flexible smoothing with B-splines and penalties",
+       Stat. Sci. 11 (1996).
+    """
+    at = share * intervals
+    cell = min(max(int(at), 0), intervals - 1)
+    u = at - cell
+    r = 1.0 - u
+    level = 0.0
+    for k in range(cell + 1):
+        level += differences[first + k]
+    i = first + cell
+    one = differences[i + 1]
+    two = one + differences[i + 2]
+    three = two + differences[i + 3]
+    bent = (3.0 * u * u * u - 6.0 * u * u + 4.0) * one
+    bent += (3.0 * r * r * r - 6.0 * r * r + 4.0) * two
+    bent += u * u * u * three
+    return float(level + bent / 6.0)
+
+
+@compiled
+def warped(value: float, low: float, high: float, centre: float, dense: float) -> float:
+    """Give the share of the warped range that lies below a value [1].
+
+    Parameters
+    ----------
+    value, low, high
+        The value, held within the range.
+    centre, dense
+        Where knots are densest, and the distance over which they stay so.
+    """
+    least, here, most = (
+        (low - centre) / dense,
+        (value - centre) / dense,
+        (high - centre) / dense,
+    )
+    below = math.copysign(math.sqrt(1.0 + 2.0 * abs(least)) - 1.0, least)
+    until = math.copysign(math.sqrt(1.0 + 2.0 * abs(here)) - 1.0, here)
+    whole = math.copysign(math.sqrt(1.0 + 2.0 * abs(most)) - 1.0, most)
+    return float((until - below) / max(whole - below, 1e-300))
+
+
+@compiled
+def curve(
+    value: float, low: float, high: float, centre: float, dense: float, p: Any, first: int
+) -> float:
+    """Evaluate a spline over the warped range, continued as a straight line beyond it.
+
+    The slope beyond an edge is the mean slope over the outer fifth of the half range.
+
+    Parameters
+    ----------
+    value, low, high
+        The value, and the range of the spline.
+    centre, dense
+        Where knots are densest, and the distance over which they stay so.
+    p, first
+        Array with the coefficients, and the index of the first one: of `FINE` intervals for the
+        elongation, of `SPEED` for its rate.
+    """
+    intervals = 10 if first == 10 else 8
+    held = min(max(value, low), high)
+    at_edge = spline(warped(held, low, high, centre, dense), intervals, p, first)
+    if held == value or high <= low:
+        return float(at_edge)
+    back = math.copysign(0.2 * (high - low) / 2.0, value - held)
+    inside = spline(warped(held - back, low, high, centre, dense), intervals, p, first)
+    return float(at_edge + (at_edge - inside) / back * (value - held))
+
+
+@compiled
+def static(e: float, v: float, p: Any) -> float:
+    """Give the part of the surface without memory [N].
+
+    Parameters
+    ----------
+    e, v
+        Elongation [m] and its rate [m/s].
+    p
+        Parameters of the surface, in the order of `SCALES` and `TERMS`.
+    """
+    x, y = e / max(abs(p[4]), abs(p[5])), v / p[7]
+    s, q = math.tanh(v / p[0]), math.tanh(e / p[1])
+    at = warped(min(max(e, p[4]), p[5]), p[4], p[5], p[2], p[3])
     return float(
-        p[3] * x * x
-        + p[4] * x * x * x
-        + p[5] * x * x * x * x
-        + p[6] * x * x * x * x * x
-        + p[7] * s
-        + p[8] * x * s
-        + p[9] * x * x * s
-        + p[10] * y * abs(y)
-        + p[11] * y * y * y
-        + p[12] * x * y
-        + p[13] * x * x * y
-        + p[14] * w
-        + p[15] * x * w
-        + p[16] * x * x * w
+        p[9] * x
+        + p[23] * y
+        + curve(e, p[4], p[5], p[2], p[3], p, 10)
+        + curve(v, -p[7], p[7], 0.0, p[6], p, 24)
+        + spline(at, 5, p, 35) * s
+        + spline(at, 5, p, 43) * y
+        + (p[51] + p[52] * y) * q
     )
 
 
-def memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the memory of the path [1/s]."""
-    return float((v - abs(v) * z[0]) / p[0])
+def surface(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of the surface without memory [N]."""
+    return float(static(e, v, p))
+
+
+def surface_with_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of the surface with memory [N]."""
+    x = min(max(e, p[4]), p[5]) / max(abs(p[4]), abs(p[5]))
+    return float(static(e, v, p) + (p[56] + p[57] * x) * z[0] + (p[58] + p[59] * x) * z[1])
+
+
+def path_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Rate of the memory that fades over a path [1/s]."""
+    return float((v - abs(v) * z[0]) / p[53])
+
+
+def time_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Rate of the memory that fades over a time [1/s]."""
+    drive = math.tanh(v / p[0]) if p[55] > 0.5 else v / p[7]
+    return float((drive - z[1]) / p[54])
 
 
 TERMS = (
-    ("x2_n", "x²"), ("x3_n", "x³"), ("x4_n", "x⁴"), ("x5_n", "x⁵"),
-    ("s_n", "s"), ("xs_n", "x s"), ("x2s_n", "x² s"),
-    ("yy_n", "|y| y"), ("y3_n", "y³"), ("xy_n", "x y"), ("x2y_n", "x² y"),
-    ("w_n", "w"), ("xw_n", "x w"), ("x2w_n", "x² w"),
-)  # fmt: skip
-"""Names of the coefficients [N], and the term that each stands before."""
+    ("position", (("x_n", "x"), *((f"g{i + 1}_n", f"C{i + 1}(e)") for i in range(FINE + 3)))),
+    ("speed", (("y_n", "y"), *((f"h{i + 1}_n", f"C{i + 1}(v)") for i in range(SPEED + 3)))),
+    ("friction", tuple((f"mu{i + 1}_n", f"s C{i + 1}(e)") for i in range(COARSE + 3))),
+    ("damping", tuple((f"ga{i + 1}_n", f"y C{i + 1}(e)") for i in range(COARSE + 3))),
+    ("side", (("q_n", "q"), ("qy_n", "q y"))),
+)
+"""Groups of coefficients [N]: name of the group, names of its coefficients, and the term that
+each stands before; Ck is the sum of the B-splines from the k-th on."""
+MEMORY_TERMS = (
+    ("path", (("w_n", "w"), ("xw_n", "x w"))),
+    ("time", (("r_n", "r"), ("xr_n", "x r"))),
+)
+"""The same of memory."""
 
+
+def _scale(name: str, unit: str, meaning: str) -> Parameter:
+    return Parameter(name=name, unit=unit, meaning=meaning, low=0.0, nonzero=True, fitted=False)
+
+
+def _chosen(name: str, unit: str, meaning: str) -> Parameter:
+    return Parameter(name=name, unit=unit, meaning=meaning, fitted=False)
+
+
+def _coefficients(groups: tuple[Any, ...]) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(
+            name=name, unit="N", meaning=f"coefficient of {term}", default=0.0,
+            spread="spread_n",
+        )
+        for _, group in groups
+        for name, term in group
+    )  # fmt: skip
+
+
+SCALES = (
+    _scale("vs_m_per_s", "m/s", "speed scale vs of the direction s"),
+    _scale("eq_m", "m", "elongation scale eq of the side q"),
+    _chosen("centre_m", "m", "elongation about which spline knots are dense"),
+    _scale("dense_m", "m", "distance from centre_m within which knots are dense"),
+    _chosen("low_m", "m", "least elongation that was measured"),
+    _chosen("high_m", "m", "largest elongation that was measured"),
+    _scale("dense_m_per_s", "m/s", "rate within which knots are dense"),
+    _scale("high_m_per_s", "m/s", "largest rate that was measured"),
+    _scale("spread_n", "N", "standard deviation of the prior of a coefficient"),
+)
+"""Numbers of a surface that are chosen, not fitted."""
+MEMORY_SCALES = (
+    _scale("path_m", "m", "path over which the memory w fades"),
+    _scale("lag_s", "s", "time over which the memory r fades"),
+    Parameter(
+        name="lag_of", unit="", meaning="what r remembers: 0 the speed y, 1 the direction s",
+        choices=(0.0, 1.0), fitted=False,
+    ),
+)  # fmt: skip
+"""The same of memory."""
+_STATIC = (*SCALES, *_coefficients(TERMS))
+_SOURCE = "restoring-force surfaces: Masri and Caughey 1979; B-splines: de Boor 2001"
+_SUM = "sum of coefficients times x, C(e), y, C(v), s C(e), y C(e), q and q y"
+_SYMBOLS = (
+    "x and y are e and v over their largest measured sizes, s = tanh(v/vs), q = tanh(e/eq), "
+    "Ck the sum of the cubic B-splines from the k-th on"
+)
 
 KINDS = (
     Kind(
@@ -55,41 +239,25 @@ KINDS = (
         title="Measured force surface",
         family="measured force",
         where="element",
-        parameters=(
-            Parameter(
-                name="memory_m",
-                unit="m",
-                meaning="path over which memory fades",
-                low=0.0,
-                nonzero=True,
-                fitted=False,
-            ),
-            Parameter(
-                name="e0_m",
-                unit="m",
-                meaning="largest elongation that was measured",
-                low=0.0,
-                nonzero=True,
-                fitted=False,
-            ),
-            Parameter(
-                name="v0_m_per_s",
-                unit="m/s",
-                meaning="largest rate that was measured",
-                low=0.0,
-                nonzero=True,
-                fitted=False,
-            ),
-            *(
-                Parameter(name=name, unit="N", meaning=f"coefficient of {term}", default=0.0)
-                for name, term in TERMS
-            ),
-        ),
-        equation="polynomial in x = e/e0, y = v/v0, s = tanh(10 y) and a memory w; "
-        "constant beyond |x| = 1, |y| = 1",
-        source="restoring-force surfaces: Masri and Caughey 1979; memory: Dahl 1968",
-        sentence="The force as these records show it, without a law that has a name.",
-        action=Law(force=surface, rates=(memory,)),
+        parameters=_STATIC,
+        equation=f"{_SUM}; {_SYMBOLS}",
+        source=_SOURCE,
+        sentence="The force as estimated from the records, where no law of the catalogue fits.",
+        action=Law(force=surface),
+        is_surface=True,
+    ),
+    Kind(
+        name="measured_force_with_memory",
+        title="Measured force surface with memory",
+        family="measured force",
+        where="element",
+        parameters=(*_STATIC, *MEMORY_SCALES, *_coefficients(MEMORY_TERMS)),
+        equation=f"{_SUM}, w, x w, r and x r; {_SYMBOLS}; ẇ = (v − |v| w)/path, "
+        "ṙ = (y − r)/lag or (s − r)/lag",
+        source=f"{_SOURCE}; memory: Dahl 1968, Maxwell 1867",
+        sentence="The force as estimated from the records, which depends on past motion, where "
+        "no law of the catalogue fits.",
+        action=Law(force=surface_with_memory, rates=(path_memory, time_memory)),
         is_surface=True,
     ),
 )

@@ -184,7 +184,7 @@ KINDS = (
     _kind(
         "sensor_bias",
         "Constant error of a sensor",
-        "told = true + bias",
+        "reading = true + bias",
         "The sensor adds a constant.",
         SensorChange(act=biased),
         Parameter(name="bias", unit=_UNIT, meaning="constant added"),
@@ -192,8 +192,8 @@ KINDS = (
     _kind(
         "sensor_drift",
         "Drift of a sensor",
-        "told = true + drift · t / span",
-        "The sensor drifts away over the campaign.",
+        "reading = true + drift · t / span",
+        "The error of the sensor grows steadily over the campaign.",
         SensorChange(act=drifting),
         Parameter(name="drift_total", unit=_UNIT, meaning="drift in the end"),
         Parameter(
@@ -210,24 +210,24 @@ KINDS = (
     _kind(
         "sensor_gain",
         "Sensor off by a factor",
-        "told = gain · true",
-        "The sensor tells too much or too little, by a factor.",
+        "reading = gain · true",
+        "The readings are too large or too small by a constant factor.",
         SensorChange(act=gained),
         Parameter(name="gain", unit="", meaning="factor", nonzero=True),
     ),
     _kind(
         "sensor_saturation",
         "Clipping sensor",
-        "told = true, within ±clip",
-        "The sensor cannot tell more than so much.",
+        "reading = true, within ±clip",
+        "Readings beyond a limit are cut off at it.",
         SensorChange(act=clipped, affine=False),
-        Parameter(name="clip", unit=_UNIT, meaning="most that is told", low=0.0, nonzero=True),
+        Parameter(name="clip", unit=_UNIT, meaning="largest reading", low=0.0, nonzero=True),
     ),
     _kind(
         "sensor_dropout",
         "Silent sensor",
-        "told = 0, or the last value, for a while",
-        "The sensor fell silent, or stuck, for a while.",
+        "reading = 0, or the last value, for a while",
+        "The sensor read zero, or its last value, for a while.",
         SensorChange(act=dropped),
         Parameter(
             name="from_s",
@@ -239,7 +239,7 @@ KINDS = (
         Parameter(
             name="for_s",
             unit="s",
-            meaning="time for which it does",
+            meaning="time for which it is silent",
             low=0.0,
             default=0.0,
             fitted=False,
@@ -247,7 +247,7 @@ KINDS = (
         Parameter(
             name="held",
             unit="",
-            meaning="choice of what is told: 0, or 1 for the last value",
+            meaning="what it reads meanwhile: 0, or the last value for 1",
             choices=(0.0, 1.0),
             default=0.0,
             fitted=False,
@@ -256,9 +256,11 @@ KINDS = (
     _kind(
         "sensor_clock",
         "Sensor clock off",
-        "told(t) = true(t0 + (t − t0)(1 + skew))",
+        "reading(t) = true(t0 + (t − t0)(1 + skew))",
         "The sensor's clock runs fast or slow against the others.",
         SensorChange(act=timed, undo=retimed),
-        Parameter(name="skew", unit="", meaning="relative error", low=-0.2, high=0.2),
+        Parameter(
+            name="skew", unit="", meaning="relative error of its rate", low=-0.2, high=0.2
+        ),
     ),
 )

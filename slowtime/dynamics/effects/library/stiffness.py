@@ -390,7 +390,12 @@ KINDS = (
         family="softening",
         where="element",
         parameters=(
-            Parameter(name="k", unit="N m/rad", meaning="torsional stiffness of gravity"),
+            Parameter(
+                name="k",
+                unit="N m/rad",
+                meaning="torsional stiffness of gravity",
+                natural="stiffness",
+            ),
         ),
         equation="k (sin e − e), e in rad",
         source="",
@@ -417,7 +422,7 @@ KINDS = (
         ),
         equation="F3 (e/e0)³ + F5 (e/e0)⁵",
         source="Nayfeh and Mook 1979",
-        sentence="The spring changes its stiffness with amplitude in more than one way.",
+        sentence="Stiffness changes with amplitude, and may fall first and then rise.",
         action=Law(force=quintic),
         strength="k3_n",
         scales=("k5_n",),
@@ -436,7 +441,7 @@ KINDS = (
             Parameter(
                 name="gap2_m",
                 unit="m",
-                meaning="way from the first stop to the second",
+                meaning="distance from the first stop to the second",
                 low=0.0,
             ),
         ),
@@ -469,7 +474,7 @@ KINDS = (
             Parameter(
                 name="damping_s_per_m",
                 unit="s/m",
-                meaning="loss factor of the impact",
+                meaning="damping factor of the impact (Hunt and Crossley)",
                 low=0.0,
             ),
         ),

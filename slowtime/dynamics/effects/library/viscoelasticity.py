@@ -104,7 +104,13 @@ KINDS = (
             Parameter(
                 name="kf_n_per_m", unit="N/m", meaning="stiffness of the middle branch", low=0.0
             ),
-            Parameter(name="order", unit="", meaning="order", low=0.0, high=1.0),
+            Parameter(
+                name="order",
+                unit="",
+                meaning="order of the derivative: 0 of a spring, 1 of a damper",
+                low=0.0,
+                high=1.0,
+            ),
             Parameter(
                 name="centre_hz",
                 unit="Hz",

@@ -9,16 +9,8 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.imposed_motion.records import force_record, is_imposed, rig_of
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Tolerance
-
-RATE = 100.0
-K, C = 50.0, 2.0
-RIG = dataclasses.replace(
-    chain([1e-3], [K], dampings_n_s_per_m=[C]),
-    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-    tolerance=Tolerance(stiffness=0.1, damping=0.3),
-)
+from slowtime.dynamics.description import Input, Sensor
+from tests.slowtime.discrepancy.imposed_motion.rigs import RATE, RIG, C, K
 
 
 def motion(seed, seconds=30.0):
@@ -40,6 +32,13 @@ def slider(e, limit, reach, play=0.0):
         z = min(max(z + step, -play - reach), play + reach)
         found.append(limit * np.sign(z) * max(abs(z) - play, 0.0) / reach)
     return np.array(found)
+
+
+DRIVEN = dataclasses.replace(
+    RIG,
+    inputs=(Input(channel="x", kind="imposed_displacement", node="m1", unit="mm"),),
+    sensors=(Sensor(channel="f", quantity="force", node="m1", unit="kN"),),
+)
 
 
 LAWS = {
@@ -77,6 +76,10 @@ def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     assert numbers
     assert numbers[0].value == pytest.approx(true, rel=0.1)
     assert found.gap.augmented < 0.3 * found.gap.refitted_nominal
+    (trace,) = found.traces
+    assert trace.of_force
+    left = np.std(trace.measured - trace.augmented) / np.std(trace.measured)
+    assert left == pytest.approx(found.gap.augmented, rel=0.02)
 
 
 def test_a_spring_and_a_damper_lack_nothing():
@@ -116,3 +119,69 @@ def test_inertia_is_taken_off_the_force_and_the_rate_is_that_of_the_motion():
     inner = slice(20, -20)
     np.testing.assert_allclose(found.motion.v[inner], v[inner], atol=2e-3 * np.abs(v).max())
     np.testing.assert_allclose(found.motion.e, e)
+
+
+def exchanged(one, unit_x=1e3, unit_f=1e-3):
+    """The same record with the motion as input [mm] and the force as output [kN]."""
+    return Trial(inputs=unit_x * one.outputs, outputs=unit_f * one.inputs, rate_hz=RATE)
+
+
+def test_the_motion_as_input_gives_the_answer_that_the_force_as_input_gives():
+    law = LAWS["quadratic_damping"]
+    given = trial(law, 1), trial(law, 2)
+    one = diagnose(Campaign(description=RIG, trials=given[:1], holdout=given[1:]))
+    turned = [exchanged(record) for record in given]
+    other = diagnose(
+        Campaign(description=DRIVEN, trials=tuple(turned[:1]), holdout=tuple(turned[1:]))
+    )
+    assert [a.effect.kind for a in other.effects] == [a.effect.kind for a in one.effects]
+    for name, number in one.effects[0].numbers.items():
+        assert other.effects[0].numbers[name].value == pytest.approx(number.value, rel=1e-3)
+    assert other.gap.augmented == pytest.approx(one.gap.augmented, rel=1e-3)
+
+
+def test_a_motion_that_is_imposed_is_so_however_heavy_the_node():
+    heavy = dataclasses.replace(
+        DRIVEN, nodes=(dataclasses.replace(DRIVEN.nodes[0], mass_kg=5.0),)
+    )
+    e, _ = motion(1)
+    acceleration = np.gradient(np.gradient(e)) * RATE**2
+    force = K * e + 5.0 * acceleration
+    record = Trial(inputs=1e3 * e[:, None], outputs=1e-3 * force[:, None], rate_hz=RATE)
+    assert is_imposed(heavy, [record])
+    rig = rig_of(heavy)
+    assert rig is not None
+    # Polynomials over six hundredths of a period flatten the acceleration of the fastest tone.
+    left = force_record(rig, record).force - K * e
+    assert left[50:-50].std() < 0.04 * (5.0 * acceleration).std()
+
+
+@pytest.mark.parametrize(
+    ("sensor", "sign"), [({"element": "k1"}, 1.0), ({"node": "base"}, -1.0)], ids=str
+)
+def test_a_force_in_the_spring_and_a_reaction_of_the_base_have_no_inertia(sensor, sign):
+    described = dataclasses.replace(
+        DRIVEN, sensors=(Sensor(channel="f", quantity="force", unit="N", **sensor),)
+    )
+    e, _ = motion(1)
+    record = Trial(inputs=1e3 * e[:, None], outputs=sign * K * e[:, None], rate_hz=RATE)
+    rig = rig_of(described)
+    assert rig is not None
+    np.testing.assert_allclose(force_record(rig, record).force, K * e, rtol=1e-12)
+
+
+def test_an_imposed_velocity_is_integrated_about_its_mean():
+    described = dataclasses.replace(
+        DRIVEN,
+        inputs=(Input(channel="v", kind="imposed_velocity", node="m1", unit="m/s"),),
+        sensors=(Sensor(channel="f", quantity="force", node="m1", unit="N"),),
+    )
+    e, v = motion(1)
+    rig = rig_of(described)
+    assert rig is not None
+    record = force_record(
+        rig, Trial(inputs=(v - v.mean())[:, None], outputs=K * e[:, None], rate_hz=RATE)
+    )
+    told = e - v.mean() * np.arange(len(e)) / RATE
+    assert np.std(record.motion.e - (told - told.mean())) < 0.01 * np.std(e)
+    np.testing.assert_array_equal(record.motion.v, v - v.mean())

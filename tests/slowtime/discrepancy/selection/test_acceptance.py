@@ -175,7 +175,7 @@ def test_a_second_law_at_a_place_has_to_take_most_of_what_is_left_there(
 
 
 def test_hardly_anything_left_is_no_reason_for_a_second_law_at_a_place(white):
-    assert not accept_beside_hardening(white, SKEW, 1e6, 101.0, 3.0)
+    assert not accept_beside_hardening(white, SKEW, 1e6, 91.0, 3.0)
 
 
 def test_out_of_budget_a_candidate_is_compared_with_the_last_fit_as_it_is(lossy):

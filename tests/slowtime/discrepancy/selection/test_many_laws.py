@@ -25,6 +25,12 @@ ALONG = {
     "coulomb": "speed",
     "stribeck": "speed",
     "quadratic_damping": "speed",
+    "cubic_damping": "speed",
+    "friction_with_drag": "speed",
+    "power_law_damping": "speed",
+    "rayleigh_damping": "speed",
+    "quintic_stiffness": "elongation",
+    "stiffness_two_knees": "elongation",
 }
 """The laws that are curves; all others remember, take both, change in time, or are no laws."""
 

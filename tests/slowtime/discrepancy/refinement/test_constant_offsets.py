@@ -9,7 +9,7 @@ from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.noise import has_rigid_motion, rigid_body_drift
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement.input_offsets import with_offsets
+from slowtime.discrepancy.refinement.constant_offsets import with_offsets
 from slowtime.dynamics.description import (
     Description,
     Input,
@@ -72,9 +72,9 @@ OFF = {"effect": "input_bias", "input": "force", "bias": 0.4}
 def test_inputs_of_a_floating_structure_have_offsets_and_others_have_none():
     assert has_rigid_motion(drive())
     assert not has_rigid_motion(drive(stiffness=100.0))
-    assert with_offsets(drive(), KINDS).effects == ({**OFF, "bias": 0.0},)
-    assert with_offsets(drive(OFF), KINDS).effects == (OFF,)
-    assert with_offsets(drive(stiffness=100.0), KINDS).effects == ()
+    assert with_offsets(drive(), KINDS, decays=False).effects == ({**OFF, "bias": 0.0},)
+    assert with_offsets(drive(OFF), KINDS, decays=False).effects == (OFF,)
+    assert with_offsets(drive(stiffness=100.0), KINDS, decays=False).effects == ()
 
 
 def test_drift_is_the_response_to_errors_of_the_force():
@@ -111,7 +111,7 @@ def test_errors_of_the_force_are_found_in_what_they_leave():
 def test_friction_and_offset_are_fitted_although_the_run_drifts():
     """Both came out 20 % off where friction followed the run."""
     trial = recorded(20.0, 4, RUBS, OFF)
-    model = with_offsets(drive({**RUBS, "friction_n": 1.0}, damping=25.0), KINDS)
+    model = with_offsets(drive({**RUBS, "friction_n": 1.0}, damping=25.0), KINDS, decays=False)
     fit = refit(Plant.of(model, kinds=KINDS), (trial,))
     found = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     assert found["effect", 0, "friction_n"] == pytest.approx(2.0, rel=0.05)

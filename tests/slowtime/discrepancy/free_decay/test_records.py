@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 from scipy.integrate import solve_ivp
 
-from slowtime.discrepancy.data.free_decay import (
+from slowtime.discrepancy.free_decay.records import (
     is_free_decay,
     without_standstill,
     without_tones,
@@ -87,3 +87,48 @@ def test_tones_have_no_part_in_a_decay():
     kinds = catalogue()
     left = without_tones(kinds)
     assert {"harmonic_force", "parametric"} == set(kinds) - set(left)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.15])
+@pytest.mark.parametrize("seconds", [2.2, 3.1, 8.0])
+def test_a_short_piece_of_a_light_decay_is_one_wherever_the_sensor_reads_zero(seconds, offset):
+    piece = decay(lambda v: 0.05 * v, seconds, noise=0.002)
+    assert is_free_decay([record(piece + offset)])
+
+
+def test_few_cycles_of_a_random_response_are_seldom_a_decay():
+    """Two to four cycles of a mode of 5 % damping under white forces."""
+    taken = 0
+    pole = np.exp((-0.05 + 1j) * 2 * np.pi / RATE)
+    a = [1.0, -2 * pole.real, abs(pole) ** 2]
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:]
+        taken += is_free_decay([record(series[: int(rng.uniform(2, 4) * RATE)])])
+    assert taken <= 20
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_decay_of_beating_modes_down_to_noise_is_one(seed):
+    """Accelerations of three modes after a release, of which two are close."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(600) / RATE
+    series = 1e-3 * rng.standard_normal(len(t))
+    for f, zeta in ((2.0, 0.03), (2.2, 0.03), (7.0, 0.02)):
+        w = 2 * np.pi * f
+        series += (
+            rng.uniform(0.5, 1) * np.exp(-zeta * w * t) * np.cos(w * t + rng.uniform(0, 6))
+        )
+    assert is_free_decay([record(series)])
+
+
+def test_a_random_response_with_one_loud_beginning_is_seldom_a_decay():
+    taken = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        zeta = 10 ** rng.uniform(-2.3, -1)
+        pole = np.exp((-zeta + 1j) * 2 * np.pi / RATE)
+        a = [1.0, -2 * pole.real, abs(pole) ** 2]
+        series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:1800]
+        taken += is_free_decay([record(series)])
+    assert taken <= 3

@@ -1,0 +1,1 @@
+"""Search among all combinations of simple laws of stiffness and damping at one element."""

@@ -1,0 +1,177 @@
+r"""Regression of the recovered force on a surface, its terms chosen by their evidence.
+
+With normal equations :math:`A c = b` of the whitened residual, constants and initial states
+eliminated, and a prior of the coefficients :math:`c \sim N(0, \sigma^2)`,
+
+.. math:: \log Z = \tfrac12 b^T (A + I/\sigma^2)^{-1} b
+          - \tfrac12 \log |A + I/\sigma^2| - n \log \sigma .
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float, Int
+
+from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.dynamics.effects import Kind, force_along
+
+from .scales import Block
+
+MIN_GAIN = 3.0
+"""[nats] Of log evidence by which a group of terms must gain. Source: Kass and Raftery (1995):
+strong from there on."""
+SPREAD_FACTORS = (0.3, 1.0, 3.0)
+"""[times the largest recovered force] Standard deviations of the prior that are tried. Source:
+a force is made of terms of about its own size."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """Terms of a surface that explain the recovered force.
+
+    Parameters
+    ----------
+    kind
+        Of the surface.
+    blocks
+        Those that were chosen.
+    scales
+        All scales of the surface, by name.
+    coefficients
+        Value of each chosen coefficient [N].
+    evidence
+        Log evidence over that of no force [nats].
+    """
+
+    kind: Kind
+    blocks: tuple[Block, ...]
+    scales: Mapping[str, float]
+    coefficients: Mapping[str, float]
+    evidence: float
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """All parameters of the surface, those that are zero left out."""
+        return {**self.scales, **self.coefficients}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    matrix: Float[np.ndarray, "column column"]
+    right: Float[np.ndarray, " column"]
+    places: tuple[Int[np.ndarray, " own"], ...]
+
+    def solve(
+        self, chosen: Sequence[int], spread: float
+    ) -> tuple[float, Float[np.ndarray, " own"]]:
+        """Give the log evidence of some blocks [nats] and their coefficients."""
+        if not chosen:
+            return 0.0, np.zeros(0)
+        at = np.concatenate([self.places[i] for i in chosen])
+        inner = spread**2 * self.matrix[np.ix_(at, at)] + np.eye(len(at))
+        right = spread * self.right[at]
+        try:
+            factor = scipy.linalg.cho_factor(inner)
+        except np.linalg.LinAlgError:
+            return -math.inf, np.zeros(len(at))
+        solved = scipy.linalg.cho_solve(factor, right)
+        turned = float(np.log(np.diag(factor[0])).sum())
+        return float(right @ solved) / 2 - turned, spread * solved
+
+
+def choose_terms(
+    kind: Kind, scales: Mapping[str, float], blocks: Sequence[Block], space: ForceSpace
+) -> Regression | None:
+    """Choose groups of terms by forward selection, the one of most evidence first.
+
+    Parameters
+    ----------
+    kind
+        Of the surface.
+    scales
+        Range and knots, and scales where no block says another.
+    blocks
+        Groups at the scales that are tried.
+    space
+        Least squares at the place.
+
+    Returns
+    -------
+    The chosen terms; None where no force is told from noise.
+
+    References
+    ----------
+    .. [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992).
+    """
+    equations = _equations(kind, scales, blocks, space)
+    best: tuple[float, float, list[int]] = (0.0, 1.0, [])
+    for factor in SPREAD_FACTORS:
+        spread = factor * scales["spread_n"]
+        evidence, chosen = _forward(equations, blocks, spread)
+        if evidence > best[0]:
+            best = evidence, spread, chosen
+    evidence, spread, chosen = best
+    if not chosen:
+        return None
+    kept = tuple(blocks[i] for i in chosen)
+    found = equations.solve(chosen, spread)[1].tolist()
+    names = [name for block in kept for name in block.names]
+    own = {**scales, "spread_n": spread}
+    for block in kept:
+        own |= block.scales
+    return Regression(kind, kept, own, dict(zip(names, found, strict=True)), evidence)
+
+
+def _forward(
+    equations: _Equations, blocks: Sequence[Block], spread: float
+) -> tuple[float, list[int]]:
+    """Add the block of most evidence until none gains enough, then drop needless ones."""
+    chosen: list[int] = []
+    evidence = 0.0
+    while True:
+        open_ = [i for i in range(len(blocks)) if _fits(blocks, chosen, i)]
+        tried = [(equations.solve([*chosen, i], spread)[0], i) for i in open_]
+        gained = max(tried, default=(-math.inf, -1))
+        if not gained[0] > evidence + MIN_GAIN:
+            break
+        evidence, chosen = gained[0], [*chosen, gained[1]]
+        less = [
+            (equations.solve([j for j in chosen if j != i], spread)[0], i) for i in chosen[:-1]
+        ]
+        lost = max(less, default=(-math.inf, -1))
+        if lost[0] > evidence:
+            evidence, chosen = lost[0], [j for j in chosen if j != lost[1]]
+    return evidence, chosen
+
+
+def _fits(blocks: Sequence[Block], chosen: Sequence[int], i: int) -> bool:
+    """Whether a block may join others: one of each group, and no scale in two values."""
+    if any(blocks[j].group == blocks[i].group for j in chosen):
+        return False
+    return all(
+        blocks[j].scales.get(name, value) == value
+        for j in chosen
+        for name, value in blocks[i].scales.items()
+    )
+
+
+def _equations(
+    kind: Kind, scales: Mapping[str, float], blocks: Sequence[Block], space: ForceSpace
+) -> _Equations:
+    """Form the normal equations of all columns of all blocks."""
+    series, places, count = [], [], 0
+    motions = [one.motion for one in space.latents]
+    for block in blocks:
+        own = {**scales, **block.scales}
+        series.append([
+            np.stack([force_along(kind, own | {name: 1.0}, m) for name in block.names], axis=1)
+            for m in motions
+        ])  # fmt: skip
+        places.append(np.arange(count, count + len(block.names)))
+        count += len(block.names)
+    forces = [np.concatenate([one[i] for one in series], axis=1) for i in range(len(motions))]
+    matrix, right = space.normal_equations(space.lines_of(forces))
+    return _Equations((matrix + matrix.T) / 2, right, tuple(places))

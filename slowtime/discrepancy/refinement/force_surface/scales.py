@@ -1,0 +1,119 @@
+"""Scales of a force surface, read off the motion that was recovered."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.localization.places import LatentForce
+from slowtime.dynamics.effects.library.parameter_grids import lines_hz
+
+MARGIN = 1.02
+"""[1] Range of the surface, over the largest motion that was recovered. Source: a decision;
+beyond it the surface is extrapolated."""
+DENSE_SHARE = 0.25
+"""[share of the standard deviation of the motion] Up to which knots are dense. Source: with it
+knots lie near the quantiles of a normal motion, and still reach its peaks."""
+DIRECTION_SHARES = (0.3, 0.1, 0.03)
+"""[share of the root mean square speed] At which a direction has changed. Source: from rounded
+friction to one whose reversal a sampled motion does not resolve."""
+SIDE_SHARES = (0.2, 0.05)
+"""[share of the standard deviation of the elongation] At which a side has changed. Source:
+narrower than a knot interval, wider than the error of the motion."""
+PATH_SHARES = (0.03, 0.15, 0.5)
+"""[share of the largest elongation] Paths over which memory fades. Source: presliding of dry
+joints to yielding of springs."""
+LAG_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
+"""[periods of the strongest line] Times over which memory fades. Source: shorter ones are no
+memory, longer ones a spring."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Block:
+    """Columns of a surface that are chosen together, and the scales that they need.
+
+    Parameters
+    ----------
+    group
+        Name of the group of coefficients; of several blocks of one group one is chosen.
+    names
+        Names of the coefficients.
+    scales
+        Values of the scales that the columns need.
+    """
+
+    group: str
+    names: tuple[str, ...]
+    scales: Mapping[str, float]
+
+
+def fixed_scales(latents: Sequence[LatentForce]) -> dict[str, float] | None:
+    """Give the range of the surface and where its knots are dense.
+
+    Parameters
+    ----------
+    latents
+        Recovered force and motion of each trial.
+
+    Returns
+    -------
+    Parameters of the surface by name, in their units; None where nothing moves.
+    """
+    e = np.concatenate([one.motion.e for one in latents])
+    v = np.concatenate([one.motion.v for one in latents])
+    force = np.concatenate([one.force for one in latents])
+    if not all(np.isfinite(one).all() and np.ptp(one) > 0 for one in (e, v, force)):
+        return None
+    low, high, middle = float(e.min()), float(e.max()), float(np.median(e))
+    room = (MARGIN - 1) * (high - low) / 2
+    return {
+        "centre_m": middle,
+        "dense_m": DENSE_SHARE * float(np.std(e)),
+        "low_m": low - room,
+        "high_m": high + room,
+        "dense_m_per_s": DENSE_SHARE * float(np.std(v)),
+        "high_m_per_s": MARGIN * float(np.abs(v).max()),
+        "vs_m_per_s": DIRECTION_SHARES[1] * float(np.std(v)),
+        "eq_m": SIDE_SHARES[1] * float(np.std(e)),
+        "spread_n": float(np.abs(force).max()),
+        "path_m": PATH_SHARES[1] * max(abs(low), abs(high)),
+        "lag_s": LAG_SHARES[2] / _pitch_hz(latents),
+        "lag_of": 0.0,
+    }
+
+
+def blocks_of(
+    latents: Sequence[LatentForce], groups: Mapping[str, tuple[str, ...]]
+) -> list[Block]:
+    """List the blocks of columns, each group at each scale that is tried.
+
+    Parameters
+    ----------
+    latents
+        Recovered force and motion of each trial.
+    groups
+        Names of the coefficients of each group.
+    """
+    e = np.concatenate([one.motion.e for one in latents])
+    v = np.concatenate([one.motion.v for one in latents])
+    pitch = _pitch_hz(latents)
+    scales: dict[str, list[dict[str, float]]] = {
+        "friction": [{"vs_m_per_s": s * float(np.std(v))} for s in DIRECTION_SHARES],
+        "side": [{"eq_m": s * float(np.std(e))} for s in SIDE_SHARES],
+        "path": [{"path_m": s * float(np.abs(e).max())} for s in PATH_SHARES],
+        "time": [
+            {"lag_s": share / pitch, "lag_of": of} for share in LAG_SHARES for of in (0.0, 1.0)
+        ],
+    }
+    return [
+        Block(group, names, scale)
+        for group, names in groups.items()
+        for scale in scales.get(group, [{}])
+    ]
+
+
+def _pitch_hz(latents: Sequence[LatentForce]) -> float:
+    """Give the strongest line of the longest record [Hz]; of a short one, its own inverse."""
+    longest = max(latents, key=lambda one: len(one.force)).motion
+    found = lines_hz(longest.v, longest.times, 1)
+    return found[0] if found else 1 / float(longest.times[-1] - longest.times[0])

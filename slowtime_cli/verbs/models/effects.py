@@ -1,0 +1,29 @@
+"""Arguments and help of the verb `effects`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+
+
+@click.command(
+    cls=Deferred,
+    work="models.effects:effects",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime effects
+  slowtime effects bouc_wen_general
+  slowtime effects --markdown > effects.md
+
+In a model file, an effect stands under effects: with its place and parameters, such as
+{effect: coulomb, element: k1, friction_n: 2.5}.
+""",
+)
+@click.argument("names", nargs=-1, metavar="[EFFECT]...")
+@click.option("--markdown", is_flag=True, help="Write the whole catalogue as Markdown.")
+def effects(**_given: object) -> None:
+    """List the effects that a model may contain or lack.
+
+    With names: equation, parameters with units and ranges, source, and the special cases that
+    an effect contains.
+    """

@@ -1,0 +1,90 @@
+"""Arguments and help of the verb `distortion`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.options import POSITIVE, OutFile
+
+
+class Period(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
+    """A number of samples, or ``auto``."""
+
+    name = "SAMPLES|auto"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | None:
+        """Read the number; None where it is to be found."""
+        if value is None or value == "auto" or isinstance(value, int):
+            return value if isinstance(value, int) else None
+        if not str(value).isdigit() or int(str(value)) < 1:
+            self.fail(
+                f"{value!r} is not a period. Give a whole number of samples, or auto.",
+                param,
+                ctx,
+            )
+        return int(str(value))
+
+
+@click.command(
+    cls=Deferred,
+    work="records.distortion:distortion",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime distortion run1.csv run2.csv --input u --output y --period 4096
+  slowtime distortion weak.npz strong.npz --input force --output a1 --plot distortion.html
+  slowtime distortion swing.csv --decay --output angle --json
+""",
+)
+@click.argument("records", nargs=-1, required=True)
+@click.option("--input", "given", metavar="CHANNEL", help="Channel of the excitation.")
+@click.option("--output", "told", metavar="CHANNEL", required=True, help="Channel measured.")
+@click.option(
+    "--period",
+    type=Period(),
+    default="auto",
+    show_default=True,
+    help="Samples in one period of the multisine.",
+)
+@click.option(
+    "--transient",
+    "transient_s",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    help="Time to leave out at the beginning of each record [s].",
+)
+@click.option(
+    "--band",
+    type=(float, float),
+    metavar="LOW HIGH",
+    help="Frequencies to analyse [Hz]; all that are excited by default.",
+)
+@click.option(
+    "--near-hz",
+    type=POSITIVE,
+    help="Frequency near the resonance to fit [Hz]; by default the highest peak.",
+)
+@click.option("--decay", is_flag=True, help="The records are free decays: no input, no period.")
+@click.option(
+    "--rate-hz", type=POSITIVE, help="Sampling rate of records that do not state it [Hz]."
+)
+@click.option("--out", type=OutFile(".json"), help="JSON file to write.")
+@click.option("--plot", type=OutFile(".html"), help="HTML page with plots to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+def distortion(given: str | None, decay: bool, plot: Path | None, **_rest: object) -> None:
+    """Measure nonlinear distortion, or damping against amplitude.
+
+    Each record holds whole periods of one random-phase multisine (FILE@FROM:TO for a part of
+    one); several of equal level are its realisations. Scatter over periods estimates the noise,
+    scatter over realisations noise and nonlinear distortion, and output at lines that the input
+    omits shows whether the nonlinearity is odd or even. Prints frequency and damping of a
+    resonance for each level; with --decay, of free decays, against their amplitude.
+    """
+    if decay and given is not None:
+        raise click.UsageError("--decay and --input exclude each other. Leave one of them out.")
+    if not decay and given is None:
+        raise click.UsageError("Missing option '--input'. Give it, or --decay.")

@@ -1,0 +1,118 @@
+"""Decays of oscillators that another integrator solved: all laws are named, and no others."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from slowtime.discrepancy.combined_laws.combinations import STIFFNESSES, law_sets
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
+
+RATE = 50.0
+STIFFNESS = 40.0
+VISCOUS = 0.06
+
+
+def swing():
+    """An oscillator of unit inertia, its constants a little off."""
+    return Description(
+        name="swing",
+        nodes=(Node(id="bob", mass_kg=1.0),),
+        elements=(
+            Spring(
+                id="pivot", between=("base", "bob"), stiffness_n_per_m=1.02 * STIFFNESS,
+                damping_n_s_per_m=1.2 * VISCOUS,
+            ),
+        ),
+        inputs=(),
+        sensors=(
+            Sensor(
+                channel="angle", quantity="displacement", node="bob", unit="rad",
+                frame="relative_to_base",
+            ),
+        ),
+        unit_of_coordinate="rad",
+        tolerance=Tolerance(stiffness=0.05, damping=0.5, mass=0.0),
+    )  # fmt: skip
+
+
+def released(from_rad, *, sine=False, cubic=0.0, drag=0.0, friction=0.0, offset=0.0, seed=0):
+    """Solve for a release until it stands still, and add noise of 60 dB."""
+
+    def rate(_, x):
+        spring = STIFFNESS * (np.sin(x[0]) if sine else x[0]) + cubic * x[0] ** 3
+        rubs = friction * np.tanh(x[1] / 1e-3)
+        return [x[1], -spring - VISCOUS * x[1] - drag * abs(x[1]) * x[1] - rubs]
+
+    t = np.arange(int(14 * RATE)) / RATE
+    x = solve_ivp(
+        rate, (0, t[-1]), [from_rad, 0.0], t_eval=t, rtol=1e-7, atol=1e-8, method="LSODA"
+    ).y[0]
+    noise = 1e-3 * from_rad * np.random.default_rng(seed).standard_normal(len(t))
+    return Trial(inputs=np.zeros((len(t), 0)), outputs=(x + offset + noise)[:, None],
+                 rate_hz=RATE)  # fmt: skip
+
+
+def found(levels, **laws):
+    trials = tuple(released(level, seed=i, **laws) for i, level in enumerate(levels))
+    held_out = (released(0.7 * levels[0], seed=9, **laws),)
+    return diagnose(Campaign(description=swing(), trials=trials, holdout=held_out))
+
+
+@pytest.mark.parametrize(
+    ("laws", "names"),
+    [
+        ({"sine": True, "friction": 0.15}, {"pendulum_sine", "coulomb"}),
+        ({"sine": True, "drag": 0.02}, {"pendulum_sine", "quadratic_damping"}),
+        ({"cubic": 9.0, "friction": 0.15}, {"cubic_hardening", "coulomb"}),
+        ({"drag": 0.03}, {"quadratic_damping"}),
+    ],
+    ids=["pendulum that rubs", "pendulum in a fluid", "hardening that rubs", "drag"],
+)
+def test_laws_that_act_together_are_named_together(laws, names):
+    diagnosis = found((1.2, 0.6), **laws)
+    assert {a.effect.kind for a in diagnosis.effects} == names, diagnosis.sentence
+    numbers = {a.effect.kind: a.numbers for a in diagnosis.effects}
+    truth = {
+        "coulomb": ("friction_n", laws.get("friction")),
+        "quadratic_damping": ("c2_n_s2_per_m2", laws.get("drag")),
+        "pendulum_sine": ("k", STIFFNESS),
+        "cubic_hardening": ("k3_n_per_m3", laws.get("cubic")),
+    }
+    for name in names:
+        number = numbers[name][truth[name][0]]
+        assert number.value == pytest.approx(truth[name][1], rel=0.03)
+    assert diagnosis.gap.augmented < 2 * diagnosis.gap.noise_floor
+    assert all(a.probability > 0.9 for a in diagnosis.effects)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.03])
+def test_a_linear_decay_lacks_nothing_wherever_the_sensor_reads_zero(offset):
+    diagnosis = found((1.2, 0.6), offset=offset)
+    assert {a.effect.kind for a in diagnosis.effects} == ({"sensor_bias"} if offset else set())
+    for answer in diagnosis.effects:
+        assert answer.numbers["bias"].value == pytest.approx(offset, abs=1e-3)
+
+
+def test_what_one_small_release_cannot_tell_is_undecided_with_a_release_that_would():
+    """From 20 degrees the sine and the cubic softening are nearly one curve."""
+    trial = released(0.35, sine=True, drag=0.02)
+    diagnosis = diagnose(Campaign(description=swing(), trials=(trial,)))
+    doubted = {rival.effect for rival in diagnosis.undecided}
+    sure = {a.effect.kind for a in diagnosis.effects if a.probability > 0.9}
+    assert not sure & {"cubic_softening", "saturating_stiffness"}
+    assert "pendulum_sine" in doubted | sure
+    if doubted:
+        assert diagnosis.experiment is not None
+        assert diagnosis.experiment.excitation == "release"
+        assert diagnosis.experiment.level > 1
+
+
+def test_sets_hold_one_law_of_stiffness_at_most_and_the_smaller_come_first():
+    known = (*STIFFNESSES, "quadratic_damping", "coulomb", "bouc_wen")
+    sets = list(law_sets(known))
+    assert len(sets) == len(set(sets)) == (len(STIFFNESSES) + 1) * 4 - 1
+    assert all(len(one & set(STIFFNESSES)) <= 1 for one in sets)
+    assert [len(one) for one in sets] == sorted(len(one) for one in sets)
+    assert set().union(*law_sets(("coulomb",))) == {"coulomb"}

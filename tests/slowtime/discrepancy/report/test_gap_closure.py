@@ -1,0 +1,98 @@
+"""A gap without a name is closed by a surface where that does better, and a note says so."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.candidates.library_fit import Candidate
+from slowtime.discrepancy.hypothesis import Hypothesis
+from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.report.gap_closure import (
+    NO_ELEMENT,
+    ClosedGap,
+    close_gap,
+    describe_gap_closure,
+)
+from slowtime.discrepancy.report.likeness import likenesses
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+KINDS, RATE = catalogue(), 128.0
+STOPS = Effect("gap_symmetric", PLACE, {"kg_n_per_m": 400.0, "gap_m": 0.005})
+
+
+def records(effects, count=3):
+    rng = np.random.default_rng(3)
+    plant = Plant.of(dataclasses.replace(ONE, effects=tuple(e.entry() for e in effects)))
+    found = []
+    for number in range(count):
+        push = (3.0 - 0.6 * number) * np.convolve(rng.standard_normal(1500), np.hanning(25) / 5)
+        clean = plant.simulate(plant.values, push[:1500, None], RATE)
+        seen = clean + 0.01 * clean.std() * rng.standard_normal(clean.shape)
+        found.append(Trial(inputs=push[:1500, None], outputs=seen, rate_hz=RATE))
+    return tuple(found)
+
+
+def hypothesis(trials):
+    first = refit(Plant.of(ONE), trials)
+    laws = (STOPS, Effect("stiffness_drift", PLACE, {"dk_n_per_m": 300.0}))
+    tried = tuple(Candidate(effect, 1.0, 0.0, 100.0) for effect in laws)
+    return Hypothesis((first,), trials, localized=locate(first, trials), tried=tried)
+
+
+@pytest.fixture(scope="module")
+def closed():
+    *trials, test = records([STOPS])
+    found = hypothesis(tuple(trials))
+    told = close_gap(found, tuple(trials), (test,), KINDS, held_out=True, error=0.8)
+    assert isinstance(told, ClosedGap)
+    return told, found, tuple(trials), test
+
+
+def test_a_surface_that_does_better_is_adopted_and_described(closed):
+    told, found, _, _ = closed
+    assert told.error < 0.05
+    text = describe_gap_closure(told, 1.0, found, KINDS)
+    assert f"a force surface was fitted at {PLACE} (measured_force)" in text
+    assert "it is extrapolated linearly, which no record supports" in text
+    assert "most like" in text
+    assert "gap_symmetric" in text
+
+
+def test_a_law_with_a_clock_of_its_own_is_like_no_surface(closed):
+    told, found, _, _ = closed
+    like = likenesses(told.fit, PLACE, found, KINDS)
+    assert [one.kind for one in like] == ["gap_symmetric"]
+    assert like[0].share > 0.8
+    assert like[0].unlike_above[1] == np.inf
+
+
+def test_a_law_is_like_a_surface_up_to_where_it_is(closed):
+    """A stiffer spring behind the stops is like them up to where it begins."""
+    told, found, _, _ = closed
+    late = dataclasses.replace(STOPS, parameters={"kg_n_per_m": 400.0, "gap_m": 0.01})
+    kept = dataclasses.replace(found, tried=(Candidate(late, 1.0, 0.0, 100.0),))
+    (near,), like = (
+        likenesses(told.fit, PLACE, found, KINDS),
+        likenesses(told.fit, PLACE, kept, KINDS),
+    )
+    assert not like or like[0].share < near.share
+
+
+def test_why_no_surface_is_adopted_is_said(closed):
+    _, found, trials, test = closed
+    told = close_gap(found, trials, (test,), KINDS, held_out=True, error=1e-6)
+    assert isinstance(told, str)
+    assert "not adopted" in told
+    assert str(PLACE) in told
+
+
+def test_where_nothing_but_noise_is_left_no_surface_is_fitted():
+    *trials, test = records([])
+    found = hypothesis(tuple(trials))
+    told = close_gap(found, tuple(trials), (test,), KINDS, held_out=True, error=0.8)
+    assert told == NO_ELEMENT
