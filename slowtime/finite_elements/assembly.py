@@ -75,6 +75,22 @@ def assemble(frame: Frame) -> ParametricMatrices:
     return _conditioned(frame, model, whole)
 
 
+def whole_mass(frame: Frame) -> sparse.csr_array:
+    """Mass over six degrees of freedom at each node, before supports and constraints.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+
+    Returns
+    -------
+    The matrix; times a unit motion of all nodes it is the load of a moving base.
+    """
+    size = full_map(frame.node_names, frame.coordinates).size
+    return _scattered(element_matrices(frame), size, "mass", None)
+
+
 def element_matrices(frame: Frame) -> list[ElementMatrices]:
     """Matrices of all elements of a frame, kind by kind.
 

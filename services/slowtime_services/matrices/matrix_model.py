@@ -1,36 +1,37 @@
-"""Model files of version 2 with matrices: their text checked, their files read."""
+"""Finite-element models of files of version 2: their text checked, their matrices read."""
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
-import yaml
 from jaxtyping import Float
-from pydantic import ValidationError
 from scipy import sparse
 
+from slowtime.finite_elements.assembly import assemble, whole_mass
 from slowtime.finite_elements.constraints import constrain, support_equations
+from slowtime.finite_elements.degrees_of_freedom import DIRECTIONS, DofMap
 from slowtime.finite_elements.frame import Support
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
-from slowtime_schemas.files.matrix_model import (
+from slowtime_schemas.files.finite_elements import (
+    FrameModel,
+    FrameParameter,
     Matrices,
-    MatrixSensor,
+    MatrixParameter,
     MatrixSource,
-    ModelFile2,
-    migrated,
+    SpatialSensor,
 )
+from slowtime_schemas.files.model_v2 import FiniteElementFile
+from slowtime_services.models import ModelFileError, read_finite_elements
 
 from .dof_tables import read_dof_map
 from .errors import MatrixFileError
+from .frame_model import frame_of
 from .sparse_files import read_matrix
-
-SHOWN = 6
-"""Faults of the text that are told of at once."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixModel:
-    """A model of matrices and what its file says besides.
+    """A finite-element model and what its file says besides.
 
     Parameters
     ----------
@@ -44,6 +45,11 @@ class MatrixModel:
         Names of the sensors.
     sensors
         What each sensor sees of the degrees of freedom before constraints.
+    file
+        All that the file says.
+    base_load
+        Mass times a unit motion of all nodes in the direction of the base's motion, over the
+        coordinates of `matrices` [kg]; None where the base is not said to move.
     """
 
     name: str
@@ -51,10 +57,44 @@ class MatrixModel:
     prior_sd: Float[np.ndarray, " parameter"]
     channels: tuple[str, ...]
     sensors: Float[np.ndarray, "sensor dof"]
+    file: FiniteElementFile
+    base_load: Float[np.ndarray, " own"] | None = None
+
+    @property
+    def base_direction(self) -> str | None:
+        """Direction in which the base moves by an input; None where it does not."""
+        return base_direction(self.file)
+
+    def translation(self, direction: str) -> Float[np.ndarray, " dof"]:
+        """Displacements while all nodes move by one unit in a direction [1]."""
+        assert self.matrices.dofs is not None
+        return translation(self.matrices.dofs, direction)
+
+
+def base_direction(file: FiniteElementFile) -> str | None:
+    """Direction of the base's motion; None where no input moves it.
+
+    Raises
+    ------
+    MatrixFileError
+        Where several inputs move it.
+    """
+    found = [one.direction for one in file.inputs if one.kind == "base_acceleration"]
+    if len(found) > 1:
+        raise MatrixFileError(
+            f"The base is moved along {', '.join(found)}. Allowed is one base_acceleration; "
+            "make a model for each direction."
+        )
+    return found[0] if found else None
+
+
+def translation(dofs: DofMap, direction: str) -> Float[np.ndarray, " dof"]:
+    """Displacements while all nodes move by one unit in a direction [1]."""
+    return (dofs.direction == DIRECTIONS.index(direction)).astype(float)
 
 
 def read_matrix_model(path: Path) -> MatrixModel:
-    """Read a model file with `matrices`, and the files that it names.
+    """Read a model file with `matrices` or `frame`, and the files that it names.
 
     Parameters
     ----------
@@ -70,26 +110,82 @@ def read_matrix_model(path: Path) -> MatrixModel:
     MatrixFileError
         Where the text or one of the files cannot be used.
     """
-    file = _checked(path)
-    if file.matrices is None:
+    try:
+        file = read_finite_elements(path)
+    except ModelFileError as error:
+        raise MatrixFileError(str(error)) from error
+    if file is None:
         raise MatrixFileError(
-            f"{path.name} has no `matrices`. Give a model file of version 2 that names files "
-            "of stiffness and mass."
+            f"{path.name} has neither `matrices` nor `frame`. Give a model file of version 2 "
+            "that names files of stiffness and mass, or describes a frame."
         )
-    model = read_model_of_matrices(file.matrices, path.parent)
-    sensors = [one for one in file.sensors if isinstance(one, MatrixSensor)]
-    if len(sensors) < len(file.sensors):
-        raise MatrixFileError(
-            f"{path.name} has sensors without a direction. Give each a `direction` or a `line`."
-        )
+    return matrix_model_of(file, path.parent, path.stem)
+
+
+def matrix_model_of(file: FiniteElementFile, folder: Path, name: str = "") -> MatrixModel:
+    """Assemble a finite-element model, or read its matrices.
+
+    Parameters
+    ----------
+    file
+        Text of a model file.
+    folder
+        Where its paths begin.
+    name
+        Of the model, where its file has none.
+
+    Returns
+    -------
+    The model.
+
+    Raises
+    ------
+    MatrixFileError
+        Where a name does not exist or a file cannot be used.
+    """
+    direction = base_direction(file)
+    parameters: tuple[MatrixParameter | FrameParameter, ...]
+    if file.matrices is not None:
+        model, mass = _read_matrices(file.matrices, folder)
+        parameters = file.matrices.parameters
+    else:
+        assert file.frame is not None
+        model, mass = _assembled(file.frame, whole=direction is not None)
+        parameters = file.frame.parameters
     size = model.size if model.expansion is None else int(model.expansion.shape[0])
+    rows = [sensor_row(model.dofs, one, folder) for one in file.sensors]
+    _check_channels([one.channel for one in file.sensors])
     return MatrixModel(
-        name=file.name or path.stem,
+        name=file.name or name,
         matrices=model,
-        prior_sd=np.array([one.prior_sd for one in file.matrices.parameters]),
-        channels=tuple(one.channel for one in sensors),
-        sensors=np.array([_row(model, one) for one in sensors]).reshape(len(sensors), size),
+        prior_sd=np.array([one.prior_sd for one in parameters]),
+        channels=tuple(one.channel for one in file.sensors),
+        sensors=np.array(rows).reshape(len(rows), size),
+        file=file,
+        base_load=None if direction is None else _base_load(model, mass, direction),
     )
+
+
+def _base_load(
+    model: ParametricMatrices, mass: sparse.csr_array | None, direction: str
+) -> Float[np.ndarray, " own"]:
+    if mass is None or model.dofs is None:
+        raise MatrixFileError(
+            "A base_acceleration needs `dofs`. Give the file that says what rows are."
+        )
+    load = mass @ translation(model.dofs, direction)
+    return load if model.expansion is None else np.asarray(model.expansion.T @ load)
+
+
+def _assembled(
+    section: FrameModel, *, whole: bool
+) -> tuple[ParametricMatrices, sparse.csr_array | None]:
+    """Matrices of a frame, and the mass before constraints where the base moves."""
+    frame = frame_of(section)
+    try:
+        return assemble(frame), whole_mass(frame) if whole else None
+    except ValueError as error:
+        raise MatrixFileError(f"`frame`: {error}") from error
 
 
 def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrices:
@@ -106,6 +202,13 @@ def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrice
     -------
     The model, held as the section says.
     """
+    return _read_matrices(section, folder)[0]
+
+
+def _read_matrices(
+    section: Matrices, folder: Path
+) -> tuple[ParametricMatrices, sparse.csr_array]:
+    """The model, held as the section says, and the mass before that."""
     stiffness = _matrix(section.stiffness, folder, None)
     size = stiffness.shape[0]
     dofs = None
@@ -129,36 +232,15 @@ def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrice
             dofs=dofs,
         )
         if not section.held:
-            return model
+            return model, model.mass
         if dofs is None:
             raise MatrixFileError("`held` needs `dofs`. Give the file that says what rows are.")
         supports = [Support(node=one.node, directions=one.directions) for one in section.held]
-        return constrain(model, support_equations(dofs, supports))
+        return constrain(model, support_equations(dofs, supports)), model.mass
     except MatrixFileError:
         raise
     except ValueError as error:
         raise MatrixFileError(str(error)) from error
-
-
-def _checked(path: Path) -> ModelFile2:
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise MatrixFileError(
-            f"{path.name} is not YAML ({str(error)[:200]}). Give a model file."
-        ) from error
-    if not isinstance(values, dict):
-        raise MatrixFileError(
-            f"{path.name} is no model file. Begin it with `slowtime_model: 2`."
-        )
-    try:
-        return ModelFile2.model_validate(migrated(values))
-    except ValidationError as error:
-        faults = [
-            f"{'.'.join(map(str, item['loc'])) or 'file'}: {item['msg']}"
-            for item in error.errors(include_url=False)
-        ]
-        raise MatrixFileError(f"{path.name}: " + "\n".join(faults[:SHOWN])) from None
 
 
 def _matrix(source: MatrixSource, folder: Path, size: int | None) -> sparse.csr_array:
@@ -171,12 +253,78 @@ def _matrix(source: MatrixSource, folder: Path, size: int | None) -> sparse.csr_
     return found
 
 
-def _row(model: ParametricMatrices, sensor: MatrixSensor) -> Float[np.ndarray, " dof"]:
-    if model.dofs is None:
+def _check_channels(channels: list[str]) -> None:
+    twice = next((name for name in channels if channels.count(name) > 1), None)
+    if twice is not None:
+        raise MatrixFileError(
+            f"Two sensors have the channel {twice!r}. Give each channel its own name."
+        )
+
+
+def sensor_row(
+    dofs: DofMap | None, sensor: SpatialSensor, folder: Path
+) -> Float[np.ndarray, " dof"]:
+    """Row of a sensor over the degrees of freedom before constraints.
+
+    Parameters
+    ----------
+    dofs
+        Map of the degrees of freedom.
+    sensor
+        Where it is, and what it measures.
+    folder
+        Where paths begin.
+
+    Returns
+    -------
+    One entry for each degree of freedom: 1 for a motion, 1/m for a strain.
+
+    Raises
+    ------
+    MatrixFileError
+        Where there is no such node or direction.
+    """
+    if dofs is None:
         raise MatrixFileError("`sensors` need `dofs`. Give the file that says what rows are.")
     try:
+        if sensor.row is not None:
+            return _row_of_file(sensor, folder, dofs.size)
+        if sensor.between is not None:
+            return _strain_row(dofs, sensor.between)
+        assert sensor.node is not None
         if sensor.direction is not None:
-            return model.dofs.row(sensor.node, {sensor.direction: 1.0})
-        return model.dofs.row(sensor.node, sensor.line or ())
+            return dofs.row(sensor.node, {sensor.direction: 1.0})
+        return dofs.row(sensor.node, sensor.line or ())
+    except MatrixFileError:
+        raise
     except ValueError as error:
         raise MatrixFileError(f"Sensor {sensor.channel!r}: {error}") from error
+
+
+def _strain_row(dofs: DofMap, between: tuple[str, str]) -> Float[np.ndarray, " dof"]:
+    """Elongation of the line between two nodes over its length."""
+    places = []
+    for node in between:
+        dofs.find(node, "ux")
+        places.append(dofs.coordinates[dofs.node_names.index(node)])
+    along = places[1] - places[0]
+    length = float(np.linalg.norm(along))
+    if not length > 0.0:
+        raise ValueError(
+            f"Nodes {between[0]!r} and {between[1]!r} are at one place. Give two places, or "
+            "`positions` of the nodes."
+        )
+    line = (along / length**2).tolist()
+    return dofs.row(between[1], line) - dofs.row(between[0], line)
+
+
+def _row_of_file(sensor: SpatialSensor, folder: Path, size: int) -> Float[np.ndarray, " dof"]:
+    assert sensor.row is not None
+    found = read_matrix(folder / sensor.row.file, sensor.row.variable, square=False)
+    if found.shape[1] != size or sensor.row.row >= found.shape[0]:
+        raise MatrixFileError(
+            f"Sensor {sensor.channel!r} takes row {sensor.row.row} of {sensor.row.file}, a "
+            f"matrix of shape {found.shape}. Allowed are rows counted from 0 of a matrix of "
+            f"{size} columns, one for each degree of freedom."
+        )
+    return np.asarray(found[[sensor.row.row]].toarray()[0])

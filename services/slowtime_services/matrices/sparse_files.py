@@ -23,8 +23,10 @@ MOST_BYTES = 4 << 30
 """Largest file [bytes]: a matrix of 1e6 degrees of freedom of solids has about 1e8 entries."""
 
 
-def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
-    """Read one square matrix.
+def read_matrix(
+    path: Path, name: str | None = None, *, square: bool = True
+) -> sparse.csr_array:
+    """Read one matrix.
 
     Parameters
     ----------
@@ -32,6 +34,8 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
         File, of a format that its ending says.
     name
         Of the variable, group or matrix in it; needed where the file has several.
+    square
+        Whether it has to be square; one triangle of it is mirrored then.
 
     Returns
     -------
@@ -55,7 +59,8 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
             f"{path.name} cannot be read ({str(error)[:200]}). Export it again; formats are "
             f"{FORMATS}."
         ) from error
-    if found.ndim != 2 or found.shape[0] != found.shape[1]:
+    found = found if square or sparse.issparse(found) else np.atleast_2d(found)
+    if found.ndim != 2 or (square and found.shape[0] != found.shape[1]):
         raise MatrixFileError(
             f"{path.name} holds a matrix of shape {found.shape}. Give a square matrix."
         )
@@ -63,7 +68,8 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
         raise MatrixFileError(
             f"{path.name} holds complex numbers. Give real stiffness, mass or damping."
         )
-    return mirrored(sparse.csr_array(found, dtype=np.float64))
+    whole = sparse.csr_array(found, dtype=np.float64)
+    return mirrored(whole) if square else whole
 
 
 def mirrored(matrix: sparse.csr_array) -> sparse.csr_array:

@@ -5,6 +5,7 @@ from .basis import parametric_basis
 from .candidates import BasisSettings
 from .craig_bampton import craig_bampton
 from .modal import reduce_modal, settings_for_band
+from .physical import reduce_to_physical
 from .reduced_model import ReducedModel, ReductionError, project
 from .verification import verify
 
@@ -17,6 +18,7 @@ __all__ = [
     "parametric_basis",
     "project",
     "reduce_modal",
+    "reduce_to_physical",
     "settings_for_band",
     "verify",
 ]

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from slowtime.finite_elements.assembly import assemble
 from slowtime.finite_elements.eigenvalues import nominal_modes
 from slowtime.finite_elements.reduction import BasisSettings, reduce_modal
-from slowtime_schemas.files.matrix_model import ModelFile2, migrated
+from slowtime_schemas.files.model_v2 import LineModelFile, ModelFile2, migrated
 from slowtime_services.matrices import (
     MatrixFileError,
     read_matrix_model,
@@ -98,14 +98,15 @@ def test_a_file_of_version_1_is_one_of_version_2_without_matrices(folder):
         "nodes": [{"id": "m", "mass_kg": 2.0}],
         "elements": [{"id": "k", "between": ["base", "m"], "stiffness_n_per_m": 100.0}],
     }
-    model = ModelFile2.model_validate(migrated(first))
+    model = ModelFile2.model_validate(migrated(first)).root
+    assert isinstance(model, LineModelFile)
     assert model.nodes[0].id == "m"
     assert first["slowtime_model"] == 1
     (folder / "one.yaml").write_text(json.dumps(first))
-    with pytest.raises(MatrixFileError, match="has no `matrices`"):
+    with pytest.raises(MatrixFileError, match="has neither `matrices` nor `frame`"):
         read_matrix_model(folder / "one.yaml")
     with pytest.raises(ValidationError, match="Give one of the two"):
-        ModelFile2.model_validate({"slowtime_model": 2})
+        ModelFile2.model_validate({"slowtime_model": 2, "matrices": None})
 
 
 def test_a_reduced_model_written_is_read_again(tmp_path):
