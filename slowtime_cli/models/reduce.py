@@ -8,14 +8,29 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.finite_elements.reduction import BasisSettings, reduce_modal, settings_for_band
+from slowtime.finite_elements.reduction import (
+    AdaptiveModel,
+    BasisSettings,
+    reduce_modal,
+    settings_for_band,
+)
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.matrices import read_matrix_model, write_reduced
+from slowtime_services.matrices import (
+    MatrixModel,
+    describe_reduced,
+    read_matrix_model,
+    write_reduced,
+)
+from slowtime_services.models import model_file_of, write_model
+
+MODEL_FILES = (".yaml", ".yml", ".json")
+"""Endings of a reduced model that is written as a model file."""
 
 
 def reduce(model: Path, **given: Any) -> None:
     """Read, reduce, verify and print."""
-    matrices = read_matrix_model(model).matrices
+    read = read_matrix_model(model)
+    matrices = read.matrices
     settings = BasisSettings(
         modes=given["modes"] or 1,
         coordinates=given["coordinates"],
@@ -27,7 +42,7 @@ def reduce(model: Path, **given: Any) -> None:
     reduced = reduce_modal(matrices, settings, trials=given["trials"])
     frequencies = reduced.modes(np.zeros(len(reduced.names)), settings.modes).frequency_hz
     if given["out"] is not None:
-        write_reduced(given["out"], reduced)
+        _write(given["out"], read, reduced, settings)
     error = None if reduced.error is None else dataclasses.asdict(reduced.error)
     if given["as_json"]:
         body = {
@@ -51,3 +66,20 @@ def reduce(model: Path, **given: Any) -> None:
             f"frequencies err by at most {reduced.error.frequency:.2%}, and shapes agree to "
             f"{reduced.error.agreement:.5f} (mass-weighted MAC)."
         )
+
+
+def _write(
+    out: Path, read: MatrixModel, reduced: AdaptiveModel, settings: BasisSettings
+) -> None:
+    """Write the reduced model: as a model file, or as an archive for updating."""
+    suffix = out.suffix.lower()
+    if suffix not in MODEL_FILES:
+        write_reduced(out, reduced)
+        return
+    found = describe_reduced(read, settings)
+    if found.left_out:
+        note(f"Strains are left out of {out.name}: {', '.join(found.left_out)}.")
+    if suffix == ".json":
+        out.write_text(model_file_of(found.description).model_dump_json(), encoding="utf-8")
+    else:
+        write_model(out, found.description)

@@ -8,7 +8,15 @@ import binascii
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, RootModel, Tag, field_validator, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    RootModel,
+    Tag,
+    TypeAdapter,
+    field_validator,
+    model_validator,
+)
 
 from slowtime_schemas.quantities import Plain, PlainText
 
@@ -50,6 +58,12 @@ class MatrixElement(Part):
     stiffness_factor: Number = 1.0
     mass_factor: Number = 1.0
     damping_factor: Number = 1.0
+
+    @property
+    def between(self) -> tuple[str, ...]:
+        """Nodes that it joins."""
+        nodes = (name.removesuffix(".rotation") for name in self.coordinates)
+        return tuple(dict.fromkeys(nodes))
 
     @field_validator("stiffness", "mass", "damping")
     @classmethod
@@ -100,6 +114,38 @@ class LineModelFile(ModelFile):
         description="Version of this format."
     )
     elements: tuple[AnyElement, ...] = ()  # type: ignore[assignment]
+
+
+def _version(value: Any) -> str:
+    if isinstance(value, dict):
+        return "2" if value.get("slowtime_model") == 2 else "1"
+    return "2" if isinstance(value, LineModelFile) else "1"
+
+
+AnyLineModel = Annotated[
+    Annotated[ModelFile, Tag("1")] | Annotated[LineModelFile, Tag("2")],
+    Discriminator(_version),
+]
+"""Nodes and elements of a model file of either version."""
+
+_LINE_MODEL: TypeAdapter[ModelFile] = TypeAdapter(AnyLineModel)
+
+
+def line_model(text: str, context: Any = None) -> ModelFile:
+    """Read nodes and elements of a model file of either version.
+
+    Parameters
+    ----------
+    text
+        JSON.
+    context
+        Of the validation.
+
+    Returns
+    -------
+    The model; a `LineModelFile` where it is of version 2.
+    """
+    return _LINE_MODEL.validate_json(text, context=context)
 
 
 class FiniteElementFile(Part):

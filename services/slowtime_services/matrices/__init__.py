@@ -1,5 +1,6 @@
 """Matrix files, and a model file that names them, in; sparse models with parameters out."""
 
+from .any_model import read_any_description
 from .dof_tables import read_dof_map, write_dof_map
 from .errors import MatrixFileError
 from .matrix_model import (
@@ -18,6 +19,7 @@ __all__ = [
     "ReducedDescription",
     "describe_reduced",
     "matrix_model_of",
+    "read_any_description",
     "read_dof_map",
     "read_matrix",
     "read_matrix_model",

@@ -376,9 +376,11 @@ def support_columns(
     moved = description.moved
     found: dict[tuple[str, str], Float[np.ndarray, "dof moved"]] = {}
     for part in description.elements:
+        if not isinstance(part, Spring):
+            continue
         first, second = part.between
         for end, other in ((first, second), (second, first)):
-            if not isinstance(part, Spring) or end not in moved or other not in rows:
+            if end not in moved or other not in rows:
                 continue
             for what, value in (
                 ("stiffness", part.stiffness_n_per_m),

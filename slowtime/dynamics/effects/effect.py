@@ -120,7 +120,8 @@ def _place(description: Description, where: Path, entry: dict[str, Any], kind: K
             f"{', '.join(there) or 'none'}.",
         )
     beams = {e.id for e in description.elements if not isinstance(e, Spring)}
-    beams |= {node.id for node in description.nodes if node.kind == "beam"}
+    # A beam's node that is kept from turning moves along one line, as a point does.
+    beams |= {n.id for n in description.nodes if n.kind == "beam" and n.held != ("rotation",)}
     if kind.where in ("element", "node") and name in beams:
         raise DescriptionError(
             (*where, kind.where),

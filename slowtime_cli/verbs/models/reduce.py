@@ -17,10 +17,11 @@ from slowtime_cli.shared.options import POSITIVE, Number
 Examples:
   slowtime reduce tower.yaml --modes 20
   slowtime reduce tower.yaml --band-hz 8 --out tower.npz
+  slowtime reduce tower.yaml --band-hz 8 --coordinates 60 --out small.json
   slowtime reduce tower.yaml --modes 20 --span 0.5 --trials 5 --json
 
-The model file has `slowtime_model: 2` and `matrices`: files of stiffness, mass and of what each
-parameter scales. docs/matrices.md lists formats and keys.
+The model file has `slowtime_model: 2` and either `matrices`, files of stiffness, mass and of
+what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
 """,
 )
 @click.argument("model", type=EXISTING)
@@ -55,8 +56,9 @@ parameter scales. docs/matrices.md lists formats and keys.
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.npz",
-    help="Write the reduced model.",
+    metavar="FILE",
+    help="Write the reduced model: .yaml or .json as a model file, for a twin, diagnose and "
+    "simulate; .npz for updating in Python.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
