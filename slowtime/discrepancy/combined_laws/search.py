@@ -30,6 +30,7 @@ from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.comparison import explains_all
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Kind, Place
 
 from .combinations import STIFFNESSES, Combination, fit_combinations
@@ -91,6 +92,7 @@ def explain_together(
     found = [
         one
         for element in description.elements
+        if isinstance(element, Spring)
         for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
     ]
     ranked = _ranked(first, found, trials, kinds)
