@@ -33,6 +33,28 @@ def _source(value: Any) -> Any:
 
 
 Source = Annotated[MatrixSource, BeforeValidator(_source)]
+
+
+class PartSource(MatrixSource):
+    """What a parameter scales: by itself, or by the whole matrix with the group changed."""
+
+    change: Number | None = Field(
+        default=None,
+        description="The file holds the whole matrix with the group changed by this much, such "
+        "as -0.1, and not what the group contributes [1].",
+    )
+
+    @model_validator(mode="after")
+    def _changes(self) -> "PartSource":
+        if self.change == 0.0:
+            raise ValueError(
+                f"{self.file} is said to have a `change` of 0. Give the relative change with "
+                "which it was exported, such as -0.1."
+            )
+        return self
+
+
+GroupSource = Annotated[PartSource, BeforeValidator(_source)]
 PriorSd = Annotated[
     Number,
     Field(gt=0, le=2, description="Standard deviation of the logarithm of the factor [1]."),
@@ -43,8 +65,8 @@ class MatrixParameter(Part):
     """A relative change of parts of the matrices: K + theta K_i, M + theta M_i."""
 
     name: Id
-    stiffness: Source | None = None
-    mass: Source | None = None
+    stiffness: GroupSource | None = None
+    mass: GroupSource | None = None
     prior_sd: PriorSd = 0.3
 
     @model_validator(mode="after")

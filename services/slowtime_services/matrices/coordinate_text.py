@@ -1,4 +1,4 @@
-"""Matrices as lines of row, column and value: CalculiX and Abaqus.
+"""Matrices as text: lines of row, column and value (CalculiX, Abaqus), or whole (OpenSees).
 
 CalculiX writes `row column value` with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (.sti, .mas).
 Abaqus writes, with ``*MATRIX OUTPUT``, either the same (FORMAT=COORDINATE) or `node, direction,
@@ -59,6 +59,38 @@ def read_coordinate_text(path: Path) -> sparse.csr_array:
     codes = np.unique(np.concatenate(pairs))
     places = np.column_stack([np.searchsorted(codes, pair) for pair in pairs])
     return _summed(table[:, 4], places, len(codes))
+
+
+def read_dense_text(path: Path) -> np.ndarray:
+    """Read a whole matrix, one line a row, as ``printA -file`` of OpenSees writes it.
+
+    Parameters
+    ----------
+    path
+        Text file.
+
+    Returns
+    -------
+    The matrix as it is in the file.
+
+    Raises
+    ------
+    MatrixFileError
+        Where the lines are not of one length, or something is no number.
+    """
+    rows = [line.split() for line in path.read_text(encoding="latin-1").splitlines()]
+    rows = [row for row in rows if row]
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) != 1 or len(rows) != lengths[0]:
+        raise MatrixFileError(
+            f"{path.name} has {len(rows)} lines of {', '.join(map(str, lengths)) or 'no'} "
+            "numbers. Allowed is one square matrix, a line for each row; delete the file "
+            "before `printA -file` writes it again, since that appends."
+        )
+    try:
+        return np.array(rows, dtype=float)
+    except ValueError as error:
+        raise MatrixFileError(f"{path.name} is no matrix of numbers: {error}.") from error
 
 
 def node_directions(table: np.ndarray) -> list[np.ndarray]:

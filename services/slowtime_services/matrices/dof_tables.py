@@ -31,8 +31,8 @@ def read_dof_map(path: Path, positions: Path | None = None) -> DofMap:
         known, `x`, `y` and `z` [m], one row for each row of the matrices; or a CalculiX .dof
         file, with a line `node.direction` each; or Nastran bulk data with DMIG cards.
     positions
-        CSV with the columns `node`, `x`, `y`, `z`, or bulk data with GRID cards, where the
-        positions are in a file of their own.
+        CSV with the columns `node`, `x`, `y`, `z`, bulk data with GRID cards, or input of
+        Abaqus or CalculiX (.inp) with *NODE, where the positions are in a file of their own.
 
     Returns
     -------
@@ -121,6 +121,8 @@ def _from_table(path: Path) -> tuple[list[tuple[str, int]], dict[str, Sequence[f
 
 
 def _positions(path: Path) -> dict[str, Sequence[float]]:
+    if path.suffix.lower() == ".inp":
+        return _from_input(path)
     if path.suffix.lower() in BULK:
         return dict(read_grids(path))
     rows = _rows(path, ("node", *PLACES))
@@ -163,4 +165,29 @@ def _from_calculix(path: Path) -> list[tuple[str, int]]:
                 "12.3."
             )
         found.append((match[1], int(match[2]) - 1))
+    return found
+
+
+def _from_input(path: Path) -> dict[str, Sequence[float]]:
+    """Positions of the blocks *NODE of an input of Abaqus or CalculiX."""
+    found: dict[str, Sequence[float]] = {}
+    inside = False
+    for line, text in enumerate(path.read_text(encoding="latin-1").splitlines(), 1):
+        if text.startswith("**") or not text.strip():
+            continue
+        if text.startswith("*"):
+            words = [word.strip().upper() for word in text.split(",")]
+            inside = words[0] == "*NODE"
+            if inside and any(word.startswith(("INPUT", "SYSTEM")) for word in words):
+                raise MatrixFileError(
+                    f"Line {line} of {path.name} is {text.strip()!r}. Give the nodes in this "
+                    "file, in rectangular coordinates, or a CSV of node, x, y and z."
+                )
+            continue
+        if inside:
+            name, *place = (part.strip() for part in text.split(","))
+            numbers = dict(zip(PLACES, [*place, "0", "0", "0"], strict=False))
+            found[name] = _place(path, line, {k: v or "0" for k, v in numbers.items()})
+    if not found:
+        raise MatrixFileError(f"{path.name} has no *NODE. Give the input with the nodes.")
     return found

@@ -18,6 +18,7 @@ from slowtime_schemas.files.finite_elements import (
     Matrices,
     MatrixParameter,
     MatrixSource,
+    PartSource,
     SpatialSensor,
 )
 from slowtime_schemas.files.model_v2 import FiniteElementFile
@@ -27,6 +28,11 @@ from .dof_tables import read_dof_map
 from .errors import MatrixFileError
 from .frame_model import frame_of
 from .sparse_files import read_matrix
+
+
+ROUNDED = 2e-6
+"""Difference of two entries over their size [1] that rounding to six digits makes: what OpenSees
+writes."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,20 +221,17 @@ def _read_matrices(
     if section.dofs is not None:
         positions = None if section.positions is None else folder / section.positions
         dofs = read_dof_map(folder / section.dofs, positions)
+    mass = _matrix(section.mass, folder, size)
     try:
         model = ParametricMatrices(
             stiffness=stiffness,
-            mass=_matrix(section.mass, folder, size),
+            mass=mass,
             damping=None if section.damping is None else _matrix(section.damping, folder, size),
             names=tuple(one.name for one in section.parameters),
             stiffness_parts=tuple(
-                None if one.stiffness is None else _matrix(one.stiffness, folder, size)
-                for one in section.parameters
+                _part(one.stiffness, folder, stiffness) for one in section.parameters
             ),
-            mass_parts=tuple(
-                None if one.mass is None else _matrix(one.mass, folder, size)
-                for one in section.parameters
-            ),
+            mass_parts=tuple(_part(one.mass, folder, mass) for one in section.parameters),
             dofs=dofs,
         )
         if not section.held:
@@ -241,6 +244,33 @@ def _read_matrices(
         raise
     except ValueError as error:
         raise MatrixFileError(str(error)) from error
+
+
+def _part(
+    source: PartSource | None, folder: Path, whole: sparse.csr_array
+) -> sparse.csr_array | None:
+    """What a unit of a parameter adds: a matrix of a file, or a difference of two over it."""
+    if source is None:
+        return None
+    found = _matrix(source, folder, int(whole.shape[0]))
+    if source.change is None:
+        return found
+    if found.shape != whole.shape:
+        raise MatrixFileError(
+            f"{source.file} has {found.shape[0]} rows and the whole matrix {whole.shape[0]}. "
+            "With `change`, both have the same rows."
+        )
+    difference = sparse.coo_array(found - whole)
+    rows, columns = difference.coords
+    size = np.abs(sparse.csr_array(whole)[rows, columns])
+    kept = np.abs(difference.data) > ROUNDED * np.asarray(size).ravel()
+    if not kept.any():
+        raise MatrixFileError(
+            f"{source.file} equals the whole matrix. Export it with the group changed by "
+            f"{source.change:g}."
+        )
+    values = difference.data[kept] / source.change
+    return sparse.csr_array((values, (rows[kept], columns[kept])), shape=whole.shape)
 
 
 def _matrix(source: MatrixSource, folder: Path, size: int | None) -> sparse.csr_array:

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.io
 from scipy import sparse
 
-from .coordinate_text import is_coordinate_text, read_coordinate_text
+from .coordinate_text import is_coordinate_text, read_coordinate_text, read_dense_text
 from .errors import MatrixFileError
 from .nastran_bulk import BULK, read_dmig
 
@@ -15,9 +15,10 @@ HARWELL = (".rb", ".rua", ".rsa", ".hb", ".psa", ".pua")
 HDF5 = (".h5", ".hdf5", ".hdf")
 MATRIX_MARKET = (".mtx", ".mm")
 TEXT = (".sti", ".mas", ".dam", ".txt", ".coo", ".mtx")
+DENSE_TEXT = ".out"
 FORMATS = (
     "Matrix Market (.mtx), SciPy (.npz), MATLAB (.mat), HDF5 (.h5), Harwell-Boeing (.rb, .hb), "
-    "CalculiX (.sti, .mas), Abaqus (.mtx), Nastran DMIG (.bdf, .dat, .pch)"
+    "CalculiX (.sti, .mas), Abaqus (.mtx), Nastran DMIG (.bdf, .dat, .pch), OpenSees (.out)"
 )
 MOST_BYTES = 4 << 30
 """Largest file [bytes]: a matrix of 1e6 degrees of freedom of solids has about 1e8 entries."""
@@ -96,6 +97,8 @@ def _read(path: Path, name: str | None) -> Any:
         suffix = Path(path.stem).suffix.lower()
     if suffix in MATRIX_MARKET and not is_coordinate_text(path):
         return scipy.io.mmread(path)
+    if suffix == DENSE_TEXT:
+        return read_dense_text(path)
     if suffix in TEXT:
         return read_coordinate_text(path)
     if suffix == ".npz":
