@@ -215,7 +215,7 @@ def _lanczos(
         values, shapes = eigsh(
             stiffness,
             count,
-            mass,
+            _weighing(mass),
             sigma=shift,
             OPinv=operator,
             v0=start,
@@ -229,6 +229,17 @@ def _lanczos(
         ) from None
     order = np.argsort(values)
     return values[order], shapes[:, order]
+
+
+def _weighing(mass: sparse.csr_array) -> sparse.csr_array | LinearOperator:
+    """Mass for the solver; of a lumped one the products alone, without checks of each.
+
+    The solver takes two to three products with the mass for each solution.
+    """
+    diagonal = mass.diagonal()
+    if np.count_nonzero(mass.data) > np.count_nonzero(diagonal):
+        return mass
+    return LinearOperator(mass.shape, matvec=diagonal.__mul__, dtype=np.float64)
 
 
 def _smallest_ratio(stiffness: sparse.csr_array, mass: sparse.csr_array) -> float:

@@ -19,6 +19,8 @@ from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 from .updatable_models import SensedModes, SparseStructure
 
 _LARGE = 64  # degrees of freedom from which sparse solutions of few modes are the faster ones
+_CHAIN = 20  # likewise where each part acts on few of them
+_FEW = 0.1  # share of the entries of all parts that are not zero, below which they act on few
 _REPEATED = 1e-9  # relative distance of two eigenvalues whose vectors may turn freely
 _RIGID = 1e-10  # eigenvalue over the largest, of a motion that strains nothing
 
@@ -210,7 +212,7 @@ class ParametricStructure:
         -------
         The modes and their slopes.
         """
-        if self.size > _LARGE:
+        if self.size > _LARGE or (self.size > _CHAIN and self._acts_on_few):
             return self._sparse.sensed_modes(theta, sensors, count, added_mass)
         modes = self.modes(theta, added_mass)
         return SensedModes(
@@ -221,6 +223,11 @@ class ParametricStructure:
                 len(sensors), *modes.shape_slope.shape[1:]
             ),
         )
+
+    @functools.cached_property
+    def _acts_on_few(self) -> bool:
+        parts = self.stiffness_parts
+        return bool(np.count_nonzero(parts) < _FEW * parts.size)
 
     @functools.cached_property
     def _sparse(self) -> SparseStructure:
