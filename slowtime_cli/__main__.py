@@ -159,6 +159,9 @@ VERBS = {
     "reduce": Verb(
         "models.reduce:reduce", "Reduce finite-element matrices to a small model and verify it."
     ),
+    "update": Verb(
+        "models.update:update", "Update a finite-element model from measured modes."
+    ),
     "place": Verb(
         "models.place:place", "Choose places of sensors that tell most about a model."
     ),

@@ -34,7 +34,8 @@ def tower() -> dict[str, Any]:
                 {"id": f"leg {feet}", "between": [feet, heads], **given,
                  "group": GROUPS[level]},
                 {"id": f"girt {heads}", "between": [heads, f"{level + 1}.{after}"], **given},
-                {"id": f"brace {feet}", "kind": "bar", "between": [feet, f"{level + 1}.{after}"],
+                {"id": f"brace {feet}", "kind": "bar",
+                 "between": [feet, f"{level + 1}.{after}"],
                  "material": "steel", "section": "rod", "group": GROUPS[2]},
             ]  # fmt: skip
     return {

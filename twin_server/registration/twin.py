@@ -96,8 +96,8 @@ class Registration(Frozen):
     """What may change; the rest is assumed to stay, and said so in every state."""
     model: Annotated[AnyLineModel, BeforeValidator(self_contained)] | None = None
     """Nodes, elements, inputs, and sensors with the edge's channel names: what a twin of
-    elements is estimated with, and what a diagnosis of any twin compares with samples. A frame in
-    space is reduced to the modes of its sensors' band when it is registered."""
+    elements is estimated with, and what a diagnosis of any twin compares with samples. A
+    frame in space is reduced to the modes of its sensors' band when it is registered."""
     parameters: (
         Annotated[
             dict[str, Annotated[float, Field(gt=1e-9, le=10)]],

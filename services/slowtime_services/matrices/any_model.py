@@ -1,4 +1,4 @@
-"""Model files of any kind → descriptions: finite-element models are reduced to their sensors."""
+"""Model files of any kind → descriptions: finite-element models are reduced."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

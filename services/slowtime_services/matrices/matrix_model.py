@@ -29,10 +29,9 @@ from .errors import MatrixFileError
 from .frame_model import frame_of
 from .sparse_files import read_matrix
 
-
 ROUNDED = 2e-6
-"""Difference of two entries over their size [1] that rounding to six digits makes: what OpenSees
-writes."""
+"""Difference of two entries over their size [1] that rounding to six digits makes, as of text
+files."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,7 +213,7 @@ def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrice
 def _read_matrices(
     section: Matrices, folder: Path
 ) -> tuple[ParametricMatrices, sparse.csr_array]:
-    """The model, held as the section says, and the mass before that."""
+    """Read the model, held as the section says, and the mass before that."""
     stiffness = _matrix(section.stiffness, folder, None)
     size = stiffness.shape[0]
     dofs = None
@@ -249,7 +248,7 @@ def _read_matrices(
 def _part(
     source: PartSource | None, folder: Path, whole: sparse.csr_array
 ) -> sparse.csr_array | None:
-    """What a unit of a parameter adds: a matrix of a file, or a difference of two over it."""
+    """Read what a unit of a parameter adds: a matrix, or a difference of two over a change."""
     if source is None:
         return None
     found = _matrix(source, folder, int(whole.shape[0]))

@@ -45,8 +45,8 @@ UNITS = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m"}
 
 CLAIMED = Tolerance(stiffness=0.1, damping=0.5, mass=0.0)
 """Relative standard deviations where the file has no `tolerance`: finite-element models miss
-measured frequencies by some 5 %, which is 10 % of stiffness; damping is an assumption, and masses
-are counted."""
+measured frequencies by some 5 %, which is 10 % of stiffness; damping is assumed, and masses are
+counted."""
 
 MODES = 12
 """Lowest modes that are kept where neither the file nor the user names a band."""

@@ -25,7 +25,7 @@ from slowtime_services.descriptions import description_of
 from .yaml_lines import Path, YamlError, read_with_lines
 
 MAX_BYTES = 4 << 20
-"""Largest model file [bytes]: some ten matrices over 200 coordinates, the most of an element."""
+"""Largest model file [bytes]: some ten matrices over 200 coordinates."""
 VERSIONS = (1, 2)
 """Versions of model files that are read."""
 SHOWN = 8

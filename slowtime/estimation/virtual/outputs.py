@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, places
-from slowtime.dynamics.elements import BASE, Beam, Element, Matrix, Spring
+from slowtime.dynamics.elements import BASE, Beam, Element, Matrix
 
 Row = Float[np.ndarray, " dof"]
 Kind = Literal["displacement", "drift", "force", "moment"]

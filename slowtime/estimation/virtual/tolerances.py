@@ -20,7 +20,7 @@ import scipy.linalg
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, Tolerance
-from slowtime.dynamics.elements import Beam, Element, Matrix, Spring
+from slowtime.dynamics.elements import Element, Matrix, Spring
 
 COMMON = 0.5
 """Share of the variance that all parts have in common [1]."""

@@ -1,6 +1,7 @@
-"""Matrices written by CalculiX 2.20 and OpenSees 3.7.1, against the frequencies they print.
+"""Matrices written by CalculiX 2.20 and OpenSees 3.7.1, and the frequencies they print.
 
-`written/` holds the files and the inputs that made them. Where ccx is installed, it is run too.
+`written/` and the tutorial's `portal` hold the files and the inputs that made them. Where ccx
+is installed, it is run too.
 """
 
 import json
@@ -22,7 +23,7 @@ from slowtime_services.matrices import (
 
 WRITTEN = Path(__file__).parent / "written"
 CALCULIX = WRITTEN / "calculix"
-OPENSEES = WRITTEN / "opensees"
+OPENSEES = Path(__file__).parents[3] / "docs/tutorials/parts/portal"
 CALCULIX_HZ = (113.1360, 135.8728, 664.2724, 730.9756)
 WEAK_CALCULIX_HZ = (107.9758, 129.7023, 640.4588, 715.7218)
 """With the group at the root 10 % softer."""
@@ -53,7 +54,7 @@ def calculix(tmp_path: Path, **more: Any) -> Path:
 
 
 def opensees(tmp_path: Path, **more: Any) -> Path:
-    group = {"file": "weak.out", "change": -0.1} | more
+    group = {"file": "columns.out", "change": -0.1} | more
     return written(
         OPENSEES,
         tmp_path,
@@ -81,7 +82,7 @@ def test_matrices_of_calculix_have_the_frequencies_that_it_prints(tmp_path):
 
 def test_matrices_of_opensees_have_the_frequencies_that_it_prints(tmp_path):
     model = read_matrix_model(opensees(tmp_path))
-    printed = np.loadtxt(OPENSEES / "frequencies.txt")
+    printed = np.loadtxt(WRITTEN / "opensees/frequencies.txt")
     found = nominal_modes(model.matrices, 6).frequency_hz
     np.testing.assert_allclose(found, printed, rtol=1e-8)
     theta = np.array([-0.1])

@@ -1,4 +1,4 @@
-"""Frames in model files, and their reduction to sensors: against beams on a line and full models."""
+"""Frames in model files, reduced: against beams on a line and full models."""
 
 import copy
 import dataclasses
@@ -14,6 +14,7 @@ from slowtime.dynamics.builders import beam
 from slowtime.dynamics.description import BASE, assemble, assemble_parts
 from slowtime.dynamics.structure import Structure
 from slowtime.finite_elements.eigenvalues import nominal_modes
+from slowtime_schemas.files.model_v2 import FiniteElementFile
 from slowtime_services.matrices import (
     MatrixFileError,
     describe_reduced,
@@ -29,7 +30,6 @@ from slowtime_services.models import (
     read_finite_elements,
     read_model,
 )
-from slowtime_schemas.files.model_v2 import FiniteElementFile
 
 GOLDEN = Path(__file__).parents[3] / "schemas/golden/model_file/v2.yaml"
 LENGTH, WIDTH, DEPTH, COUNT = 2.0, 0.04, 0.03, 10
@@ -187,7 +187,7 @@ def test_a_strain_may_be_the_row_of_a_matrix(tmp_path):
         ("groups: [columns]", "groups: [walls]", "names the group 'walls'"),
         ("node: right foot, dir", "node: foot, dir", "Node 'foot', direction 'ux' was given"),
         ("section: flat", "section: rod", "section 'rod' without inertias"),
-        ("young_pa: 2.1e11", "young: 1", r"line 5: unknown key `young`.*Did you mean `young_pa`"),
+        ("young_pa: 2.1e11", "young: 1", r"line 5: unknown key `young`.*you mean `young_pa`"),
         ("wall_m: 0.005", "wall_m: 0.5", "Section 'pipe': A wall of 0.5 m"),
         (", wall_m: 0.005", "", r"line 7.*lacks wall_m"),
         ("direction: ux}\nin", "direction: up}\nin", r"line 36: `direction`.*'ux', 'uy'"),

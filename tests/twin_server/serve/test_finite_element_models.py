@@ -15,7 +15,8 @@ def towered(serving, frame, eventually):
 
     Models are taken although they are larger than other bodies may be.
     """
-    started, made, model = serving(max_body_bytes=1024), frame(seed=5, asset="tower"), full_model()
+    started, made = serving(max_body_bytes=1024), frame(seed=5, asset="tower")
+    model = full_model()
     body = {
         "changes": "elements",
         "model": tower(),

@@ -1,6 +1,7 @@
-"""Matrices of a portal frame in space, written by OpenSeesPy 3.7.1: `python portal.py [FACTOR]`.
+"""Matrices of a portal frame in space, by OpenSeesPy: `python portal.py [COLUMNS GIRDER]`.
 
-FACTOR multiplies the modulus of the columns: 1 for K.out and M.out, 0.9 for weak.out.
+Factors on the moduli: 1 and 1 for K.out and M.out, 0.9 and 1 for columns.out, 1 and 0.9 for
+girder.out. The files beside this one were written by version 3.7.1.
 """
 
 import sys
@@ -8,7 +9,7 @@ import sys
 import numpy as np
 import openseespy.opensees as ops
 
-FACTOR = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0
+COLUMNS, GIRDER = (float(word) for word in (*sys.argv[1:], "1", "1")[:2])
 NODES = [(0, 0, 0), (0, 0, 3), (2, 0, 3), (4, 0, 3), (4, 0, 0)]
 YOUNG, SHEAR = 2.1e11, 8.0769e10
 AREA, TORSION, INERTIA_Y, INERTIA_Z = 1.5e-3, 2.0e-6, 1.2e-6, 1.6e-6
@@ -21,7 +22,7 @@ ops.fix(1, 1, 1, 1, 1, 1, 1)
 ops.fix(5, 1, 1, 1, 1, 1, 1)
 ops.geomTransf("Linear", 1, 0.0, 1.0, 0.0)
 for tag in range(1, 5):
-    f = FACTOR if tag in (1, 4) else 1.0
+    f = COLUMNS if tag in (1, 4) else GIRDER
     ops.element(
         "elasticBeamColumn", tag, tag, tag + 1, AREA, f * YOUNG, f * SHEAR, TORSION, INERTIA_Y,
         INERTIA_Z, 1, "-mass", 7850 * AREA, "-cMass",
