@@ -44,9 +44,7 @@ def _element(element: AnyElement) -> described.Element:
     if isinstance(element, schema.BeamElement):
         return described.Beam(**settings)
     if isinstance(element, MatrixElement):
-        terms = {
-            f"{name}_terms": base64.b64decode(settings.pop(name))
-            for name in ("stiffness", "mass", "damping")
-        }
-        return described.Matrix(**settings, **terms)
+        for name in ("stiffness", "mass", "damping"):
+            settings[f"{name}_terms"] = base64.b64decode(settings.pop(name))
+        return described.Matrix(**settings)
     return described.Spring(**settings)

@@ -37,6 +37,7 @@ __all__ = [
     "Tolerance",
     "assemble",
     "assemble_parts",
+    "moves_with_base",
 ]
 
 Square = Float[np.ndarray, "dof dof"]
@@ -206,6 +207,16 @@ def _contributions(
             yield "mass", element.id, spread(mass, element.dofs, place, size)
         yield "damping", element.id, spread(element.damping(), element.dofs, place, size)
         yield "stiffness", element.id, spread(element.stiffness(), element.dofs, place, size)
+
+
+def moves_with_base(description: Description) -> bool:
+    """Whether it is known what a motion of the base does to every part.
+
+    Reduced substructures are loaded by it where one of their matrices has the base among its
+    coordinates.
+    """
+    matrices = [part for part in description.elements if isinstance(part, Matrix)]
+    return not matrices or any(BASE in part.coordinates for part in matrices)
 
 
 def places(description: Description) -> dict[str, int | None]:

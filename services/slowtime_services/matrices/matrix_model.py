@@ -95,7 +95,7 @@ def base_direction(file: FiniteElementFile) -> str | None:
 
 def translation(dofs: DofMap, direction: str) -> Float[np.ndarray, " dof"]:
     """Displacements while all nodes move by one unit in a direction [1]."""
-    return (dofs.direction == DIRECTIONS.index(direction)).astype(float)
+    return np.asarray(dofs.direction == DIRECTIONS.index(direction), dtype=float)
 
 
 def read_matrix_model(path: Path) -> MatrixModel:
@@ -150,6 +150,7 @@ def matrix_model_of(file: FiniteElementFile, folder: Path, name: str = "") -> Ma
     """
     direction = base_direction(file)
     parameters: tuple[MatrixParameter | FrameParameter, ...]
+    mass: sparse.csr_array | None
     if file.matrices is not None:
         model, mass = _read_matrices(file.matrices, folder)
         parameters = file.matrices.parameters
@@ -178,7 +179,7 @@ def _base_load(
         raise MatrixFileError(
             "A base_acceleration needs `dofs`. Give the file that says what rows are."
         )
-    load = mass @ translation(model.dofs, direction)
+    load = np.asarray(mass @ translation(model.dofs, direction))
     return load if model.expansion is None else np.asarray(model.expansion.T @ load)
 
 
@@ -344,7 +345,7 @@ def _strain_row(dofs: DofMap, between: tuple[str, str]) -> Float[np.ndarray, " d
             "`positions` of the nodes."
         )
     line = (along / length**2).tolist()
-    return dofs.row(between[1], line) - dofs.row(between[0], line)
+    return np.asarray(dofs.row(between[1], line) - dofs.row(between[0], line))
 
 
 def _row_of_file(sensor: SpatialSensor, folder: Path, size: int) -> Float[np.ndarray, " dof"]:

@@ -6,6 +6,7 @@ find them as they find the nodes of a model on a line. Each parameter group is a
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -217,7 +218,7 @@ def _description(
 
 def _frame(
     sensor: SpatialSensor, row: np.ndarray, model: MatrixModel, carried: str | None
-) -> str:
+) -> Literal["absolute", "relative_to_base"]:
     """Whether the motion of the base adds to what a sensor measures."""
     if carried is None:
         return "absolute"

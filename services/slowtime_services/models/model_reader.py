@@ -232,18 +232,23 @@ def _keys(parent: Path, values: dict[str, Any], kind: type[BaseModel]) -> list[s
         for step in parent:
             part = part[step]
         beam = part.get("kind") == "beam"
-        model = {
+        table: dict[str, type[BaseModel]] = {
             "nodes": schema.BeamNode if beam else schema.PointNode,
-            "elements": {"beam": schema.BeamElement, "matrix": MatrixElement}.get(
-                str(part.get("kind")), schema.SpringElement
-            ),
+            "elements": _element_of(str(part.get("kind"))),
             "inputs": schema.ModelInput,
             "sensors": schema.ModelSensor,
             "supports": schema.ModelSupport,
             "initial": schema.ModelStart,
             "tolerance": schema.ModelTolerance,
-        }.get(str(parent[0]), ModelFile)
+        }
+        model = table.get(str(parent[0]), ModelFile)
     return list(model.model_fields)
+
+
+def _element_of(kind: str) -> type[BaseModel]:
+    if kind == "matrix":
+        return MatrixElement
+    return schema.BeamElement if kind == "beam" else schema.SpringElement
 
 
 def _part_of(model: type[BaseModel], path: Path) -> type[BaseModel]:

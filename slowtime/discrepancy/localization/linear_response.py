@@ -19,6 +19,7 @@ from slowtime.dynamics.description import (
     Spring,
     assemble,
     assemble_parts,
+    moves_with_base,
 )
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.elements import ROTATION
@@ -329,6 +330,8 @@ class LinearModel:
         return [ForceSource(place=p, force=self.elongation(p)) for p in places]
 
     def _base(self) -> list[ForceSource]:
+        if not moves_with_base(self.description):
+            return []
         return [ForceSource(place=Place("base", BASE), force=self.base_force(), base=1.0)]
 
     def base_force(self) -> Float[np.ndarray, " dof"]:

@@ -79,5 +79,6 @@ def test_modes_are_those_of_another_solver_whatever_the_parameter(tmp_path):
         expected = scipy.linalg.eigh(
             stiffness, parts[1].toarray(), eigvals_only=True, subset_by_index=(0, 5)
         )
-        found = lowest_modes(*model.at(np.array([theta])), 6).eigenvalue
+        own, mass = model.at(np.array([theta]))
+        found = lowest_modes(own, mass, 6).eigenvalue
         np.testing.assert_allclose(found, expected, rtol=1e-8)
