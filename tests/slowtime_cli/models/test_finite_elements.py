@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from slowtime.finite_elements.eigenvalues import lowest_modes
 from slowtime_services.matrices import read_any_description, read_matrix_model
@@ -148,3 +149,77 @@ def test_a_reduced_model_file_is_simulated_as_its_original_is(run, portal, tmp_p
             found.append(np.array([archive[f"a{node}{way}"] for node, way in SENSORS]))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-9)
     assert read_any_description(small).dofs[:4] == tuple(f"{n} {w}" for n, w in SENSORS)
+
+
+def cantilever(joints):
+    """Twenty beams on a soft spring at the tip, one of three places for joints."""
+    return {
+        "slowtime_model": 2,
+        "frame": {
+            "materials": [{"id": "steel", "young_pa": 2.1e11, "density_kg_m3": 7850.0}],
+            "sections": [
+                {"id": "bar", "shape": "rectangle", "width_m": 0.04, "height_m": 0.03}
+            ],
+            "nodes": [{"id": f"n{k}", "at": [0.1 * k, 0.0, 0.0]} for k in range(21)],
+            "elements": [
+                {
+                    "id": f"e{k}",
+                    "between": [f"n{k}", f"n{k + 1}"],
+                    "section": "bar",
+                    "material": "steel",
+                    "theory": "euler",
+                    "orientation": [0.0, 1.0, 0.0],
+                }
+                for k in range(20)
+            ],
+            "supports": [{"node": "n0"}],
+            "parameters": [
+                {"name": "root", "elements": [f"e{k}" for k in range(10)]},
+                {"name": "tip", "elements": [f"e{k}" for k in range(10, 20)]},
+            ],
+        },
+        "joints": joints,
+        "inputs": [
+            {
+                "channel": "f", "kind": "force", "node": "n12", "direction": "uz",
+                "unit": "N", "hold": "first",
+            }
+        ],
+        "sensors": [
+            {"channel": f"a{k}", "node": f"n{k}", "direction": "uz"} for k in (5, 10, 15, 20)
+        ],
+        "tolerance": {"stiffness": 0.02, "damping": 0.2, "mass": 0.0},
+        "band_hz": 60.0,
+    }  # fmt: skip
+
+
+@pytest.mark.long
+def test_a_hardening_joint_of_a_frame_is_named_and_sized_from_accelerations(run, tmp_path):
+    free = {"direction": "uz"}
+    joints = [
+        {"id": "stop", "between": ["base", "n20"], "stiffness_n_per_m": 2000.0,
+         "damping_n_s_per_m": 1.0, **free},
+        {"id": "middle", "between": ["base", "n10"], **free},
+        {"id": "quarter", "between": ["base", "n15"], **free},
+    ]  # fmt: skip
+    given = cantilever(joints)
+    law = {"effect": "cubic_hardening", "element": "stop", "k3_n_per_m3": 1e8}
+    (tmp_path / "given.yaml").write_text(json.dumps(given))
+    (tmp_path / "truth.yaml").write_text(json.dumps(given | {"effects": [law]}))
+    rng = np.random.default_rng(7)
+    band = scipy.signal.butter(4, [3, 60], "band", fs=500.0, output="sos")
+    force = 150.0 * scipy.signal.sosfilt(band, rng.standard_normal(4000))
+    np.savez(tmp_path / "in.npz", f=force, rate_hz=500.0)
+    run("simulate", "--model", "truth.yaml", "--input", "in.npz", "--out", "y.npz")
+    with np.load(tmp_path / "y.npz") as clean:
+        noisy = {
+            name: clean[name] + 0.01 * clean[name].std() * rng.standard_normal(4000)
+            for name in ("a5", "a10", "a15", "a20")
+        }
+    np.savez(tmp_path / "record.npz", f=force, rate_hz=500.0, **noisy)
+    done = run("diagnose", "given.yaml", "record.npz", "--out", "found")
+    assert done.status == 0, done.err
+    (effect,) = json.loads((tmp_path / "found/report.json").read_text())["effects"]
+    assert (effect["effect"], effect["where"]["id"]) == ("cubic_hardening", "stop")
+    found = effect["parameters"]["k3_n_per_m3"]
+    assert abs(found["value"] - 1e8) < 4 * found["sd"] < 2e6
