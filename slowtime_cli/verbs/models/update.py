@@ -38,7 +38,7 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def update(**_given: object) -> None:
-    """Update the parameters of a finite-element model from measured modes.
+    """Update a finite-element model from measured modes.
 
     Prints the change of each parameter with its standard deviation and how much of the prior
     is left, what the modes do not determine, and frequencies as measured and of the model.
