@@ -103,7 +103,7 @@ _CHAIN = (
 EXAMPLES |= {
     "update": f"{_CHAIN} && "
     """echo '{"slowtime_modes": 1, "record": "a.csv", "rate_hz": 50, "channels": ["a"], """
-    """"duration_s": 600, "assumptions": [], "modes": [{"frequency_hz": {"value": 1.9, """
+    """"duration_s": 600, "assumptions": [], "modes": [{"frequency_hz": {"value": 3.8, """
     """"sd": 0.01}, "damping_ratio": {"value": 0.01, "sd": 0.001}, "correlation": 0, """
     """"shape": null, "kind": "structural", "quality": 1, "snr_db": null, """
     """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
