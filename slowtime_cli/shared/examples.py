@@ -95,7 +95,9 @@ EXAMPLES: dict[str, str] = {
 }
 _CHAIN = (
     """seq 12 | awk '{print $1, $1, 2e6; if ($1 > 1) print $1 - 1, $1, -1e6}' > k.sti && """
-    """awk '$2 < 7' k.sti > low.sti && seq 12 | awk '{print $1, $1, 100}' > m.mas && """
+    """seq 6 | awk '{print $1, $1, ($1 < 6 ? 2e6 : 1e6); """
+    """if ($1 > 1) print $1 - 1, $1, -1e6}' > low.sti && """
+    """seq 12 | awk '{print $1, $1, 100}' > m.mas && """
     """seq 12 | awk 'BEGIN {print "node,direction"} {print $1 ",ux"}' > dofs.csv && """
     """echo '{slowtime_model: 2, matrices: {stiffness: k.sti, mass: m.mas, dofs: dofs.csv, """
     """parameters: [{name: lower half, stiffness: low.sti}]}}' > chain.yaml"""
