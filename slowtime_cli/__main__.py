@@ -156,6 +156,15 @@ VERBS = {
         "Count stress cycles and sum fatigue damage, with its scatter.",
     ),
     "virtual": Verb("models.virtual:virtual", "Estimate unmeasured drift, force or stress."),
+    "reduce": Verb(
+        "models.reduce:reduce", "Reduce finite-element matrices to a small model and verify it."
+    ),
+    "update": Verb(
+        "models.update:update", "Update a finite-element model from measured modes."
+    ),
+    "place": Verb(
+        "models.place:place", "Choose places of sensors that tell most about a model."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import AnyLineModel
 from slowtime_schemas.quantities import Plain
 
 Clock = Literal["fast", "slow"]
@@ -131,7 +131,7 @@ class Adopted(Frozen):
     clock: Clock
     effects: tuple[str, ...]
     sentence: str
-    model_before: ModelFile | None = None
+    model_before: AnyLineModel | None = None
     """Of a diagnosis in fast time."""
     covariates_before: dict[str, Any] | None = None
     """Of one in slow time."""

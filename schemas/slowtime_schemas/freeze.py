@@ -8,7 +8,7 @@ import difflib
 import json
 import sys
 
-from .files.registry import DOCUMENTS, Versioned
+from .files.registry import DOCUMENTS, EARLIER, Versioned
 from .frozen import folder
 from .streams import MESSAGES
 
@@ -35,7 +35,7 @@ def drift(message: type[Versioned]) -> list[str]:
 def main(arguments: list[str]) -> int:
     """Freeze what is new; refuse, with status 2, where a frozen version has drifted."""
     drifted = []
-    everything: list[type[Versioned]] = [*MESSAGES.values(), *DOCUMENTS.values()]
+    everything: list[type[Versioned]] = [*MESSAGES.values(), *DOCUMENTS.values(), *EARLIER]
     for message in everything:
         path = folder() / message.MESSAGE / f"v{message.VERSION}.json"
         difference = drift(message)

@@ -1,9 +1,12 @@
 """Conversion of model files to descriptions, without importing YAML or Numba."""
 
+import base64
+
 from slowtime.dynamics import description as described
 from slowtime.dynamics.description import Description
 from slowtime_schemas.files import model as schema
 from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import AnyElement, MatrixElement
 
 
 def description_of(model: ModelFile) -> Description:
@@ -36,8 +39,12 @@ def _sensor(sensor: schema.ModelSensor) -> described.Sensor:
     return described.Sensor(**(sensor.model_dump() | {"node": sensor.node or ""}))
 
 
-def _element(element: schema.SpringElement | schema.BeamElement) -> described.Element:
+def _element(element: AnyElement) -> described.Element:
     settings = element.model_dump(exclude={"kind"})
     if isinstance(element, schema.BeamElement):
         return described.Beam(**settings)
+    if isinstance(element, MatrixElement):
+        for name in ("stiffness", "mass", "damping"):
+            settings[f"{name}_terms"] = base64.b64decode(settings.pop(name))
+        return described.Matrix(**settings)
     return described.Spring(**settings)

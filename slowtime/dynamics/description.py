@@ -16,7 +16,7 @@ from .channels.checks import (
     check_supports,
     check_unique,
 )
-from .elements import BASE, ROTATION, Beam, Element, Node, Spring
+from .elements import BASE, ROTATION, Beam, Element, Matrix, Node, Spring
 from .structure import Structure
 from .units import UnitOfCoordinate
 
@@ -27,6 +27,7 @@ __all__ = [
     "DescriptionError",
     "Element",
     "Input",
+    "Matrix",
     "Node",
     "Parts",
     "Sensor",
@@ -36,6 +37,7 @@ __all__ = [
     "Tolerance",
     "assemble",
     "assemble_parts",
+    "moves_with_base",
 ]
 
 Square = Float[np.ndarray, "dof dof"]
@@ -207,6 +209,16 @@ def _contributions(
         yield "stiffness", element.id, spread(element.stiffness(), element.dofs, place, size)
 
 
+def moves_with_base(description: Description) -> bool:
+    """Whether it is known what a motion of the base does to every part.
+
+    Reduced substructures are loaded by it where one of their matrices has the base among its
+    coordinates.
+    """
+    matrices = [part for part in description.elements if isinstance(part, Matrix)]
+    return not matrices or any(BASE in part.coordinates for part in matrices)
+
+
 def places(description: Description) -> dict[str, int | None]:
     """Row of each coordinate: the base's row for those held to it, None where held at zero.
 
@@ -298,14 +310,16 @@ def _check_elements(description: Description) -> None:
                     f"Beam {element.id!r} ends at {node!r}, a point, which does not turn. Say "
                     "`kind: beam` at the node; a support takes springs alone.",
                 )
-        if element.between[0] == element.between[1]:
+        if len(set(element.between)) < 2:
             raise DescriptionError(
                 where,
                 f"Element {element.id!r} joins {element.between[0]!r} to itself. Name two "
                 "different nodes.",
             )
-        if isinstance(element, Beam):
-            _check_beam(description, i, element)
+        if not isinstance(element, Spring):
+            _check_masses(description, i, element)
+        if isinstance(element, Matrix):
+            _check_matrix(description, i, element)
     joined = {end for element in description.elements for end in element.between}
     for i, name in enumerate(node.id for node in description.nodes):
         if description.elements and name not in joined:
@@ -316,15 +330,41 @@ def _check_elements(description: Description) -> None:
             )
 
 
-def _check_beam(description: Description, i: int, beam: Beam) -> None:
+def _check_masses(description: Description, i: int, element: Beam | Matrix) -> None:
+    word = "Beam" if isinstance(element, Beam) else "Matrix"
     if description.unit_of_coordinate == "rad":
         raise DescriptionError(
             ("elements", i, "kind"),
-            f"Beam {beam.id!r} bends in metres, but unit_of_coordinate is rad. Use springs.",
+            f"{word} {element.id!r} bends in metres, but unit_of_coordinate is rad. Use "
+            "springs.",
         )
-    if any(node.id == beam.id for node in description.nodes):
+    if any(node.id == element.id for node in description.nodes):
         raise DescriptionError(
             ("elements", i, "id"),
-            f"Beam and node are both called {beam.id!r}, so that their masses could not be "
-            "told apart. Rename one.",
+            f"{word} and node are both called {element.id!r}, so that their masses could not "
+            "be told apart. Rename one.",
         )
+
+
+def _check_matrix(description: Description, i: int, element: Matrix) -> None:
+    place = places(description)
+    for name in element.coordinates:
+        if place.get(name) is None:
+            raise DescriptionError(
+                ("elements", i, "coordinates"),
+                f"Matrix {element.id!r} speaks of {name!r}, which no node moves by. Allowed: "
+                f"{', '.join(description.dofs)} and {BASE}.",
+            )
+    if len(set(element.coordinates)) < len(element.coordinates):
+        raise DescriptionError(
+            ("elements", i, "coordinates"),
+            f"Matrix {element.id!r} names a coordinate twice. Name each once.",
+        )
+    count = len(element.coordinates)
+    for terms in (element.stiffness_terms, element.mass_terms, element.damping_terms):
+        if len(terms) not in (0, 4 * count * (count + 1)):
+            raise DescriptionError(
+                ("elements", i, "coordinates"),
+                f"Matrix {element.id!r} has {len(terms) / 8:g} terms. Allowed is none, or the "
+                f"{count * (count + 1) // 2} of a triangle over {count} coordinates.",
+            )

@@ -151,5 +151,80 @@ class Beam:
         return np.asarray(self.mass_kg_per_m * length / 420 * shape)
 
 
-Element = Spring | Beam
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Matrix:
+    """Dense matrices over some coordinates: a reduced substructure, or a part of it.
+
+    Parameters
+    ----------
+    id
+        Unique among the elements.
+    coordinates
+        Names of the coordinates: nodes, or nodes and `ROTATION`.
+    stiffness_terms, mass_terms, damping_terms
+        Lower triangles of the matrices, row by row, as the bytes of little-endian numbers of 64
+        bits (see `packed`); empty for zero.
+    stiffness_factor, mass_factor, damping_factor
+        What each matrix is multiplied by [1].
+    """
+
+    id: str
+    coordinates: tuple[str, ...]
+    stiffness_terms: bytes = b""
+    mass_terms: bytes = b""
+    damping_terms: bytes = b""
+    stiffness_factor: float = 1.0
+    mass_factor: float = 1.0
+    damping_factor: float = 1.0
+
+    @property
+    def between(self) -> tuple[str, ...]:
+        """Nodes that it joins."""
+        nodes = (name.removesuffix(ROTATION) for name in self.coordinates)
+        return tuple(dict.fromkeys(nodes))
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Coordinates that the matrices speak of, in order."""
+        return self.coordinates
+
+    def stiffness(self) -> Float[np.ndarray, "own own"]:
+        """Stiffness matrix [N/m]."""
+        return self.stiffness_factor * self._whole(self.stiffness_terms)
+
+    def damping(self) -> Float[np.ndarray, "own own"]:
+        """Damping matrix [N s/m]."""
+        return self.damping_factor * self._whole(self.damping_terms)
+
+    def mass(self) -> Float[np.ndarray, "own own"]:
+        """Mass matrix [kg]."""
+        return self.mass_factor * self._whole(self.mass_terms)
+
+    def _whole(self, terms: bytes) -> Float[np.ndarray, "own own"]:
+        size = len(self.coordinates)
+        whole = np.zeros((size, size))
+        if terms:
+            rows, columns = np.tril_indices(size)
+            whole[rows, columns] = whole[columns, rows] = np.frombuffer(terms, "<f8")
+        return whole
+
+
+def packed(matrix: Float[np.ndarray, "own own"]) -> bytes:
+    """Lower triangle of a symmetric matrix as bytes; none of a matrix of zeros.
+
+    Parameters
+    ----------
+    matrix
+        The matrix.
+
+    Returns
+    -------
+    The terms for a `Matrix`.
+    """
+    if not matrix.any():
+        return b""
+    return np.ascontiguousarray(matrix[np.tril_indices(len(matrix))], "<f8").tobytes()
+
+
+Element = Spring | Beam | Matrix
 ELONGATION = np.array([[1.0, -1.0], [-1.0, 1.0]])

@@ -16,7 +16,7 @@ from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.labels import labelled, number
 from slowtime_services.files import DateOrder
-from slowtime_services.models import read_description
+from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
 
 
@@ -52,7 +52,7 @@ def diagnose(
         return
     assert model is not None
     kinds = known(effects)
-    description = read_description(model, kinds)
+    description = read_any_description(model, kinds, note=note)
     if not description.sensors:
         raise click.UsageError(
             f"{model.name} lists no sensors. Say under `sensors` which channel hears what."

@@ -14,7 +14,7 @@ from slowtime.estimation.virtual import VirtualSettings
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.files import Record, bridged
-from slowtime_services.models import read_description
+from slowtime_services.matrices import read_any_description
 from slowtime_services.virtual_sensors.sensor import make_sensor, si_factors
 from slowtime_services.virtual_sensors.settings import Asked
 
@@ -124,7 +124,7 @@ def estimate_quantity(
     click.ClickException
         Where the record is shorter than one window.
     """
-    description = read_description(model)
+    description = read_any_description(model, note=note)
     record, said = bridged(record)
     if said:
         note(said)

@@ -15,7 +15,8 @@ from slowtime.dynamics.units import UNITS
 from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
 from slowtime_cli.shared.terminal import note, plural, removed_unless_finished
 from slowtime_services.files import ALL, MAX_BYTES, Record
-from slowtime_services.models import ambient_model, read_description, run_model
+from slowtime_services.matrices import read_any_description
+from slowtime_services.models import ambient_model, run_model
 from slowtime_services.plugins.effect_kinds import known
 
 Series = np.ndarray[Any, np.dtype[np.float64]]
@@ -45,7 +46,7 @@ def simulate_model(
     if out.suffix.lower() != ".npz":
         raise click.UsageError(f"{out.name!r} does not end in .npz. Give one that does.")
     kinds = known(effects)
-    description = _started(read_description(model, kinds), initial)
+    description = _started(read_any_description(model, kinds, note=note), initial)
     if not description.sensors:
         raise click.UsageError(
             f"{model.name} lists no sensors. Say under `sensors` what to hear."

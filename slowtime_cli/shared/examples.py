@@ -93,6 +93,26 @@ EXAMPLES: dict[str, str] = {
     """--noise --force-psd 100 --out a.npz && """
     "slowtime virtual one.yaml a.npz --quantity force --element k",
 }
+_CHAIN = (
+    """seq 12 | awk '{print $1, $1, 2e6; if ($1 > 1) print $1 - 1, $1, -1e6}' > k.sti && """
+    """seq 6 | awk '{print $1, $1, ($1 < 6 ? 2e6 : 1e6); """
+    """if ($1 > 1) print $1 - 1, $1, -1e6}' > low.sti && """
+    """seq 12 | awk '{print $1, $1, 100}' > m.mas && """
+    """seq 12 | awk 'BEGIN {print "node,direction"} {print $1 ",ux"}' > dofs.csv && """
+    """echo '{slowtime_model: 2, matrices: {stiffness: k.sti, mass: m.mas, dofs: dofs.csv, """
+    """parameters: [{name: lower half, stiffness: low.sti}]}}' > chain.yaml"""
+)
+EXAMPLES |= {
+    "update": f"{_CHAIN} && "
+    """echo '{"slowtime_modes": 1, "record": "a.csv", "rate_hz": 50, "channels": ["a"], """
+    """"duration_s": 600, "assumptions": [], "modes": [{"frequency_hz": {"value": 3.8, """
+    """"sd": 0.01}, "damping_ratio": {"value": 0.01, "sd": 0.001}, "correlation": 0, """
+    """"shape": null, "kind": "structural", "quality": 1, "snr_db": null, """
+    """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
+    "slowtime update chain.yaml modes.json",
+    "reduce": f"{_CHAIN} && slowtime reduce chain.yaml --modes 3",
+    "place": f"{_CHAIN} && slowtime place chain.yaml --sensors 3 --modes 3",
+}
 FIRST_EXAMPLE = f"{_RECORD} && slowtime identify tower.mcap"
 ENDLESS_VERBS = ("twin", "router")
 """Those whose line goes on until Ctrl-C."""

@@ -219,11 +219,29 @@ def hammer_test(folder, said):
     assert (folder / "modes.uff").read_text().count("\n    55\n") == 3
 
 
+def finite_elements(folder, said):
+    """Columns found softer; then the girder, by the twin."""
+    found = json.loads((folder / "updated.json").read_text())
+    columns, girder = found["parameters"]
+    assert (columns["parameter"], girder["parameter"]) == ("columns", "girder")
+    assert abs(columns["change"] + 0.1) < 4 * columns["sd"] < 0.04
+    assert abs(girder["change"]) < 4 * girder["sd"] < 0.06
+    modes = found["modes"]
+    assert len(modes) >= 4
+    assert all(
+        abs(one["updated_hz"] - one["measured_hz"])
+        < abs(one["as_given_hz"] - one["measured_hz"])
+        for one in modes
+    )
+    assert "changed: girder" in said
+
+
 ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
         own_parts, maintenance_plan, own_proposer, imposed_motion, hammer_test,
+        finite_elements,
     )
 }  # fmt: skip
 

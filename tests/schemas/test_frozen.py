@@ -8,7 +8,7 @@ import pytest
 
 from slowtime_schemas import freeze
 from slowtime_schemas.codec import decode, encode
-from slowtime_schemas.files.registry import DOCUMENTS
+from slowtime_schemas.files.registry import DOCUMENTS, EARLIER
 from slowtime_schemas.frozen import folder, plotting_schema_text, schema_text
 from slowtime_schemas.messages import Features, TwinState
 from slowtime_schemas.raw import decode_raw, encode_raw
@@ -18,7 +18,9 @@ GOLDEN = Path(__file__).parents[2] / "schemas/golden"
 
 
 @pytest.mark.parametrize(
-    "message", [*MESSAGES.values(), *DOCUMENTS.values()], ids=[*MESSAGES, *DOCUMENTS]
+    "message",
+    [*MESSAGES.values(), *DOCUMENTS.values(), *EARLIER],
+    ids=lambda message: f"{message.MESSAGE}-v{message.VERSION}",
 )
 def test_no_message_has_drifted_from_its_frozen_schema(message):
     assert "\n".join(freeze.drift(message)) == ""
@@ -99,7 +101,7 @@ def test_freezing_again_changes_nothing_and_drift_is_refused(tmp_path, monkeypat
     monkeypatch.setattr(freeze, "folder", lambda: tmp_path)
     assert freeze.main([]) == 0
     written = {path: path.read_text() for path in tmp_path.glob("*/v*.json")}
-    assert len(written) == len(MESSAGES) + len(DOCUMENTS)
+    assert len(written) == len(MESSAGES) + len(DOCUMENTS) + len(EARLIER)
     assert freeze.main([]) == 0
     path = tmp_path / "health" / "v1.json"
     path.write_text(path.read_text().replace("uptime_s", "up_s"))

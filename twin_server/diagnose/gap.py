@@ -27,7 +27,7 @@ from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.validation.free_run import relative_errors
 from slowtime.dynamics.plant import Plant
-from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import line_model
 from slowtime_services.diagnose import Source, campaign_of
 from slowtime_services.files import Record
 from slowtime_services.models import description_of, model_file_of
@@ -203,6 +203,6 @@ def _trial(plant: Plant, record: Record) -> Trial:
 
 @functools.lru_cache(maxsize=8)
 def _plant(model: str, effects: tuple[str, ...]) -> Plant:
-    description = description_of(ModelFile.model_validate_json(model))
+    description = description_of(line_model(model))
     used = frozenset(str(entry["effect"]) for entry in description.effects)
     return Plant.of(description, kinds=kinds_for(used, effects))

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import AnyLineModel
 from twin_server.orders import DiagnosisOrder, Frozen
 
 TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
@@ -35,7 +35,7 @@ class Task(Frozen):
     site: str
     asset: str
     order: DiagnosisOrder
-    model: ModelFile | None = None
+    model: AnyLineModel | None = None
     recordings: tuple[Path, ...] = ()
     holdout: tuple[Path, ...] = ()
     quantity: Literal["stiffness_change", "frequency_ratio"] = "stiffness_change"

@@ -7,9 +7,10 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import AnyLineModel, line_model
 from slowtime_schemas.quantities import AS_STORED, Plain
 from slowtime_services.models import description_of
 from twin_server.events.receivers import AlarmRoute
@@ -17,6 +18,7 @@ from twin_server.orders import Adopted, Frozen
 from twin_server.registration.nominal import Covariates, Nominal
 
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
+from .finite_elements import self_contained
 from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
 from .limit_states import LimitStateSpec, ThresholdState
 from .structure import Model, model_of
@@ -92,9 +94,10 @@ class Registration(Frozen):
     """For people; the twin's id is what everything else knows it by."""
     changes: Literal["stiffness", "mass", "both", "elements"] = "stiffness"
     """What may change; the rest is assumed to stay, and said so in every state."""
-    model: ModelFile | None = None
+    model: Annotated[AnyLineModel, BeforeValidator(self_contained)] | None = None
     """Nodes, elements, inputs, and sensors with the edge's channel names: what a twin of
-    elements is estimated with, and what a diagnosis of any twin compares with samples."""
+    elements is estimated with, and what a diagnosis of any twin compares with samples. A
+    frame in space is reduced to the modes of its sensors' band when it is registered."""
     parameters: (
         Annotated[
             dict[str, Annotated[float, Field(gt=1e-9, le=10)]],
@@ -298,7 +301,7 @@ class Registration(Frozen):
 def _structure(
     model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
 ) -> Model:
-    description = description_of(ModelFile.model_validate_json(model, context=AS_STORED))
+    description = description_of(line_model(model, AS_STORED))
     return model_of(
         description, None if parameters is None else dict(parameters), prior_sd=prior_sd
     )

@@ -51,6 +51,9 @@ from .state_rendering import json_response
 
 JSON = "application/json"
 
+LARGEST_MODEL = 4 << 20
+"""Most bytes of a registration, whose model may hold matrices; as in a model file."""
+
 READY_S = 5.0
 """How long the database may take to answer until the server is said not to be ready."""
 
@@ -106,7 +109,9 @@ def create_app(
         redoc_url=None,
     )
     problems.install(app)
-    larger = {"/api/v1/recordings/": largest_recording} if recording_service is not None else {}
+    larger = {"/api/v1/twins/": max(settings.max_body_bytes, LARGEST_MODEL)}
+    if recording_service is not None:
+        larger["/api/v1/recordings/"] = largest_recording
     app.add_middleware(BodyQueue, streamed="/api/v1/recordings/")
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)

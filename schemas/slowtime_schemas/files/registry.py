@@ -4,6 +4,7 @@ from typing import Any, ClassVar, Protocol
 
 from .diagnosis import DiagnosisFile
 from .model import ModelFile
+from .model_v2 import ModelFile2
 from .modes import ModesFile
 from .slow_diagnosis import SlowDiagnosisFile
 
@@ -21,6 +22,9 @@ class Versioned(Protocol):
 
 DOCUMENTS: dict[str, type[Versioned]] = {
     document.MESSAGE: document
-    for document in (DiagnosisFile, ModelFile, ModesFile, SlowDiagnosisFile)
+    for document in (DiagnosisFile, ModelFile2, ModesFile, SlowDiagnosisFile)
 }
-"""Every such file by its name."""
+"""Every such file by its name, at its newest version."""
+
+EARLIER: tuple[type[Versioned], ...] = (ModelFile,)
+"""Earlier versions of files that are still read and written as they are."""

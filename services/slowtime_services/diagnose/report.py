@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from slowtime.discrepancy.diagnosis import Diagnosis
-from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.description import Beam, Description, Matrix
 from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, write_page
 
@@ -147,6 +147,9 @@ def _values(model: Description) -> Iterator[tuple[str, float]]:
         if node.mass_kg:
             yield f"mass of {node.id} [kg]", node.mass_kg
     for element in model.elements:
+        if isinstance(element, Matrix):
+            yield f"factor on the stiffness of {element.id}", element.stiffness_factor
+            continue
         if isinstance(element, Beam):
             yield f"bending stiffness of {element.id} [N m²]", element.bending_stiffness_n_m2
             continue

@@ -2,7 +2,13 @@
 
 from slowtime_services.descriptions import description_of
 
-from .model_reader import MAX_BYTES, ModelFileError, read_description, read_model
+from .model_reader import (
+    MAX_BYTES,
+    ModelFileError,
+    read_description,
+    read_finite_elements,
+    read_model,
+)
 from .model_writer import model_file_of, model_text, write_model
 from .simulation import ambient_model, run_model
 
@@ -14,6 +20,7 @@ __all__ = [
     "model_file_of",
     "model_text",
     "read_description",
+    "read_finite_elements",
     "read_model",
     "run_model",
     "write_model",

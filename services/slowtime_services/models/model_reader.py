@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import pathlib
+import typing
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,14 +14,28 @@ from slowtime.dynamics.description import Description, DescriptionError
 from slowtime.dynamics.effects import Kind, read_effects
 from slowtime_schemas.files import model as schema
 from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import (
+    FiniteElementFile,
+    LineModelFile,
+    MatrixElement,
+    is_finite_elements,
+)
 from slowtime_services.descriptions import description_of
 
 from .yaml_lines import Path, YamlError, read_with_lines
 
-MAX_BYTES = 1 << 20
+MAX_BYTES = 4 << 20
+"""Largest model file [bytes]: some ten matrices over 200 coordinates."""
+VERSIONS = (1, 2)
+"""Versions of model files that are read."""
 SHOWN = 8
 """Faults that are told of at once."""
-NAMES = ("name", "id", "between", "effect", "element", "node", "input", "sensor", "channel")
+File = typing.TypeVar("File", bound=BaseModel)
+NAMES = (
+    "name", "id", "between", "effect", "element", "node", "input", "sensor", "channel",
+    "coordinates", "group", "groups", "leading", "following", "section", "material",
+    "file", "variable", "dofs", "positions",
+)  # fmt: skip
 """Keys of names, which may look like numbers."""
 
 
@@ -42,18 +57,45 @@ def read_model(path: str | pathlib.Path, kinds: Mapping[str, Kind] | None = None
         (a ValueError) naming line and cure. OSError where it cannot be opened.
     """
     path = pathlib.Path(path)
+    return parse_model(_text(path), path.name, kinds)
+
+
+def read_finite_elements(path: str | pathlib.Path) -> FiniteElementFile | None:
+    """Read the text of a finite-element model, and check it without opening other files.
+
+    Parameters
+    ----------
+    path
+        Model file (YAML or JSON).
+
+    Returns
+    -------
+    The model; None where the file describes nodes and elements on a line.
+
+    Raises
+    ------
+    ModelFileError
+        (a ValueError) naming line and cure. OSError where it cannot be opened.
+    """
+    path = pathlib.Path(path)
+    values, lines = _content(_text(path), path.name)
+    if not is_finite_elements(values):
+        return None
+    return _validated(FiniteElementFile, values, lines, path.name)
+
+
+def _text(path: pathlib.Path) -> str:
     if path.stat().st_size > MAX_BYTES:
         raise ModelFileError(
             f"{path.name} has {path.stat().st_size / 2**20:.1f} MiB; a model file has at most "
             f"{MAX_BYTES / 2**20:.0f} MiB. Is it a record?"
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ModelFileError(
             f"{path.name} is not text (byte {error.start}). Give a model file, in UTF-8."
         ) from None
-    return parse_model(text, path.name, kinds)
 
 
 def read_description(
@@ -79,21 +121,13 @@ def parse_model(
     own
         Kinds of effect that are known elsewhere: nothing is checked of them here.
     """
-    try:
-        values, lines = read_with_lines(text, NAMES)
-    except YamlError as error:
-        raise ModelFileError(f"{name}, line {error.line}: {error}") from None
-    if not isinstance(values, dict):
-        raise ModelFileError(f"{name} is no model file. Begin it with `slowtime_model: 1`.")
-    try:
-        model = ModelFile.model_validate(values)
-    except ValidationError as error:
-        faults = [_fault(item, values, lines) for item in error.errors(include_url=False)]
-        faults = sorted(dict.fromkeys(faults))
-        shown = [f"{name}, line {line}: {sentence}" for line, sentence in faults[:SHOWN]]
-        if len(faults) > SHOWN:
-            shown.append(f"... and {len(faults) - SHOWN} more.")
-        raise ModelFileError("\n".join(shown)) from None
+    values, lines = _content(text, name)
+    if is_finite_elements(values):
+        raise ModelFileError(
+            f"{name} is a finite-element model. Allowed here are nodes and elements on a line; "
+            "reduce it first: slowtime reduce MODEL --band-hz F --out REDUCED.yaml."
+        )
+    model = _validated(_family(values), values, lines, name)
     try:
         description = description_of(model)
         ours = tuple(entry for entry in description.effects if entry["effect"] not in own)
@@ -104,14 +138,59 @@ def parse_model(
     return model
 
 
+def _content(text: str, name: str) -> tuple[dict[str, Any], Mapping[Path, int]]:
+    """Values of a file, and the line of each."""
+    try:
+        values, lines = read_with_lines(text, NAMES)
+    except YamlError as error:
+        raise ModelFileError(f"{name}, line {error.line}: {error}") from None
+    if not isinstance(values, dict):
+        raise ModelFileError(
+            f"{name} is no model file. Begin it with `slowtime_model: 1`, or 2."
+        )
+    version = values.get("slowtime_model", 1)
+    if version not in VERSIONS or isinstance(version, bool):
+        raise ModelFileError(
+            f"{name}, line {lines['slowtime_model',]}: `slowtime_model`: Allowed are 1 and 2, "
+            f"not {version!r:.60}."
+        )
+    if version == 1 and is_finite_elements(values):
+        raise ModelFileError(
+            f"{name}, line {lines['slowtime_model',]}: finite elements need version 2. Write "
+            "`slowtime_model: 2`."
+        )
+    return values, lines
+
+
+def _family(values: Mapping[str, Any]) -> type[ModelFile]:
+    return LineModelFile if values.get("slowtime_model") == 2 else ModelFile
+
+
+def _validated(
+    kind: type[File], values: dict[str, Any], lines: Mapping[Path, int], name: str
+) -> File:
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        faults = [_fault(item, values, lines, kind) for item in error.errors(include_url=False)]
+        faults = sorted(dict.fromkeys(faults))
+        shown = [f"{name}, line {line}: {sentence}" for line, sentence in faults[:SHOWN]]
+        if len(faults) > SHOWN:
+            shown.append(f"... and {len(faults) - SHOWN} more.")
+        raise ModelFileError("\n".join(shown)) from None
+
+
 def _fault(
-    item: ErrorDetails, values: dict[str, Any], lines: Mapping[Path, int]
+    item: ErrorDetails,
+    values: dict[str, Any],
+    lines: Mapping[Path, int],
+    kind: type[BaseModel],
 ) -> tuple[int, str]:
     """Line and sentence of one thing that the schema refuses."""
     where = _known(item["loc"], lines)
     line, last = lines[where], str(item["loc"][-1])
     if item["type"] == "extra_forbidden":
-        allowed = _keys(where[:-1], values)
+        allowed = _keys(where[:-1], values, kind)
         near = difflib.get_close_matches(last, allowed, 1)
         hint = f"Did you mean `{near[0]}`? " if near else ""
         return line, f"unknown key `{last}`. {hint}Allowed: {', '.join(allowed)}."
@@ -143,21 +222,46 @@ def _of(where: Path) -> str:
     return f" in {' '.join(steps)}" if steps else ""
 
 
-def _keys(parent: Path, values: dict[str, Any]) -> list[str]:
+def _keys(parent: Path, values: dict[str, Any], kind: type[BaseModel]) -> list[str]:
     """Keys that are allowed where `parent` leads to."""
-    model: type[BaseModel] = ModelFile
+    model: type[BaseModel] = kind
+    if kind is FiniteElementFile:
+        return list(_part_of(kind, parent).model_fields)
     if parent:
         part: Any = values
         for step in parent:
             part = part[step]
         beam = part.get("kind") == "beam"
-        model = {
+        table: dict[str, type[BaseModel]] = {
             "nodes": schema.BeamNode if beam else schema.PointNode,
-            "elements": schema.BeamElement if beam else schema.SpringElement,
+            "elements": _element_of(str(part.get("kind"))),
             "inputs": schema.ModelInput,
             "sensors": schema.ModelSensor,
             "supports": schema.ModelSupport,
             "initial": schema.ModelStart,
             "tolerance": schema.ModelTolerance,
-        }.get(str(parent[0]), ModelFile)
+        }
+        model = table.get(str(parent[0]), ModelFile)
     return list(model.model_fields)
+
+
+def _element_of(kind: str) -> type[BaseModel]:
+    if kind == "matrix":
+        return MatrixElement
+    return schema.BeamElement if kind == "beam" else schema.SpringElement
+
+
+def _part_of(model: type[BaseModel], path: Path) -> type[BaseModel]:
+    """Class of the part of a file that a path leads to, by the annotations of its fields."""
+    for step in path:
+        if isinstance(step, str) and step in model.model_fields:
+            found = _model_in(model.model_fields[step].annotation)
+            model = model if found is None else found
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_model_in(part) for part in typing.get_args(annotation))
+    return next((part for part in inner if part is not None), None)

@@ -1,13 +1,15 @@
 """Writer of model files, in the form in which a person would write them."""
 
+import base64
 import dataclasses
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from slowtime.dynamics.description import Beam, Description, Element
+from slowtime.dynamics.description import Beam, Description, Element, Matrix
 from slowtime_schemas.files.model import ModelFile
+from slowtime_schemas.files.model_v2 import LineModelFile
 
 from .core_schema import CoreDumper
 
@@ -15,11 +17,12 @@ GROUPS = ("nodes", "supports", "elements", "effects", "inputs", "sensors", "init
 
 
 def model_file_of(description: Description) -> ModelFile:
-    """Convert a description, for instance of a builder, to a model file."""
+    """Convert a description to a model file: of version 2 where it has matrices, else of 1."""
     tolerance = description.tolerance
-    return ModelFile.model_validate(
+    newer = any(isinstance(element, Matrix) for element in description.elements)
+    return (LineModelFile if newer else ModelFile).model_validate(
         {
-            "slowtime_model": 1,
+            "slowtime_model": 2 if newer else 1,
             "name": description.name,
             "unit_of_coordinate": description.unit_of_coordinate,
             "nodes": [_node(dataclasses.asdict(node)) for node in description.nodes],
@@ -82,5 +85,12 @@ def _node(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _element(element: Element) -> dict[str, Any]:
+    if isinstance(element, Matrix):
+        settings = dataclasses.asdict(element)
+        terms = {
+            name: base64.b64encode(settings.pop(f"{name}_terms")).decode("ascii")
+            for name in ("stiffness", "mass", "damping")
+        }
+        return {"kind": "matrix"} | settings | terms
     kind = {"kind": "beam"} if isinstance(element, Beam) else {}
     return kind | dataclasses.asdict(element)

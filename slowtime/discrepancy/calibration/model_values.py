@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.description import Beam, Description, Matrix, Spring
 from slowtime.dynamics.plant import Name
 
 _SPRING = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m"}
@@ -13,6 +13,12 @@ _BEAM = {
     "damping": "damping_s",
     "mass": "mass_kg_per_m",
 }
+_MATRIX = {
+    "stiffness": "stiffness_factor",
+    "damping": "damping_factor",
+    "mass": "mass_factor",
+}
+_FIELDS = {Spring: _SPRING, Beam: _BEAM, Matrix: _MATRIX}
 
 
 def with_values(description: Description, values: Mapping[Name, float]) -> Description:
@@ -27,7 +33,7 @@ def with_values(description: Description, values: Mapping[Name, float]) -> Descr
 
     Examples
     --------
-    >>> from slowtime.dynamics.description import Node, Spring
+    >>> from slowtime.dynamics.description import Node
     >>> one = Description(
     ...     name="one",
     ...     nodes=(Node(id="m", mass_kg=1.0),),
@@ -42,7 +48,7 @@ def with_values(description: Description, values: Mapping[Name, float]) -> Descr
     )
     elements = []
     for element in description.elements:
-        fields = _BEAM if isinstance(element, Beam) else _SPRING
+        fields = _FIELDS[type(element)]
         changed: dict[str, Any] = {
             field: values[what, element.id]
             for what, field in fields.items()

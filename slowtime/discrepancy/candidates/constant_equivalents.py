@@ -21,6 +21,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import (
     Effect,
     Friction,
@@ -68,7 +69,9 @@ def equivalent_laws(
         Catalogue of effects by name.
     """
     pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
-    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _is_moved(name, pull)))
+    springs = _springs(bent)
+    moved = (name[1] for name, pull in pulls if _is_moved(name, pull) and name[1] in springs)
+    elements = list(dict.fromkeys(moved))
     if not elements:
         return []
     data = bent.data
@@ -138,7 +141,10 @@ def instead_of_constants(
 
 def _other_constants(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
     """Propose a change of each constant; few sensors do not determine which of them changed."""
+    springs = _springs(bent)
     for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
+        if name[1] not in springs:
+            continue
         for kind, (what, sign) in CONSTANTS.items():
             if name[0] == what and kind in kinds:
                 place = Place("element", str(name[1]))
@@ -147,6 +153,12 @@ def _other_constants(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate
                 )
                 start = _fit_start(bent, place)
                 yield Candidate(effect, bent.cost, -math.inf, bent.cost, start)
+
+
+def _springs(fit: Fit) -> frozenset[str]:
+    """Names of the elements that laws may sit on."""
+    elements = fit.plant.description.elements
+    return frozenset(element.id for element in elements if isinstance(element, Spring))
 
 
 def _is_moved(name: tuple[object, ...], pull: float) -> bool:

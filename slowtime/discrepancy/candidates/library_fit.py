@@ -20,7 +20,7 @@ from slowtime.discrepancy.calibration.augmentation import FitStart
 from slowtime.discrepancy.localization import Localization, PlaceGroup
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Description, moves_with_base
 from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 from .force_space import ForceSpace, ForceSpectra
@@ -250,6 +250,8 @@ def is_applicable(kind: Kind, description: Description) -> bool:
     """Whether a kind may act in a structure: parameters per radian need angles."""
     if kind.name == OFFSET:
         return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
+    if kind.where == "base" and not moves_with_base(description):
+        return False  # what it does to reduced substructures is not known
     if kind.name == GAIN and len(description.inputs) == 1 and has_rigid_motion(description):
         return False  # equivalent to all masses and dampers being smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)

@@ -30,6 +30,7 @@ from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.comparison import explains_all
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Kind, Place
 
 from .combinations import STIFFNESSES, Combination, Laws, fit_combinations, law_sets
@@ -108,6 +109,7 @@ def explain_together(
     found = [
         one
         for element in description.elements
+        if isinstance(element, Spring)
         for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
     ]
     planned = len(description.elements) * sum(1 for _ in law_sets(tuple(kinds)))

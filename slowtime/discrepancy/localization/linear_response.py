@@ -19,6 +19,7 @@ from slowtime.dynamics.description import (
     Spring,
     assemble,
     assemble_parts,
+    moves_with_base,
 )
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.elements import ROTATION
@@ -329,6 +330,8 @@ class LinearModel:
         return [ForceSource(place=p, force=self.elongation(p)) for p in places]
 
     def _base(self) -> list[ForceSource]:
+        if not moves_with_base(self.description):
+            return []
         return [ForceSource(place=Place("base", BASE), force=self.base_force(), base=1.0)]
 
     def base_force(self) -> Float[np.ndarray, " dof"]:
@@ -376,9 +379,11 @@ def support_columns(
     moved = description.moved
     found: dict[tuple[str, str], Float[np.ndarray, "dof moved"]] = {}
     for part in description.elements:
+        if not isinstance(part, Spring):
+            continue
         first, second = part.between
         for end, other in ((first, second), (second, first)):
-            if not isinstance(part, Spring) or end not in moved or other not in rows:
+            if end not in moved or other not in rows:
                 continue
             for what, value in (
                 ("stiffness", part.stiffness_n_per_m),

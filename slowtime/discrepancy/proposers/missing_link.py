@@ -27,7 +27,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.doubts import doubt
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.description import BASE, Beam, Description, Spring
+from slowtime.dynamics.description import BASE, Description, Spring
 from slowtime.dynamics.effects import Effect, Hidden, InputChange, Kind, Place, SensorChange
 from slowtime.dynamics.plant import Plant
 
@@ -219,8 +219,8 @@ def _linked(
 
 
 def _unjoined(description: Description) -> list[Pair]:
-    """Nodes, and the base, that no element joins; none of a model with beams."""
-    if any(isinstance(element, Beam) for element in description.elements):
+    """Nodes, and the base, that no element joins; none of a model with beams or matrices."""
+    if not all(isinstance(element, Spring) for element in description.elements):
         return []
     joined = {frozenset(element.between) for element in description.elements}
     nodes = [BASE, *(node.id for node in description.nodes)]

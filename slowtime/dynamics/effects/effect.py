@@ -5,7 +5,7 @@ import difflib
 from collections.abc import Mapping
 from typing import Any
 
-from slowtime.dynamics.description import BASE, Beam, Description, DescriptionError
+from slowtime.dynamics.description import BASE, Description, DescriptionError, Spring
 
 from .effect_catalogue import catalogue
 from .kind import Kind, Where
@@ -119,8 +119,9 @@ def _place(description: Description, where: Path, entry: dict[str, Any], kind: K
             f"{kind.name}: no {kind.where} is called {name!r}. There are: "
             f"{', '.join(there) or 'none'}.",
         )
-    beams = {element.id for element in description.elements if isinstance(element, Beam)}
-    beams |= {node.id for node in description.nodes if node.kind == "beam"}
+    beams = {e.id for e in description.elements if not isinstance(e, Spring)}
+    # A beam's node that is kept from turning moves along one line, as a point does.
+    beams |= {n.id for n in description.nodes if n.kind == "beam" and n.held != ("rotation",)}
     if kind.where in ("element", "node") and name in beams:
         raise DescriptionError(
             (*where, kind.where),

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.dynamics.description import BASE, Beam, Description, places, spread
+from slowtime.dynamics.description import BASE, Beam, Description, Matrix, places, spread
 from slowtime.dynamics.effects import Effect, Hidden, Kind
 from slowtime.dynamics.elements import ROTATION
 
@@ -274,6 +274,14 @@ def _units(
             add(("stiffness", part.id), 2, spread(one.stiffness(), part.dofs, place, size))
             if part.mass_kg_per_m:
                 add(("mass", part.id), 0, spread(one.mass(), part.dofs, place, size))
+        elif isinstance(part, Matrix):
+            plain = dataclasses.replace(
+                part, stiffness_factor=1.0, mass_factor=1.0, damping_factor=1.0
+            )
+            for which, what in ((0, "mass"), (1, "damping"), (2, "stiffness")):
+                own = getattr(plain, what)()
+                if own.any():
+                    add((what, part.id), which, spread(own, part.dofs, place, size))
         else:
             stretched = dataclasses.replace(part, stiffness_n_per_m=1.0).stiffness()
             for which, what in ((2, "stiffness"), (1, "damping")):

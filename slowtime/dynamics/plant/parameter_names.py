@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.description import Beam, Description, Matrix, Spring
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
 
 FARTHEST = 100.0
@@ -55,16 +55,23 @@ def names_of(
         low = -math.inf if what == "damping" else 0.0
         found[what, name] = Entry(value, unit or units[what], sd, low, math.inf, True)
 
-    springs = [element for element in description.elements if not isinstance(element, Beam)]
+    springs = [element for element in description.elements if isinstance(element, Spring)]
     beams = [element for element in description.elements if isinstance(element, Beam)]
+    matrices = [element for element in description.elements if isinstance(element, Matrix)]
     for spring in springs:
         add("stiffness", spring.id, spring.stiffness_n_per_m)
     for beam in beams:
         add("stiffness", beam.id, beam.bending_stiffness_n_m2, "N m^2")
+    for matrix in matrices:
+        if matrix.stiffness_terms:
+            add("stiffness", matrix.id, matrix.stiffness_factor, "1")
     for spring in springs:
         add("damping", spring.id, spring.damping_n_s_per_m)
     for beam in beams:
         add("damping", beam.id, beam.damping_s, "s")
+    for matrix in matrices:
+        if matrix.damping_terms:
+            add("damping", matrix.id, matrix.damping_factor, "1")
     felt = {sensor.node for sensor in description.sensors if sensor.quantity == "force"}
     for node in description.nodes:
         if node.mass_kg:
@@ -77,6 +84,9 @@ def names_of(
     for beam in beams:
         if beam.mass_kg_per_m:
             add("mass", beam.id, beam.mass_kg_per_m, "kg/m")
+    for matrix in matrices:
+        if matrix.mass_terms:
+            add("mass", matrix.id, matrix.mass_factor, "1")
     for i, effect in enumerate(effects):
         kind = kinds[effect.kind]
         values = kind.values(effect.parameters).tolist()

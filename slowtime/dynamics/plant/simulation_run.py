@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime.dynamics.channels import BASE_KINDS
-from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.description import Description, Spring
 from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 from slowtime.dynamics.effects.compilation import ROUND
 from slowtime.dynamics.work import count_simulation
@@ -259,7 +259,7 @@ def motions(description: Description, names: Sequence[str], found: Run) -> dict[
     moved = {name: whole[:, :, k] for k, name in enumerate(names)} | dict(found.supports)
     still, seen = np.zeros((3, len(found.times))), {}
     for part in description.elements:
-        if isinstance(part, Beam):
+        if not isinstance(part, Spring):
             continue
         first, second = (moved.get(name, still) for name in part.between)
         e, v, a = second - first

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from slowtime.dynamics.description import Description, places
 from slowtime.dynamics.effects import Effect, Kind, Law, catalogue, read_effects
 from slowtime.dynamics.effects.compilation import law_address
-from slowtime.dynamics.elements import Beam
+from slowtime.dynamics.elements import Spring
 from slowtime.dynamics.plant.parameter_names import Name, names_of
 
 from . import kernel
@@ -44,10 +44,10 @@ class Springs:
         """Take a description of springs and points, whose effects are laws without memory."""
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)
-        if any(isinstance(part, Beam) for part in description.elements):
+        if not all(isinstance(part, Spring) for part in description.elements):
             raise ValueError(
-                f"{description.name!r} has beams. Random motion is for springs and points; put "
-                "springs in their place."
+                f"{description.name!r} has beams or matrices. Random motion is for springs "
+                "and points; put springs in their place."
             )
         place = places(description)
         base = len(description.dofs)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, places
-from slowtime.dynamics.elements import BASE, Beam, Spring
+from slowtime.dynamics.elements import BASE, Beam, Element, Matrix
 
 Row = Float[np.ndarray, " dof"]
 Kind = Literal["displacement", "drift", "force", "moment"]
@@ -92,6 +92,11 @@ def element_force(element: str, *, name: str = "") -> Output:
 
     def row(description: Description) -> Row:
         part = _element(description, element)
+        if isinstance(part, Matrix):
+            raise ValueError(
+                f"Element {element!r} is a matrix, which has no single force. Ask for the "
+                "force of a spring or a beam."
+            )
         own = np.asarray(part.stiffness()[2 if isinstance(part, Beam) else 1])
         return _sum(description, part.dofs, own)
 
@@ -107,14 +112,14 @@ def moment(
         part = _element(description, element)
         if not isinstance(part, Beam):
             raise ValueError(
-                f"Element {element!r} is a spring, which carries no moment. Ask for its force."
+                f"Element {element!r} is no beam. Ask for the moment of a beam, or for a force."
             )
         return _sum(description, part.dofs, part.stiffness()[1 if end == "first" else 3])
 
     return Output(name=name or f"{element}.moment", unit="N m", row=row)
 
 
-def _element(description: Description, name: str) -> Spring | Beam:
+def _element(description: Description, name: str) -> Element:
     for element in description.elements:
         if element.id == name:
             return element

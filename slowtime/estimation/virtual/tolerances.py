@@ -20,7 +20,7 @@ import scipy.linalg
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, Tolerance
-from slowtime.dynamics.elements import Beam, Element, Spring
+from slowtime.dynamics.elements import Element, Matrix, Spring
 
 COMMON = 0.5
 """Share of the variance that all parts have in common [1]."""
@@ -120,7 +120,13 @@ def _element(element: Element, stiffness: float, mass: float, damping: float) ->
             stiffness_n_per_m=element.stiffness_n_per_m * stiffness,
             damping_n_s_per_m=element.damping_n_s_per_m * damping,
         )
-    assert isinstance(element, Beam)
+    if isinstance(element, Matrix):
+        return dataclasses.replace(
+            element,
+            stiffness_factor=element.stiffness_factor * stiffness,
+            mass_factor=element.mass_factor * mass,
+            damping_factor=element.damping_factor * damping,
+        )
     return dataclasses.replace(
         element,
         bending_stiffness_n_m2=element.bending_stiffness_n_m2 * stiffness,

@@ -9,18 +9,27 @@ from .hypotheses import Hypothesis, NamedChanges, name_changes
 from .identifiability import Limit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
+from .sensor_placement import ModePrecision, Placement, PlacementProblem, place_sensors
+from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
 
 __all__ = [
     "Hypothesis",
     "Limit",
     "MeasuredModes",
+    "ModePrecision",
     "NamedChanges",
     "Optimum",
     "ParametricStructure",
+    "Placement",
+    "PlacementProblem",
+    "ReducedStructure",
     "Remedy",
+    "SparseStructure",
     "StructurePosterior",
+    "UpdatableModel",
     "estimate",
     "identifiability_limits",
     "name_changes",
+    "place_sensors",
     "propose_measurements",
 ]

@@ -21,7 +21,7 @@ from slowtime.estimation import hyperparameters
 from slowtime.evolution.change import check_level
 
 from .measured_modes import MeasuredModes, ModeMisfit, mode_misfit
-from .parametric_structure import ParametricStructure
+from .updatable_models import UpdatableModel
 
 _ITERATIONS = 40
 _CLOSE = 1e-6  # step in prior standard deviations at which the search has arrived
@@ -130,7 +130,7 @@ class StructurePosterior:
 
 
 def estimate(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     measured: MeasuredModes | Sequence[MeasuredModes],
     prior_sd: Float[np.ndarray, " parameter"] | float = 0.3,
     *,
@@ -187,7 +187,7 @@ def estimate(
 
 
 def optimise_from(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     sets: Sequence[MeasuredModes],
     prior_sd: Float[np.ndarray, " parameter"],
     start: Float[np.ndarray, " parameter"],
@@ -215,9 +215,8 @@ def optimise_from(
     damping = 1e-6
     for _ in range(_ITERATIONS):
         slope = here.slope * prior_sd
-        normal = np.eye(len(point)) + slope.T @ slope
         pull = slope.T @ here.residual - point
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull)
+        step = _damped_step(slope, pull, damping)
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
         there = total_misfit(structure, sets, prior_sd * (point + step), prior_sd)
         if _height(there, point + step) <= _height(here, point):
@@ -233,7 +232,7 @@ def optimise_from(
 
 
 def total_misfit(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     sets: Sequence[MeasuredModes],
     theta: Float[np.ndarray, " parameter"],
     spread: Float[np.ndarray, " parameter"],
@@ -264,7 +263,7 @@ def total_misfit(
 
 
 def check_prior(
-    structure: ParametricStructure, prior_sd: Float[np.ndarray, " parameter"] | float
+    structure: UpdatableModel, prior_sd: Float[np.ndarray, " parameter"] | float
 ) -> Float[np.ndarray, " parameter"]:
     """Check the prior standard deviations, and make one for each parameter.
 
@@ -300,11 +299,11 @@ def _optimum(
     prior_sd: Float[np.ndarray, " parameter"],
 ) -> Optimum:
     slope = here.slope * prior_sd
-    normal = np.eye(len(point)) + slope.T @ slope
+    small = slope @ slope.T if len(slope) < len(point) else slope.T @ slope
     return Optimum(
         prior_sd * point,
         prior_sd[:, None] * _inverse(slope) * prior_sd,
-        -_height(here, point) - 0.5 * float(np.linalg.slogdet(normal)[1]),
+        -_height(here, point) - 0.5 * float(np.linalg.slogdet(np.eye(len(small)) + small)[1]),
         float(here.residual @ here.residual),
         len(here.residual),
         slope,
@@ -316,8 +315,23 @@ def _height(here: ModeMisfit, point: Float[np.ndarray, " parameter"]) -> float:
     return 0.5 * float(here.residual @ here.residual + point @ point)
 
 
+def _damped_step(slope: np.ndarray, pull: np.ndarray, damping: float) -> np.ndarray:
+    """Solve (N + damping diag N) step = pull for N = I + J^T J, over the smaller side of J."""
+    rows, count = slope.shape
+    scale = 1.0 + damping * (1.0 + np.sum(slope**2, axis=0))
+    if rows >= count:
+        return np.asarray(np.linalg.solve(np.diag(scale) + slope.T @ slope, pull))
+    light = slope / scale
+    inner = np.eye(rows) + light @ slope.T
+    return np.asarray(pull / scale - light.T @ np.linalg.solve(inner, light @ pull))
+
+
 def _inverse(slope: Float[np.ndarray, "row parameter"]) -> np.ndarray:
     """Posterior covariance in prior standard deviations."""
+    rows, count = slope.shape
+    if rows < count:
+        inner = np.linalg.solve(np.eye(rows) + slope @ slope.T, slope)
+        return np.asarray(np.eye(count) - slope.T @ inner)
     inverse = np.linalg.inv(np.eye(slope.shape[1]) + slope.T @ slope)
     return np.asarray(0.5 * (inverse + inverse.T))
 

@@ -17,7 +17,7 @@ from slowtime.evolution.change import check_level
 
 from .fit import Optimum, check_prior, optimise_from
 from .measured_modes import MeasuredModes
-from .parametric_structure import ParametricStructure
+from .updatable_models import UpdatableModel
 
 _BEAM = 6  # hypotheses of one size from which those of the next are made
 _HOPELESS = 12.0  # log-probability below the best at which a hypothesis is not built upon
@@ -69,7 +69,7 @@ class NamedChanges:
 
 
 def name_changes(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     measured: MeasuredModes | Sequence[MeasuredModes],
     *,
     changed_sd: Float[np.ndarray, " parameter"] | float = 0.3,
@@ -129,7 +129,7 @@ def name_changes(
 
 
 def _conclude(
-    structure: ParametricStructure, weighed: dict[frozenset[int], tuple[float, Optimum]]
+    structure: UpdatableModel, weighed: dict[frozenset[int], tuple[float, Optimum]]
 ) -> NamedChanges:
     ranked = sorted(weighed, key=lambda s: -weighed[s][0])
     scores = np.array([weighed[s][0] for s in ranked])
@@ -148,7 +148,7 @@ def _conclude(
 
 
 def _hypothesis(
-    structure: ParametricStructure, changed: frozenset[int], weight: float, found: Optimum
+    structure: UpdatableModel, changed: frozenset[int], weight: float, found: Optimum
 ) -> Hypothesis:
     which = np.array(sorted(changed), dtype=int)
     log, log_sd = found.theta[which], np.sqrt(np.diag(found.covariance))[which]

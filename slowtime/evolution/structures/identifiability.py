@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .fit import StructurePosterior
-from .parametric_structure import ParametricStructure
+from .updatable_models import UpdatableModel
 
 Kind = Literal["scale", "unseen", "alike", "mass against stiffness", "combination"]
 
@@ -50,7 +50,7 @@ class Limit:
 
 
 def identifiability_limits(
-    structure: ParametricStructure, posterior: StructurePosterior
+    structure: UpdatableModel, posterior: StructurePosterior
 ) -> tuple[Limit, ...]:
     """Say what the data that led to `posterior` leave open."""
     slope, sd = posterior.optima[0].whitened, posterior.prior_sd
@@ -86,9 +86,7 @@ def _told(information: np.ndarray, direction: np.ndarray) -> bool:
     return bool(direction @ information @ direction >= _TOLD)
 
 
-def _scale(
-    structure: ParametricStructure, information: np.ndarray, sd: np.ndarray
-) -> list[Limit]:
+def _scale(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
     if not structure.node_names or not (sd > 0.0).all():
         return []
     common = (1.0 / sd) / np.linalg.norm(1.0 / sd)
@@ -102,9 +100,7 @@ def _scale(
     return [Limit("scale", structure.names, common, ratio, sentence)]
 
 
-def _unseen(
-    structure: ParametricStructure, information: np.ndarray, sd: np.ndarray
-) -> list[Limit]:
+def _unseen(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
     found = []
     for i, name in enumerate(structure.names):
         alone = np.eye(len(sd))[i]
@@ -116,7 +112,7 @@ def _unseen(
 
 
 def _alike(
-    structure: ParametricStructure, information: np.ndarray, sd: np.ndarray, hidden: set[str]
+    structure: UpdatableModel, information: np.ndarray, sd: np.ndarray, hidden: set[str]
 ) -> list[Limit]:
     """Pairs of one kind of parameter whose exchange cannot be seen."""
     found = []
@@ -136,7 +132,7 @@ def _alike(
 
 
 def _rest(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     information: np.ndarray,
     sd: np.ndarray,
     found: list[Limit],
@@ -158,7 +154,7 @@ def _rest(
 
 
 def _combination(
-    structure: ParametricStructure, information: np.ndarray, direction: np.ndarray
+    structure: UpdatableModel, information: np.ndarray, direction: np.ndarray
 ) -> Limit:
     main = np.abs(direction) > _MAIN * np.abs(direction).max()
     names = tuple(name for name, keep in zip(structure.names, main, strict=True) if keep)

@@ -15,11 +15,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
+from slowtime.finite_elements.close_modes import close_groups
 from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime.identification.modes import Mode
 
-from .parametric_structure import ParametricModes, ParametricStructure
+from .updatable_models import SensedModes, UpdatableModel
 
+_BEYOND = 4  # modes of the model beyond as many as were measured, for pairing
+_SEEN = 1e-8  # size of a direction of close shapes, over the largest, that sensors still see
 _WIDEST = 0.3  # spread of ln f beyond which a prior says nothing on which mode is which
 
 
@@ -104,7 +107,7 @@ class MeasuredModes:
         """Standard deviations of the logarithms of the frequencies."""
         return np.asarray(self.frequency_sd_hz / self.frequency_hz)
 
-    def seen_by(self, structure: ParametricStructure) -> Float[np.ndarray, "channel dof"]:
+    def seen_by(self, structure: UpdatableModel) -> Float[np.ndarray, "channel dof"]:
         """Return what each channel sees, checked against the structure and the shapes."""
         seen = np.eye(structure.size) if self.channels is None else self.channels
         columns = seen.shape[0] if self.shapes is None else self.shapes.shape[1]
@@ -138,7 +141,7 @@ class ModeMisfit:
 
 
 def mode_misfit(
-    structure: ParametricStructure,
+    structure: UpdatableModel,
     measured: MeasuredModes,
     theta: Float[np.ndarray, " parameter"],
     spread: Float[np.ndarray, " parameter"],
@@ -158,35 +161,36 @@ def mode_misfit(
     Residuals in standard deviations, their slopes, and the pairs of modes.
     """
     seen = measured.seen_by(structure)
-    modes = structure.modes(theta, measured.added_mass)
+    modes = structure.sensed_modes(
+        theta, seen, len(measured.frequency_hz) + _BEYOND, measured.added_mass
+    )
     if len(modes.eigenvalue) < len(measured.frequency_hz):
         raise ValueError(
             f"{len(measured.frequency_hz)} modes were measured, but the model has only "
             f"{len(modes.eigenvalue)}. Leave out modes that it does not describe."
         )
-    pairs = _pair(measured, modes, seen, spread)
+    groups = close_groups(modes.frequency_hz)
+    pairs = _pair(measured, modes, groups, spread)
     away = np.log(measured.frequency_hz / modes.frequency_hz[pairs])
     residuals = [away / measured.relative_sd]
     slopes = [modes.log_frequency_slope[pairs] / measured.relative_sd[:, None]]
     if measured.shapes is not None:
-        for j, r in enumerate(pairs):
-            residual, slope = _shape_gap(measured, modes, seen, j, int(r))
+        together = {r: group for group in groups for r in group}
+        for j, r in enumerate(pairs.tolist()):
+            gap = _shape_gap if len(together[r]) == 1 else _subspace_gap
+            residual, slope = gap(measured, modes, j, together[r])
             residuals.append(residual)
             slopes.append(slope)
     return ModeMisfit(np.concatenate(residuals), np.concatenate(slopes), pairs)
 
 
 def _shape_gap(
-    measured: MeasuredModes, modes: ParametricModes, seen: np.ndarray, j: int, r: int
+    measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residual and slope of one shape, its factor fitted unless it is known."""
-    assert measured.shapes is not None
-    assert measured.shape_sd is not None
-    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
-    weight = 1.0 / measured.shape_sd[j, known]
-    target = weight * measured.shapes[j, known]
-    model = weight * (seen[known] @ modes.shape[:, r])
-    slope = weight[:, None] * (seen[known] @ modes.shape_slope[:, r])
+    known, weight, target = _weighted(measured, j)
+    model = weight * modes.sensed[known, group[0]]
+    slope = weight[:, None] * modes.sensed_slope[known, group[0]]
     power = float(model @ model)
     if measured.scaled:
         sign = 1.0 if model @ target >= 0.0 else -1.0
@@ -198,10 +202,40 @@ def _shape_gap(
     return target - factor * model, factor * across
 
 
+def _subspace_gap(
+    measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual and slope of one shape beside the span of a group of close modes.
+
+    The shapes of close modes turn among each other under the least change, so that only their
+    span can be compared; the factors on all of them are fitted.
+    """
+    known, weight, target = _weighted(measured, j)
+    model = weight[:, None] * modes.sensed[known][:, group]
+    slopes = weight[:, None, None] * modes.sensed_slope[known][:, group]
+    if not model.any():
+        return target, 0.0 * slopes[:, 0]
+    left, size, right = np.linalg.svd(model, full_matrices=False)
+    kept = size > _SEEN * size[0]
+    left = left[:, kept]
+    factors = right[kept].T @ ((left.T @ target) / size[kept])
+    slope = np.einsum("cgp,g->cp", slopes, factors)
+    return target - left @ (left.T @ target), slope - left @ (left.T @ slope)
+
+
+def _weighted(measured: MeasuredModes, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Channels that saw a shape, their weights, and the shape in standard deviations."""
+    assert measured.shapes is not None
+    assert measured.shape_sd is not None
+    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
+    weight = 1.0 / measured.shape_sd[j, known]
+    return known, weight, weight * measured.shapes[j, known]
+
+
 def _pair(
     measured: MeasuredModes,
-    modes: ParametricModes,
-    seen: np.ndarray,
+    modes: SensedModes,
+    groups: list[list[int]],
     spread: Float[np.ndarray, " parameter"],
 ) -> Int[np.ndarray, " mode"]:
     """Partner of each measured mode, the likeliest as a whole by frequency and MAC."""
@@ -212,14 +246,45 @@ def _pair(
     if measured.shapes is not None and measured.shape_sd is not None:
         known = np.isfinite(measured.shapes) & np.isfinite(measured.shape_sd)
         shapes = np.where(known, measured.shapes, 0.0)
-        columns = seen @ modes.shape
-        norms = known @ columns**2
-        power = np.sum(shapes**2, axis=1)[:, None]
-        alike = (shapes @ columns) ** 2 / np.maximum(norms * power, 1e-300)
-        turned = np.einsum("cd,dmp->cmp", seen, modes.shape_slope * spread)
-        drift = np.sum(turned**2, axis=(0, 2)) / np.maximum(np.sum(columns**2, axis=0), 1e-300)
+        alike = _alike(modes, groups, shapes, known)
+        columns, power = modes.sensed, np.sum(shapes**2, axis=1)[:, None]
+        turned = np.sum((modes.sensed_slope * spread) ** 2, axis=(0, 2))
+        drift = turned / np.maximum(np.sum(columns**2, axis=0), 1e-300)
         noise = np.sum(np.where(known, measured.shape_sd, 0.0) ** 2, axis=1)[:, None] / power
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
         cost = cost + 0.5 * directions * (1.0 - alike) / (np.minimum(drift, 0.5) + noise)
     _, partners = linear_sum_assignment(cost)
-    return np.asarray(partners)
+    return _in_order(measured, groups, np.asarray(partners))
+
+
+def _in_order(
+    measured: MeasuredModes, groups: list[list[int]], pairs: Int[np.ndarray, " mode"]
+) -> Int[np.ndarray, " mode"]:
+    """Pairs with measured modes of one close group in the order of their frequencies.
+
+    Their shapes are compared as a subspace, so that nothing else tells which is which.
+    """
+    for group in groups:
+        if len(group) == 1:
+            continue
+        own = np.flatnonzero(np.isin(pairs, group))
+        if len(own) > 1:
+            ranked = own[np.argsort(measured.frequency_hz[own], kind="stable")]
+            pairs[ranked] = np.sort(pairs[own])
+    return pairs
+
+
+def _alike(
+    modes: SensedModes, groups: list[list[int]], shapes: np.ndarray, known: np.ndarray
+) -> np.ndarray:
+    """MAC of each measured shape with each mode, or with all modes close to it together."""
+    columns = modes.sensed
+    power = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
+    alike = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
+    for group in groups:
+        if len(group) == 1:
+            continue
+        for j, shape in enumerate(shapes):
+            basis = np.linalg.qr(columns[known[j]][:, group])[0]
+            alike[j, group] = np.sum((basis.T @ shape[known[j]]) ** 2) / power[j, 0]
+    return np.asarray(alike)

@@ -11,8 +11,16 @@ import functools
 
 import numpy as np
 from jaxtyping import Float
+from scipy import sparse
 from scipy.linalg import eigh
 
+from slowtime.finite_elements.parametric_matrices import ParametricMatrices
+
+from .updatable_models import SensedModes, SparseStructure
+
+_LARGE = 64  # degrees of freedom from which sparse solutions of few modes are the faster ones
+_CHAIN = 20  # likewise where each part acts on few of them
+_FEW = 0.1  # share of the entries of all parts that are not zero, below which they act on few
 _REPEATED = 1e-9  # relative distance of two eigenvalues whose vectors may turn freely
 _RIGID = 1e-10  # eigenvalue over the largest, of a motion that strains nothing
 
@@ -178,6 +186,67 @@ class ParametricStructure:
             x[:, bent],
             (own / (2.0 * eigenvalue)).T,
             np.einsum("dr,prm->dmp", x, mixing),
+        )
+
+    def sensed_modes(
+        self,
+        theta: Float[np.ndarray, " parameter"],
+        sensors: Float[np.ndarray, "sensor dof"],
+        count: int,
+        added_mass: Float[np.ndarray, "dof dof"] | None = None,
+    ) -> SensedModes:
+        """Elastic modes as sensors see them, all of them in small structures.
+
+        Parameters
+        ----------
+        theta
+            Logarithms of factors on the parts [1].
+        sensors
+            What each sensor sees of the degrees of freedom.
+        count
+            Number of modes needed at least.
+        added_mass
+            A known mass put on the structure [kg].
+
+        Returns
+        -------
+        The modes and their slopes.
+        """
+        if self.size > _LARGE or (self.size > _CHAIN and self._acts_on_few):
+            return self._sparse.sensed_modes(theta, sensors, count, added_mass)
+        modes = self.modes(theta, added_mass)
+        return SensedModes(
+            modes.eigenvalue,
+            sensors @ modes.shape,
+            modes.log_frequency_slope,
+            (sensors @ modes.shape_slope.reshape(self.size, -1)).reshape(
+                len(sensors), *modes.shape_slope.shape[1:]
+            ),
+        )
+
+    @functools.cached_property
+    def _acts_on_few(self) -> bool:
+        parts = self.stiffness_parts
+        return bool(np.count_nonzero(parts) < _FEW * parts.size)
+
+    @functools.cached_property
+    def _sparse(self) -> SparseStructure:
+        """The same structure by sparse matrices, without the zeros of its parts."""
+        elements, nodes = len(self.element_names), len(self.node_names)
+        return SparseStructure(
+            matrices=ParametricMatrices(
+                stiffness=sparse.csr_array(self.stiffness),
+                mass=sparse.csr_array(self.mass),
+                names=self.names,
+                stiffness_parts=(
+                    *(sparse.csr_array(part) for part in self.stiffness_parts),
+                    *(None,) * nodes,
+                ),
+                mass_parts=(
+                    *(None,) * elements,
+                    *(sparse.csr_array(part) for part in self._masses),
+                ),
+            )
         )
 
 

@@ -179,7 +179,7 @@ def test_a_name_that_looks_like_something_else_stays_as_it_is_written(name):
             r"line 8: `kind: rod` is not known.*spring",
         ),
         ("kind: force", "kind: torque", r"line 12: `kind`: .*'force', 'base_acceleration'"),
-        ("slowtime_model: 1", "slowtime_model: 2", r"line 1: `slowtime_model`: .*1, not 2"),
+        ("slowtime_model: 1", "slowtime_model: 3", r"line 1: `slowtime_model`: .*2, not 3"),
         ("slowtime_model: 1\n", "", r"`slowtime_model` is missing\. Add it"),
         (
             "name: rig",

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.effects import Kind
-from slowtime.dynamics.elements import Beam
+from slowtime.dynamics.elements import Beam, Element, Matrix
 from slowtime.evolution.predicted_response.scenario import (
     Bands,
     ParameterBelief,
@@ -366,19 +366,9 @@ def _descriptions(
         elements = []
         for element in built.elements:
             stiffer = today.scale.get(element.id, 1.0) * factor.get(element.id, whole)
-            elements.append(
-                dataclasses.replace(
-                    element,
-                    bending_stiffness_n_m2=stiffer * element.bending_stiffness_n_m2,
-                    damping_s=damped * element.damping_s,
-                )
-                if isinstance(element, Beam)
-                else dataclasses.replace(
-                    element,
-                    stiffness_n_per_m=stiffer * element.stiffness_n_per_m,
-                    damping_n_s_per_m=damped * element.damping_n_s_per_m,
-                )
-            )
+            weighs = today.scale.get(element.id + MASS, 1.0)
+            weighs *= factor.get(element.id + MASS, heavier)
+            elements.append(_scaled(element, stiffer, damped, weighs))
         nodes = [
             dataclasses.replace(
                 node,
@@ -389,6 +379,28 @@ def _descriptions(
             for node in built.nodes
         ]
         yield dataclasses.replace(built, nodes=tuple(nodes), elements=tuple(elements))
+
+
+def _scaled(element: Element, stiffer: float, damped: float, heavier: float) -> Element:
+    """Element with its stiffness, damping and mass multiplied; of a beam not the mass."""
+    if isinstance(element, Matrix):
+        return dataclasses.replace(
+            element,
+            stiffness_factor=stiffer * element.stiffness_factor,
+            damping_factor=damped * element.damping_factor,
+            mass_factor=heavier * element.mass_factor,
+        )
+    if isinstance(element, Beam):
+        return dataclasses.replace(
+            element,
+            bending_stiffness_n_m2=stiffer * element.bending_stiffness_n_m2,
+            damping_s=damped * element.damping_s,
+        )
+    return dataclasses.replace(
+        element,
+        stiffness_n_per_m=stiffer * element.stiffness_n_per_m,
+        damping_n_s_per_m=damped * element.damping_n_s_per_m,
+    )
 
 
 def _own_damping(built: Description, believed: ParameterBelief) -> float:

@@ -1,0 +1,213 @@
+"""Nastran bulk data: GRID points and DMIG matrices, in small, large and free field format.
+
+Positions in local coordinate systems are refused. DMIG forms 1 (square) and 6 (symmetric) are
+read, of real numbers.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+from scipy import sparse
+
+from .errors import MatrixFileError
+
+BULK = (".bdf", ".dat", ".pch", ".nas", ".dmig")
+Place = tuple[str, int]
+"""Node, and direction 0 to 5."""
+
+SCALAR_POINT = 0
+"""Component of a scalar point; it moves along one direction only."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Card:
+    line: int
+    fields: tuple[str, ...]
+
+
+def read_grids(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Position of each GRID point.
+
+    Parameters
+    ----------
+    path
+        Bulk data file.
+
+    Returns
+    -------
+    Position by the number of the point [m or the unit of the file].
+    """
+    found = {}
+    for card in _cards(path, ("GRID",)):
+        fields = [*card.fields, *[""] * 6]
+        if fields[2] not in ("", "0"):
+            raise MatrixFileError(
+                f"Line {card.line} of {path.name} gives a GRID in coordinate system "
+                f"{fields[2]}. Export the positions in the basic system."
+            )
+        found[fields[1]] = tuple(_real(path, card, fields[k]) for k in (3, 4, 5))
+    return found  # type: ignore[return-value]  # three fields each
+
+
+def read_dmig(path: Path, name: str | None = None) -> tuple[sparse.csr_array, list[Place]]:
+    """Matrix of DMIG cards, and what its rows are.
+
+    Parameters
+    ----------
+    path
+        Bulk data or punch file.
+    name
+        Of the matrix; needed where the file has several.
+
+    Returns
+    -------
+    The matrix, rows in the order of nodes and directions, and node and direction of each.
+
+    Raises
+    ------
+    MatrixFileError
+        Where the file has no such matrix, or one that is complex or rectangular.
+    """
+    heads, entries = _dmig_cards(path)
+    if name is None and len(heads) == 1:
+        name = next(iter(heads))
+    if name not in heads:
+        raise MatrixFileError(
+            f"{path.name} holds the DMIG matrices {', '.join(heads) or 'none'}, and "
+            f"{name!r} was asked for. Name one of them."
+        )
+    head = [*heads[name].fields, *[""] * 4]
+    if head[3] not in ("1", "6") or head[4] not in ("1", "2"):
+        raise MatrixFileError(
+            f"DMIG {name} of {path.name} has form {head[3]} and type {head[4]}. Allowed are "
+            "form 1 or 6 (square, symmetric) and type 1 or 2 (real)."
+        )
+    triples = list(_entries(path, entries.get(name, [])))
+    places = sorted(
+        {place for row, column, _ in triples for place in (row, column)}, key=_order
+    )
+    number = {place: k for k, place in enumerate(places)}
+    rows = [number[row] for row, _, _ in triples]
+    columns = [number[column] for _, column, _ in triples]
+    values = [value for _, _, value in triples]
+    size = len(places)
+    return sparse.csr_array((values, (rows, columns)), shape=(size, size)), places
+
+
+def write_dmig(path: Path, name: str, matrix: sparse.csr_array, places: list[Place]) -> None:
+    """Write a symmetric matrix as DMIG cards of large fields.
+
+    Parameters
+    ----------
+    path
+        File.
+    name
+        Of the matrix, eight characters at most.
+    matrix
+        The matrix.
+    places
+        Node (a number) and direction, 0 to 5, of each row.
+    """
+    lower = sparse.csc_array(sparse.tril(matrix))
+    lines = [f"{'DMIG':<8}{name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
+    for column in range(lower.shape[1]):
+        inside = slice(lower.indptr[column], lower.indptr[column + 1])
+        if inside.start == inside.stop:
+            continue
+        node, direction = places[column]
+        lines.append(f"{'DMIG*':<8}{name:<16}{node:>16}{direction + 1:>16}")
+        for row, value in zip(lower.indices[inside], lower.data[inside], strict=True):
+            node, direction = places[row]
+            number = f"{value:.9E}".replace("E", "D")
+            lines.append(f"{'*':<8}{node:>16}{direction + 1:>16}{number:>16}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _order(place: Place) -> tuple[int, int]:
+    return int(place[0]), place[1]
+
+
+def _dmig_cards(path: Path) -> tuple[dict[str, _Card], dict[str, list[_Card]]]:
+    heads: dict[str, _Card] = {}
+    entries: dict[str, list[_Card]] = {}
+    for card in _cards(path, ("DMIG",)):
+        if card.fields[2] == "0":
+            heads[card.fields[1]] = card
+        else:
+            entries.setdefault(card.fields[1], []).append(card)
+    return heads, entries
+
+
+def _entries(path: Path, cards: list[_Card]) -> Iterator[tuple[Place, Place, float]]:
+    for card in cards:
+        column = _place(path, card, card.fields[2], card.fields[3])
+        rest = [text for text in card.fields[5:]]
+        for k in range(0, len(rest) - 2, 4):
+            if rest[k]:
+                row = _place(path, card, rest[k], rest[k + 1])
+                yield row, column, _real(path, card, rest[k + 2])
+
+
+def _place(path: Path, card: _Card, node: str, component: str) -> Place:
+    if not node.isdecimal() or component not in "0123456":
+        raise MatrixFileError(
+            f"Line {card.line} of {path.name} names node {node!r}, component {component!r}. "
+            "Allowed are numbers of nodes and components 0 to 6."
+        )
+    return node, max(int(component or SCALAR_POINT) - 1, 0)
+
+
+def _real(path: Path, card: _Card, text: str) -> float:
+    """Parse a number as Nastran writes it: `1.5-3` is 1.5e-3, and empty is 0."""
+    plain = text.upper().replace("D", "E")
+    for k in range(1, len(plain)):
+        if plain[k] in "+-" and plain[k - 1] not in "E+-":
+            plain = f"{plain[:k]}E{plain[k:]}"
+            break
+    try:
+        return float(plain or 0.0)
+    except ValueError:
+        raise MatrixFileError(
+            f"Line {card.line} of {path.name} has {text!r} where a number should be."
+        ) from None
+
+
+def _cards(path: Path, kinds: tuple[str, ...]) -> Iterator[_Card]:
+    """Cards of some kinds with their continuations, fields stripped, continuation marks out."""
+    first, fields = 0, list[str]()
+    wanted = False
+    for number, raw in enumerate(path.read_text(encoding="latin-1").splitlines(), 1):
+        line = raw.split("$", 1)[0].rstrip()
+        if not line.strip():
+            continue
+        parts = _fields(line)
+        kind = parts[0].rstrip("*").upper()
+        if kind == "" or kind.startswith("+"):
+            if wanted:
+                fields += parts[1:]
+            continue
+        if wanted:
+            yield _Card(first, tuple(fields))
+        wanted = kind in kinds
+        first, fields = number, [kind, *parts[1:]]
+    if wanted:
+        yield _Card(first, tuple(fields))
+
+
+def _fields(line: str) -> list[str]:
+    """Name and fields of one line; eight small or four large fields, padded.
+
+    A large-field line has four fields, so that two of them make up a small-field one.
+    """
+    if "," in line:
+        parts = [part.strip() for part in line.split(",")]
+        wide = "*" in parts[0]
+    else:
+        wide = line[:8].rstrip().endswith("*")
+        width = 16 if wide else 8
+        text = line.expandtabs(8)
+        parts = [text[:8].strip()]
+        parts += [text[k : k + width].strip() for k in range(8, 72, width)]
+    count = 4 if wide else 8
+    return [parts[0], *(parts[1 : count + 1] + [""] * count)[:count]]

@@ -1,0 +1,1 @@
+"""Frames or sparse matrices in; modes, sensitivities and small parametric models out."""

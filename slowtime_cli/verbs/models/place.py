@@ -1,0 +1,80 @@
+"""Arguments and help of the verb `place`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import POSITIVE
+
+DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
+
+
+@click.command(
+    cls=Deferred,
+    work="models.place:place",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime place tower.yaml --sensors 8 --modes 10
+  slowtime place tower.yaml --sensors 4 --direction ux --direction uy --together
+  slowtime place tower.yaml --sensors 12 --keep --json
+
+With --keep, the sensors of the model file are there already and count among --sensors.
+""",
+)
+@click.argument("model", type=EXISTING)
+@click.option(
+    "--sensors",
+    "number",
+    type=click.IntRange(min=1),
+    required=True,
+    help="Number of sensors; of sites, with --together.",
+)
+@click.option(
+    "--modes",
+    type=click.IntRange(min=1),
+    default=10,
+    show_default=True,
+    help="Number of lowest modes that will be measured.",
+)
+@click.option(
+    "--direction",
+    "directions",
+    multiple=True,
+    type=click.Choice(DIRECTIONS),
+    help="Direction in which a sensor may measure; may be repeated. All translations where "
+    "none is given.",
+)
+@click.option("--together", is_flag=True, help="Each site has a sensor in every direction.")
+@click.option("--keep", is_flag=True, help="Keep the sensors of the model file.")
+@click.option(
+    "--frequency-sd",
+    type=POSITIVE,
+    default=0.002,
+    show_default=True,
+    help="Relative standard deviation of a measured frequency.",
+)
+@click.option(
+    "--shape-sd",
+    type=POSITIVE,
+    default=0.02,
+    show_default=True,
+    help="Standard deviation of a component of a shape, over its largest component.",
+)
+@click.option(
+    "--criterion",
+    type=click.Choice(["determinant", "variance"]),
+    default="determinant",
+    show_default=True,
+    help="Maximise the determinant of the information, or minimise the mean variance.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+def place(together: bool, keep: bool, **_given: object) -> None:
+    """Choose places of sensors that tell most about a model.
+
+    Maximises the information that frequencies and mode shapes will give about the parameters,
+    and prints the places, the expected posterior standard deviation of each parameter, and
+    that of as many evenly spread sensors.
+    """
+    if together and keep:
+        raise click.UsageError("Give one of --together and --keep.")

@@ -1,0 +1,73 @@
+"""Arguments and help of the verb `reduce`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import POSITIVE, Number
+
+
+@click.command(
+    cls=Deferred,
+    work="models.reduce:reduce",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime reduce tower.yaml --modes 20
+  slowtime reduce tower.yaml --band-hz 8 --out tower.npz
+  slowtime reduce tower.yaml --band-hz 8 --coordinates 60 --out small.json
+  slowtime reduce tower.yaml --modes 20 --span 0.5 --trials 5 --json
+
+The model file has `slowtime_model: 2` and either `matrices`, files of stiffness, mass and of
+what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
+""",
+)
+@click.argument("model", type=EXISTING)
+@click.option("--modes", type=click.IntRange(min=1), help="Number of lowest modes to keep.")
+@click.option(
+    "--band-hz",
+    type=POSITIVE,
+    help="Upper end of the sensors' band, instead of --modes: modes up to 1.5 times it are "
+    "kept.",
+)
+@click.option(
+    "--coordinates",
+    type=click.IntRange(min=1),
+    default=100,
+    show_default=True,
+    help="Most coordinates.",
+)
+@click.option(
+    "--span",
+    type=Number(min=0, max=1, min_open=True, max_open=True),
+    default=0.3,
+    show_default=True,
+    help="Largest relative change of a parameter.",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(min=0),
+    default=2,
+    show_default=True,
+    help="Random parameters at which the model is verified by full solutions.",
+)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write the reduced model: .yaml or .json as a model file, for a twin, diagnose and "
+    "simulate; .npz for updating in Python.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def reduce(modes: int | None, band_hz: float | None, **_given: object) -> None:
+    """Reduce finite-element matrices to a small model and verify it.
+
+    Keeps the lowest modes and their responses to every parameter, so that a changed parameter
+    needs no solution of the full model. Prints the natural frequencies, and the largest error
+    of frequencies and shapes at random parameters.
+    """
+    if (modes is None) == (band_hz is None):
+        raise click.UsageError("Give one of --modes and --band-hz.")

@@ -1,0 +1,45 @@
+"""Arguments and help of the verb `update`."""
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import Number
+
+
+@click.command(
+    cls=Deferred,
+    work="models.update:update",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime update tower.yaml modes.json
+  slowtime update tower.yaml modes.json --frequency-error 0.005 --json
+
+MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors; MODES is what
+`slowtime identify RECORD --method modes --out` wrote. docs/matrices.md has an example.
+""",
+)
+@click.argument("model", type=EXISTING)
+@click.argument("modes", type=EXISTING)
+@click.option(
+    "--frequency-error",
+    type=Number(min=0, max=1),
+    default=0.002,
+    show_default=True,
+    help="Relative standard deviation of frequencies that no parameters explain.",
+)
+@click.option(
+    "--shape-error",
+    type=Number(min=0, max=1),
+    default=0.02,
+    show_default=True,
+    help="Standard deviation of components of shapes of norm 1 that no parameters explain.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+def update(**_given: object) -> None:
+    """Update a finite-element model from measured modes.
+
+    Prints the change of each parameter with its standard deviation and how much of the prior
+    is left, what the modes do not determine, and frequencies as measured and of the model.
+    """
