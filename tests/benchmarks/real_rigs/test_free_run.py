@@ -43,7 +43,14 @@ def told(friction=0.0, cubic=0.0, start=(3.0, 0.0), seconds=6.0):
     return solved.y[0]
 
 
-@pytest.mark.parametrize("unknown", [{"cubic": 0.5}, {"friction": 1.0}, {}])
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        pytest.param({"cubic": 0.5}, marks=pytest.mark.long),
+        {"friction": 1.0},
+        pytest.param({}, marks=pytest.mark.long),
+    ],
+)
 def test_laws_run_as_another_integrator_runs_them_from_a_state_that_is_found(unknown):
     angle = told(**unknown)
     runs = FreeRuns(DISC, piece_of(angle), np.zeros((len(angle), 1)), angle[:, None])

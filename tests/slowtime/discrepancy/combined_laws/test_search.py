@@ -65,8 +65,16 @@ def found(levels, **laws):
     ("laws", "names"),
     [
         ({"sine": True, "friction": 0.15}, {"pendulum_sine", "coulomb"}),
-        ({"sine": True, "drag": 0.02}, {"pendulum_sine", "quadratic_damping"}),
-        ({"cubic": 9.0, "friction": 0.15}, {"cubic_hardening", "coulomb"}),
+        pytest.param(
+            {"sine": True, "drag": 0.02},
+            {"pendulum_sine", "quadratic_damping"},
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            {"cubic": 9.0, "friction": 0.15},
+            {"cubic_hardening", "coulomb"},
+            marks=pytest.mark.long,
+        ),
         ({"drag": 0.03}, {"quadratic_damping"}),
     ],
     ids=["pendulum that rubs", "pendulum in a fluid", "hardening that rubs", "drag"],

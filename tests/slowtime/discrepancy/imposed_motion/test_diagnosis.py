@@ -64,7 +64,10 @@ def trial(law, seed, noise=0.05):
     return Trial(inputs=force[:, None], outputs=e[:, None], rate_hz=RATE)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name",
+    [n if n == "coulomb" else pytest.param(n, marks=pytest.mark.long) for n in LAWS],
+)
 def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     law = LAWS[name]
     campaign = Campaign(description=RIG, trials=(trial(law, 1),), holdout=(trial(law, 2),))
@@ -82,6 +85,7 @@ def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     assert left == pytest.approx(found.gap.augmented, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_spring_and_a_damper_lack_nothing():
     campaign = Campaign(
         description=RIG, trials=(trial(lambda e, v: 0 * e, 1),),
@@ -126,6 +130,7 @@ def exchanged(one, unit_x=1e3, unit_f=1e-3):
     return Trial(inputs=unit_x * one.outputs, outputs=unit_f * one.inputs, rate_hz=RATE)
 
 
+@pytest.mark.long
 def test_the_motion_as_input_gives_the_answer_that_the_force_as_input_gives():
     law = LAWS["quadratic_damping"]
     given = trial(law, 1), trial(law, 2)

@@ -56,6 +56,7 @@ def test_dry_friction_makes_the_damping_ratio_rise_as_one_over_the_amplitude():
     assert found.trend == "falls with amplitude"
 
 
+@pytest.mark.long
 def test_errors_of_a_coefficient_are_as_told():
     off = []
     for seed in range(25):

@@ -150,6 +150,7 @@ def test_the_errors_of_a_resonance_are_as_told():
     assert (spread < 1.4).all()
 
 
+@pytest.mark.long
 def test_a_duffing_oscillator_stiffens_with_level_and_is_odd():
     """Integrated by scipy, from rest through six periods; the last two are analysed.
 

@@ -36,6 +36,7 @@ def malformed(number):
 KINDS = {invalid: {422}, malformed: {422}, heavy: {200, 503}, of_the_past: {200, 503}}
 
 
+@pytest.mark.long
 def test_eighty_callers_lock_nobody_out(serving, ageing, eventually):
     server = serving()
     first = ageing(100)

@@ -68,6 +68,7 @@ def test_it_agrees_with_the_forecast_of_the_same_threshold(told):
     )
 
 
+@pytest.mark.long
 def test_a_softer_structure_fails_more(told, ageing, eventually):
     first = told.client.get(f"{TWIN}/risk").json()["limit_states"]
     told.feed(ageing(120)[60:])
