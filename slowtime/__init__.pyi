@@ -1,3 +1,18 @@
+__all__ = [
+    "DiagnosisResult",
+    "EstimatedMode",
+    "Model",
+    "Modes",
+    "Signals",
+    "Twin",
+    "__version__",
+    "connect",
+    "diagnose",
+    "identify",
+    "read",
+    "simulate",
+]
+
 from slowtime_api.diagnoses import DiagnosisResult as DiagnosisResult
 from slowtime_api.diagnoses import diagnose as diagnose
 from slowtime_api.modal_estimates import EstimatedMode as EstimatedMode

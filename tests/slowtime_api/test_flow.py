@@ -1,5 +1,7 @@
 """From a model to signals, modes, a diagnosis and a twin; truth by closed forms."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -66,16 +68,17 @@ def test_the_response_to_an_input_is_that_of_scipy(tmp_path):
     t = np.arange(2000) / 100.0
     force = np.sin(2 * np.pi * 0.7 * t) + 0.3 * t
     found = st.simulate(st.Model.from_file(tmp_path / "one.yaml"), {"u": force}, rate_hz=100.0)
-    _, want, _ = signal.lsim(signal.lti([1.0], [2.0, 1.6, 800.0]), force, t)
+    _, want, _ = signal.lsim(([1.0], [2.0, 1.6, 800.0]), force, t)
     np.testing.assert_allclose(found.samples[:, 0], want, atol=1e-6)
 
 
 def test_what_is_missing_for_a_simulation_is_asked_for(model):
-    for arguments, missing in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({}, "rate_hz"),
         ({"rate_hz": 50.0}, "duration_s"),
         ({"rate_hz": 50.0, "duration_s": 9.0}, "seed"),
-    ):
+    ]
+    for arguments, missing in cases:
         with pytest.raises(ValueError, match=missing):
             st.simulate(model, **arguments)
 

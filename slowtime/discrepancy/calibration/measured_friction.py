@@ -254,4 +254,5 @@ def _extrapolated(
 
 
 def _end_nodes(description: Description, effect: Effect) -> tuple[str, str]:
-    return next(e for e in description.elements if e.id == effect.place.id).between
+    first, last = next(e for e in description.elements if e.id == effect.place.id).between
+    return first, last

@@ -158,6 +158,7 @@ def estimate(
 
     Examples
     --------
+    >>> from slowtime.evolution.structures import ParametricStructure
     >>> k = np.array([[[2.0, 0], [0, 0]], [[2.0, -2.0], [-2.0, 2.0]]])
     >>> two = ParametricStructure(mass=np.eye(2), stiffness=k.sum(axis=0), stiffness_parts=k)
     >>> weak = two.modes(np.log([0.9, 1.0])).frequency_hz

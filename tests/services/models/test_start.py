@@ -15,6 +15,7 @@ from slowtime.dynamics.description import (
     Support,
     assemble,
 )
+from slowtime.dynamics.elements import Spring
 from slowtime.dynamics.structure import state_matrix
 from slowtime.dynamics.units import Quantity
 from slowtime_services.models import model_text, run_model
@@ -91,7 +92,9 @@ def test_a_start_is_that_of_its_node_alone_where_supports_begin_displaced():
         PAIR,
         supports=(Support(id="crank"),),
         elements=tuple(
-            dataclasses.replace(one, between=("crank", "m1")) if one.id == "k1" else one
+            dataclasses.replace(one, between=("crank", "m1"))
+            if isinstance(one, Spring) and one.id == "k1"
+            else one
             for one in PAIR.elements
         ),
         inputs=(Input(channel="x", kind="imposed_displacement", node="crank", unit="m"),),
@@ -104,11 +107,12 @@ def test_a_start_is_that_of_its_node_alone_where_supports_begin_displaced():
 
 
 def test_a_file_with_supports_forces_and_start_reads_back_to_the_last_digit():
+    first = PAIR.elements[0]
+    assert isinstance(first, Spring)
     rig = dataclasses.replace(
         PUSHED,
         supports=(Support(id="crank"),),
-        elements=(*PAIR.elements, dataclasses.replace(PAIR.elements[0], id="k9",
-                                                      between=("crank", "m2"))),
+        elements=(*PAIR.elements, dataclasses.replace(first, id="k9", between=("crank", "m2"))),
         inputs=(
             Input(channel="x", kind="imposed_velocity", node="crank", unit="mm/s"),
             Input(channel="b", kind="base_displacement", unit="mm"),

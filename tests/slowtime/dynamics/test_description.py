@@ -45,6 +45,7 @@ def test_matrices_are_what_the_elements_do():
 
 def test_an_element_may_be_named_either_way_round():
     j0, j1 = RIG.elements
+    assert isinstance(j1, Spring)
     turned = dataclasses.replace(j1, between=("m2", "m1"))
     swapped = dataclasses.replace(RIG, elements=(turned, j0))
     np.testing.assert_array_equal(assemble(swapped).stiffness, assemble(RIG).stiffness)

@@ -17,6 +17,7 @@ from slowtime.discrepancy.refinement.constant_offsets import (
 )
 from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
 from slowtime.dynamics.effects import catalogue
+from slowtime.dynamics.elements import Spring
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE
 
@@ -28,6 +29,7 @@ NOISE = 2e-4
 def recorded(offset, seed, bent=0.0, level=1.0):
     """Record of the oscillator by another integrator; `bent` is a spring of one side."""
     node, element = ONE.nodes[0], ONE.elements[0]
+    assert isinstance(element, Spring)
     rng = np.random.default_rng(seed)
     times = np.arange(640) / RATE
     tones = rng.uniform(0.3, 2.0, 12), rng.uniform(0, 2 * np.pi, 12)

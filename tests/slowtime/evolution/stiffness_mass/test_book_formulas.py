@@ -10,7 +10,7 @@ from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 from slowtime.evolution import stiffness_from_frequency
 from slowtime.evolution.stiffness_mass import book_formulas, forward_model
 
-ROOT = pathlib.Path(__file__).parents[3]
+ROOT = pathlib.Path(__file__).parents[4]
 DATA = pathlib.Path(os.environ.get("SLOWTIME_DATA", ROOT / "../shared/data"))
 ZETA = 0.05
 

@@ -14,7 +14,7 @@ from slowtime.evolution.stiffness_mass.bounded_posterior import (
     posterior,
 )
 
-ROOT = pathlib.Path(__file__).parents[3]
+ROOT = pathlib.Path(__file__).parents[4]
 DATA = pathlib.Path(os.environ.get("SLOWTIME_DATA", ROOT / "../shared/data"))
 
 # r_hat, s, upper bound, unbiased, its sd, then mean and sd with a prior flat in r and in Dk;

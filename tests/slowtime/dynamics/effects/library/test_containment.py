@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from slowtime.dynamics.effects import Motion, catalogue, force_along, general_kinds
+from slowtime.dynamics.effects import Law, Motion, catalogue, force_along, general_kinds
 
 RATE = 4000.0
 T = np.arange(8000) / RATE
@@ -43,13 +43,15 @@ def sliding(seen):
 def stiff(name, constants, seen):
     """Force of a law with memory by an implicit solver: limits are too fast for samples."""
     action, p = KINDS[name].action, KINDS[name].values(constants)
+    assert isinstance(action, Law)
     e, v = CubicSpline(T, seen.e), CubicSpline(T, seen.v)
 
     def rates(t, z):
         return [float(rate(float(e(t)), float(v(t)), t, z, p)) for rate in action.rates]
 
     inner = solve_ivp(
-        rates, (0, T[FEW - 1]), np.zeros(len(action.rates)), method="Radau", t_eval=T[:FEW],
+        rates, (0.0, float(T[FEW - 1])),
+        np.zeros(len(action.rates)), method="Radau", t_eval=T[:FEW],
         rtol=1e-9, atol=1e-10 if name == "lugre" else 1e-22, max_step=2e-4,
     ).y  # fmt: skip
     points = zip(seen.e[:FEW], seen.v[:FEW], T[:FEW], inner.T, strict=True)
