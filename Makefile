@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates real figures docs pictures clean help
+.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates real figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -26,6 +26,10 @@ test: .venv/dev  ## the default suite, some minutes on two cores; WORKERS=2
 
 test-long: .venv/dev  ## longer tests: whole flows, pages and searches
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "long and not slow"
+
+test-times: .venv/dev  ## measure tests, and move those of more than 2 s to the longer ones
+	: > tests/long_tests.txt
+	$(BIN)/python -m pytest -q -m "not slow" -p tests.processor_times
 
 test-slow: .venv/dev  ## tests of hours: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default

@@ -8,6 +8,7 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
+from tests.processor_times import mark_long_tests
 from tests.shapes import TEST, jaxtyped
 
 # Before anything of the house is imported, which is where each function is wrapped.
@@ -27,6 +28,11 @@ WINDOW = {"width": 1200, "height": 900}
 def pytest_runtest_setup() -> None:
     """Look at the first calls of each function in every test."""
     TEST.begins()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that take too long for the default suite."""
+    mark_long_tests(items)
 
 
 def _folder() -> Path:

@@ -15,6 +15,7 @@ def diagnosis():
     return measure("slowtime.discrepancy")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("package", ["slowtime.discrepancy", "slowtime.history_diagnosis"])
 def test_both_diagnoses_keep_within_the_limits(package):
     assert violations(measure(package), LIMITS) == []

@@ -44,6 +44,7 @@ def record(tmp_path, monkeypatch):
     np.savetxt("record.csv", samples / samples.std(), fmt="%.6f", header="acc [m/s^2]")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
 def test_a_file_becomes_modes_and_a_picture(page, record, capsys):
     exec(python_of(ROOT / page, 'st.read("record.csv"'), {"st": st})

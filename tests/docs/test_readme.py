@@ -44,6 +44,7 @@ def test_every_command_of_the_readme_parses(arguments, tmp_path, monkeypatch):
     parse(arguments, tmp_path)
 
 
+@pytest.mark.gate
 def test_the_offline_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)

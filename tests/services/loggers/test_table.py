@@ -61,6 +61,7 @@ def answers(tmp_path_factory):
     return found
 
 
+@pytest.mark.gate
 def test_no_file_is_read_wrongly(answers):
     assert len(answers) >= 150
     wrong = {

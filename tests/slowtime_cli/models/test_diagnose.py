@@ -36,6 +36,7 @@ def table(path, arrays):
     np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
+@pytest.mark.gate
 def test_a_missing_effect_is_named_with_its_size_and_closes_the_gap(tmp_path, model):
     table(tmp_path / "learn.csv", arrays_of(SLIDE, 1))
     save(tmp_path / "judge.npz", rate_hz=RATE_HZ, **arrays_of(SLIDE, 2))

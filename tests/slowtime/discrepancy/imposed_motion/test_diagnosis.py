@@ -66,7 +66,12 @@ def trial(law, seed, noise=0.05):
 
 @pytest.mark.parametrize(
     "name",
-    [n if n == "coulomb" else pytest.param(n, marks=pytest.mark.long) for n in LAWS],
+    [
+        pytest.param(n, marks=pytest.mark.gate)
+        if n == "coulomb"
+        else pytest.param(n, marks=pytest.mark.long)
+        for n in LAWS
+    ],
 )
 def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     law = LAWS[name]
