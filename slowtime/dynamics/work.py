@@ -49,6 +49,26 @@ def metered() -> Iterator[WorkMeter]:
             outer.spent += meter.spent
 
 
+@contextlib.contextmanager
+def unmetered() -> Iterator[None]:
+    """Do not count the work that is done within, in this thread.
+
+    For steps that are bounded by themselves and must not take from the budget of others.
+
+    Examples
+    --------
+    >>> with metered() as meter, unmetered():
+    ...     count_simulation(200, 4)
+    >>> meter.spent
+    0
+    """
+    token = _METER.set(None)
+    try:
+        yield
+    finally:
+        _METER.reset(token)
+
+
 def count_work(units: int) -> None:
     """Add work [units] to the meter, if one is set."""
     meter = _METER.get()

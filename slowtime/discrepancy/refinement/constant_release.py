@@ -22,6 +22,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Name
+from slowtime.dynamics.work import unmetered
 
 LOWER_MINIMUM_SHARE = 0.5
 """[share of what a refit left] Below which there is a lower minimum. Source:
@@ -41,6 +42,8 @@ of step. Source: judgement; of a model that lacks a law, minima differ by less."
 
 def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
     """Refit from other stiffnesses where the free run is out of step with the records.
+
+    These few refits do not take from the budget of work of the search.
 
     Parameters
     ----------
@@ -68,7 +71,8 @@ def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
     for sds in FACTOR_SDS:
         values = fit.plant.values.copy()
         values[at] *= np.exp(sds * tolerance)
-        other = try_refit(fit.plant, trials, values=values, noise=fit.noise)
+        with unmetered():
+            other = try_refit(fit.plant, trials, values=values, noise=fit.noise)
         if other is None or max(map(abs, other.constant_pulls.values())) > LEFT_TOLERANCES:
             continue
         if other.cost < MUCH_LOWER_SHARE * best.cost:
