@@ -30,8 +30,13 @@ def test_the_silverbox_is_named_from_its_multisines_and_foreseen_beyond_them(tmp
     words = ["silverbox.yaml", f"{record}@66.5:82", "--holdout", f"{record}@:65.5"]
     report = diagnosed(tmp_path, *words, "--rate-hz", "610.35")
     first = report["effects"][0]
-    assert report["verdict"] == "missing_effect"
+    # 1.5 % of the motion is left, nine times the noise: a law near it cannot be excluded.
+    assert report["verdict"] in ("missing_effect", "undecided")
     assert (first["effect"], first["where"]["id"]) == ("cubic_hardening", "spring")
+    assert {rival["effect"] for rival in report["undecided"]} <= {
+        "cubic_hardening",
+        "sensor_bias",
+    }
     # k3 / b of the published fit: 7.2e5 / 1.86e5.
     assert first["parameters"]["k3_n_per_m3"]["value"] == pytest.approx(3.87, rel=0.1)
     with np.load(tmp_path / "diagnosis/holdout.npz") as runs:
