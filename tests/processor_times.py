@@ -15,7 +15,7 @@ import pytest
 LONG_TESTS = Path(__file__).with_name("long_tests.txt")
 MAX_DEFAULT_S = 2.0
 """[s] Processor time of a test of the default suite. Source: judgement; 7,700 tests then take
-about six minutes on two cores."""
+about ten minutes on two cores."""
 
 
 def processor_s() -> float:
