@@ -15,6 +15,7 @@ from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import accelerations, bridged, mixed_units
 from slowtime_services.modal import read_geometry, write_modes
+from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import Method, identify_part, stretches
 
 from .optional import optional
@@ -344,22 +345,9 @@ def _entry(mode: EstimatedMode) -> dict[str, Any]:
     """Return the entry of a modes file."""
     shape = None
     if mode.shape is not None and mode.shape_sd is not None:
-        shape = {
-            "re": mode.shape.real.tolist(),
-            "im": mode.shape.imag.tolist(),
-            "sd": mode.shape_sd.tolist(),
-        }
-    damped = bool(np.isfinite(mode.damping_ratio.value))
-    ratio = mode.damping_ratio if damped else Measured(0.0, 0.0)
-    return {
-        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
-        "damping_ratio": {"value": ratio.value, "sd": ratio.sd},
-        "correlation": mode.correlation if damped else 0.0,
-        "shape": shape,
-        "kind": mode.kind,
-        "quality": mode.quality,
-        "snr_db": None,
-        "method": mode.method,
-        "span_s": list(mode.span_s),
-        "flags": list(mode.flags),
-    }
+        shape = mode.shape, mode.shape_sd
+    return mode_entry(
+        mode.frequency_hz, mode.damping_ratio, mode.correlation, kind=mode.kind,
+        method=mode.method, span_s=mode.span_s, flags=mode.flags, shape=shape,
+        quality=mode.quality,
+    )  # fmt: skip

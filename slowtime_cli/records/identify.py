@@ -25,6 +25,7 @@ from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
 from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
 from slowtime_services.modal import UNIVERSAL, read_geometry
+from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import identify_part, is_decay, stretches
 from slowtime_services.models import read_description
 
@@ -305,18 +306,11 @@ def _marked(epochs: list[Epoch]) -> list[Epoch]:
 
 
 def _as_json(mode: Identified) -> dict[str, Any]:
-    return {
-        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
-        "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
-        "correlation": mode.correlation,
-        "shape": None,
-        "kind": "harmonic" if mode.method == LINE else "structural",
-        "quality": None,
-        "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
-        "method": mode.method,
-        "span_s": list(mode.span_s),
-        "flags": list(mode.flags),
-    }
+    return mode_entry(
+        mode.frequency_hz, mode.damping_ratio, mode.correlation,
+        kind="harmonic" if mode.method == LINE else "structural", method=mode.method,
+        span_s=mode.span_s, flags=mode.flags, snr_db=mode.snr_db,
+    )  # fmt: skip
 
 
 def _epoch_json(epoch: Epoch) -> dict[str, Any]:

@@ -12,12 +12,12 @@ from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.identification.automatic.estimation import MOST_DAMPING
 from slowtime.identification.automatic.modal_result import ModalResult
-from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime_cli.shared.terminal import show
 from slowtime_services.modal import read_modes
+from slowtime_services.modal.entries import mode_entry
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
@@ -95,23 +95,11 @@ def as_json(
     mode: Mode, models: Sequence[ModelMode], span_s: tuple[float, float], *, method: str
 ) -> dict[str, Any]:
     """One mode of `modes.json`; a damping that was not sought is 0 and flagged `no_damping`."""
-    z = mode.damping_ratio if _damped(mode) else Measured(0.0, 0.0)
-    body = {
-        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
-        "damping_ratio": {"value": z.value, "sd": z.sd},
-        "correlation": mode.correlation if _damped(mode) else 0.0,
-        "shape": {
-            "re": mode.shape.real.tolist(),
-            "im": mode.shape.imag.tolist(),
-            "sd": mode.shape_sd.tolist(),
-        },
-        "kind": mode.kind,
-        "quality": mode.quality,
-        "snr_db": None,
-        "method": method,
-        "span_s": list(span_s),
-        "flags": list(mode.flags),
-    }
+    body = mode_entry(
+        mode.frequency_hz, mode.damping_ratio, mode.correlation, kind=mode.kind,
+        method=method, span_s=span_s, flags=mode.flags, shape=(mode.shape, mode.shape_sd),
+        quality=mode.quality,
+    )  # fmt: skip
     meant = nearest_mode(mode, models)
     if meant is not None:
         number, alike = meant

@@ -79,9 +79,10 @@ def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
             best = other
     if best is fit:
         return fit
-    again = try_refit(
-        fit.plant, trials, values=best.values, states=best.states, horizons=(1.0,)
-    )
+    with unmetered():
+        again = try_refit(
+            fit.plant, trials, values=best.values, states=best.states, horizons=(1.0,)
+        )
     return again or best
 
 

@@ -31,9 +31,14 @@ from jaxtyping import Float
 from scipy import sparse
 
 from slowtime.finite_elements.degrees_of_freedom import DofMap
-from slowtime.finite_elements.sensitivities import ModeSlopes, SolvedModel, mode_slopes
+from slowtime.finite_elements.sensitivities import ModeSlopes, SolvedModel
 
-from .reduced_model import ReducedModes, ReductionError, orthonormal_mixture
+from .reduced_model import (
+    ReducedModes,
+    ReductionError,
+    lowest_with_slopes,
+    orthonormal_mixture,
+)
 
 NOISE = 1e-8
 """Part of a response across the fixed columns, over the response [1], that is rounding."""
@@ -348,11 +353,7 @@ class AdaptiveModel:
             solve=lambda right: scipy.linalg.cho_solve(factor, right, check_finite=False),
             shift=shift,
         )
-        wanted = np.arange(min(count, len(found.eigenvalue)))
-        first = ReducedModes(
-            eigenvalue=found.eigenvalue[wanted], shapes=found.shapes[:, wanted]
-        )
-        return first, mode_slopes(solved, rows, wanted)
+        return lowest_with_slopes(solved, rows, count)
 
 
 def _across(fixed: np.ndarray, responses: np.ndarray) -> np.ndarray:

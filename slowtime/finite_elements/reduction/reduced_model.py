@@ -203,11 +203,30 @@ class ReducedModel:
             weigh=self.mass.__matmul__,
             solve=np.zeros_like,
         )
-        wanted = np.arange(min(count, self.size))
-        first = ReducedModes(
-            eigenvalue=found.eigenvalue[wanted], shapes=found.shapes[:, wanted]
-        )
-        return first, mode_slopes(solved, rows, wanted)
+        return lowest_with_slopes(solved, rows, count)
+
+
+def lowest_with_slopes(
+    solved: SolvedModel, rows: Float[np.ndarray, "sensor own"], count: int
+) -> tuple[ReducedModes, ModeSlopes]:
+    """Return the lowest modes of a solved model, and their slopes.
+
+    Parameters
+    ----------
+    solved
+        Model with at least the wanted modes.
+    rows
+        Sensor rows over its coordinates.
+    count
+        Number of modes; fewer where the model has fewer.
+
+    Returns
+    -------
+    The modes, and their slopes by the parameters.
+    """
+    wanted = np.arange(min(count, len(solved.eigenvalue)))
+    lowest = ReducedModes(eigenvalue=solved.eigenvalue[wanted], shapes=solved.shapes[:, wanted])
+    return lowest, mode_slopes(solved, rows, wanted)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -115,4 +115,6 @@ def test_other_methods_find_the_same_modes(run, vibration, tmp_path, method):
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert page.count(">structural</td>") == 3
     assert ("Stabilisation" in page) == (method == "bayes")
-    assert "nan" not in page.casefold().split("plotly")[0]
+    said = re.sub(r"[A-Za-z0-9+/=]{1000,}", "", page)  # without the packed library
+    assert len(said) < 0.5 * len(page)
+    assert not re.search(r"\bnan\b", said, re.IGNORECASE)

@@ -12,6 +12,7 @@ from slowtime.discrepancy.refinement.constant_release import refit_from_other_st
 from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 
 KINDS = catalogue()
 RATE, MASS, SAMPLES = 128.0, 5.0, 1024
@@ -78,7 +79,9 @@ def fits():
             model, inputs=(dataclasses.replace(model.inputs[0], hold="zero"),)
         )
         first = refit(Plant.of(model, kinds=KINDS), trials)
-        found[share] = first, refit_from_other_stiffnesses(first, trials)
+        with metered() as meter:
+            found[share] = first, refit_from_other_stiffnesses(first, trials)
+        assert meter.spent == 0, "it takes from the budget of the search"
     return found
 
 
