@@ -27,7 +27,7 @@ test: .venv/dev  ## the default suite, some minutes on two cores; WORKERS=2
 test-long: .venv/dev  ## longer tests: whole flows, pages and searches
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "long and not slow"
 
-test-times: .venv/dev  ## measure tests, and move those of more than 2 s to the longer ones
+test-times: .venv/dev  ## measure tests, and move those of more than 1 s to the longer ones
 	: > tests/long_tests.txt
 	$(BIN)/python -m pytest -q -m "not slow" -p tests.processor_times
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 LONG_TESTS = Path(__file__).with_name("long_tests.txt")
-MAX_DEFAULT_S = 2.0
-"""[s] Processor time of a test of the default suite. Source: judgement; 7,700 tests then take
-about ten minutes on two cores."""
+MAX_DEFAULT_S = 1.0
+"""[s] Processor time of a test of the default suite. Source: the default suite is to take
+about five minutes on two cores."""
 
 
 def processor_s() -> float:
