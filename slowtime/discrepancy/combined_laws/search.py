@@ -189,6 +189,11 @@ def _ranked(
         return []
     scored = [_fitted_again(one, scored[0].fit.noise, trials, kinds) for one in scored]
     scored.sort(key=lambda one: -one.score)
+    missing = misfit(first, scored[0].fit.noise, trials) - first.data
+    scored = _without_idle_laws(
+        [(fitted[id(one.description)], one) for one in scored],
+        LIMITS.negligible_share * missing,
+    )
     shares = _shares(first, scored, kinds)
     ranked = []
     for named, share in zip(scored, shares, strict=True):
@@ -198,6 +203,30 @@ def _ranked(
             RankedCombination(dataclasses.replace(one, fits=fits, fitted=named), share)
         )
     return sorted(ranked, key=lambda one: -one.probability)
+
+
+def _without_idle_laws(
+    combinations: Sequence[tuple[Combination, FittedCandidate]], least: float
+) -> list[FittedCandidate]:
+    """Leave out combinations that explain hardly more than some of their laws do.
+
+    Parameters
+    ----------
+    combinations
+        Each with its fit under the noise of the best.
+    least
+        [noise variances] Sum of squares that the other laws have to explain.
+    """
+    return [
+        fit
+        for one, fit in combinations
+        if not any(
+            set(other.laws) < set(one.laws)
+            and other.place == one.place
+            and 2 * (fewer.cost - fit.fit.cost) < least
+            for other, fewer in ((other, found.fit) for other, found in combinations)
+        )
+    ]
 
 
 def _fitted_again(

@@ -68,9 +68,10 @@ class NoiseThresholds:
     min_used_share: float = 0.05
     """[share of samples] By which a channel with fewer used samples counts. Source:
     judgement; no study is recorded."""
-    instrument_floor: float = 1e-5
-    """[standard deviations of the reading] Noise of the best sensor there is. Source: 100
-    dB, the dynamic range of a good 24-bit recorder."""
+    instrument_floor: float = 1e-4
+    """[standard deviations of the reading] Below which a difference between a record and a
+    simulation says nothing. Source: 80 dB; no transducer is linear to better than 0.01 %, and
+    simulated records differ by as much with the integrator and the input between samples."""
 
 
 THRESHOLDS = NoiseThresholds()

@@ -38,7 +38,11 @@ from slowtime.discrepancy.refinement.free_run_refit import (
     refit_to_free_runs,
 )
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
-from slowtime.discrepancy.selection.inadequacy import law_probability, temper_unexplained
+from slowtime.discrepancy.selection.inadequacy import (
+    MAX_AMPLITUDE_LEFT,
+    law_probability,
+    temper_unexplained,
+)
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
 from slowtime.discrepancy.selection.probabilities import (
     MAX_LOCAL_MINIMUM_REST,
@@ -484,6 +488,8 @@ def _doubted(
     if not evaluation.held_out or found.undecided or found.final:
         return found
     if chi2_p_value(found.last) <= LIMITS.coloured_p_value:
+        return found
+    if evaluation.errors[-1] < MAX_AMPLITUDE_LEFT * evaluation.errors[0]:
         return found
     excess = evaluation.errors[-1] / evaluation.floor
     confirmed = is_confirmed_on_holdout(found.last, excess, evaluation.tests)

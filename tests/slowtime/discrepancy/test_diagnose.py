@@ -164,6 +164,25 @@ def test_friction_that_creeps_where_it_should_stick_is_still_dry(campaign, wrong
 
 
 @pytest.mark.long
+def test_nothing_is_missing_in_another_simulation_without_noise(campaign):
+    rig, trials = campaign(19, stiffness_sd=1e-9, snr_db=300.0, levels=(1.0, 2.0, 1.5))
+    found = answered(rig, trials, options=QUICK)
+    assert found.verdict == "nothing_missing"
+
+
+@pytest.mark.slow
+def test_smoothed_friction_is_named_in_another_simulation_without_noise(campaign, wrong):
+    rig, trials = campaign(
+        20, wrong(element=1, force=lambda e, v, t: 0.4 * np.tanh(v / 1e-3)),
+        mode="accelerations", stiffness_sd=1e-9, snr_db=300.0, levels=(1.0, 2.0, 1.5),
+        seconds=20.0,
+    )  # fmt: skip
+    found = answered(rig, trials)
+    assert [named.effect.kind for named in found.effects] == ["coulomb"]
+    assert found.effects[0].probability > 0.9
+
+
+@pytest.mark.long
 def test_a_shaken_mass_cannot_tell_a_softer_spring_from_a_heavier_mass(campaign, wrong):
     rig, trials = campaign(
         17,

@@ -67,6 +67,20 @@ def sliding_with_drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
     return float(p[0] + p[1] * v * v)
 
 
+def creeping(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Friction that has no sticking, as its sign turns smoothly with the speed [N]."""
+    return float(p[0] * math.tanh(v / p[1]))
+
+
+def creeping_speeds(motion: Motion) -> list[Shape]:
+    """Shares of the highest speed at which friction has three quarters of its level."""
+    return [
+        {"vs_m_per_s": share * fast}
+        for fast in levels(motion.v, 0.99)
+        for share in (0.002, 0.01, 0.04, 0.15)
+    ]
+
+
 def drags(motion: Motion) -> list[Shape]:
     """Coefficients of drag that make it a part of, or more than, the friction at high speed."""
     return [
@@ -249,6 +263,26 @@ KINDS = (
         scales=("static_n",),
         shapes=speeds,
         shown=fallen,
+    ),
+    Kind(
+        name="friction_with_creep",
+        title="Dry friction that creeps",
+        family="friction",
+        where="element",
+        parameters=(
+            _SLIDING,
+            Parameter(
+                name="vs_m_per_s", unit="m/s", meaning="speed of creep", low=0.0, nonzero=True
+            ),
+        ),
+        equation="Fc tanh(v/vs)",
+        source="Andersson, Söderberg and Björklund 2007",
+        sentence="Dry friction whose sign turns smoothly with the speed, so that the element "
+        "creeps where it should stick.",
+        action=Law(force=creeping),
+        strength="friction_n",
+        shapes=creeping_speeds,
+        contains=("coulomb",),
     ),
     Kind(
         name="friction_with_drag",

@@ -1,5 +1,7 @@
 """Decays of oscillators that another integrator solved: all laws are named, and no others."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -59,6 +61,41 @@ def found(levels, **laws):
     trials = tuple(released(level, seed=i, **laws) for i, level in enumerate(levels))
     held_out = (released(0.7 * levels[0], seed=9, **laws),)
     return diagnose(Campaign(description=swing(), trials=trials, holdout=held_out))
+
+
+@pytest.mark.long
+def test_a_law_that_explains_next_to_nothing_is_no_alternative():
+    """Smoothed friction in a simulation without noise differs from dry friction a little."""
+
+    def decay(level):
+        t = np.arange(3000) / 100.0
+
+        def rate(_, x):
+            return np.array([x[1], -100 * x[0] - 0.2 * x[1] - 0.3 * np.tanh(x[1] / 1e-3)])
+
+        x = solve_ivp(rate, (0, t[-1]), [level, 0.0], t_eval=t, rtol=1e-8, atol=1e-10).y
+        return Trial(
+            inputs=np.zeros((len(t), 0)), outputs=rate(0, x)[1][:, None], rate_hz=100.0
+        )
+
+    given = swing()
+    description = dataclasses.replace(
+        given,
+        elements=(
+            dataclasses.replace(
+                given.elements[0], stiffness_n_per_m=100.0, damping_n_s_per_m=0.2
+            ),
+        ),
+        sensors=(
+            Sensor(channel="a", quantity="acceleration", node="bob", unit="m/s^2"),
+        ),
+        unit_of_coordinate="m",
+        tolerance=Tolerance(),
+    )  # fmt: skip
+    trials = tuple(decay(level) for level in (0.07, 0.1))
+    answer = diagnose(Campaign(description=description, trials=trials, holdout=(decay(0.085),)))
+    assert answer.verdict == "missing_effect"
+    assert [named.effect.kind for named in answer.effects] == ["coulomb"]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ ALONG = {
     "quadratic_damping": "speed",
     "cubic_damping": "speed",
     "friction_with_drag": "speed",
+    "friction_with_creep": "speed",
     "power_law_damping": "speed",
     "rayleigh_damping": "speed",
     "quintic_stiffness": "elongation",

@@ -79,6 +79,9 @@ LIMITS = {
     },
     ("friction_with_drag", "coulomb"): lambda p: {**friction(p), "c2_n_s2_per_m2": 0.0},
     ("friction_with_drag", "quadratic_damping"): lambda p: {**p, "friction_n": 0.0},
+    ("friction_with_creep", "coulomb"): lambda p: {
+        **friction(p), "vs_m_per_s": 1e-3 * TINY_V,
+    },
     ("dahl", "coulomb"): lambda p: {**friction(p), "presliding_m": SHORT_M},
     ("friction_in_series_with_spring", "coulomb"): lambda p: {
         **friction(p), "presliding_m": CARRIED_M,
