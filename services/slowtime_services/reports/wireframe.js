@@ -15,7 +15,7 @@ const make = (tag, text, name) => {
   return element;
 };
 const button = (text, act) => {
-  const made = make("button", text, "quiet");
+  const made = make("button", text, "act");
   made.type = "button";
   made.addEventListener("click", act);
   return made;
@@ -63,7 +63,7 @@ export class WireframeView {
   }
 
   controls() {
-    this.bar = make("p", undefined, "tools");
+    this.bar = make("p", undefined, "viewing");
     Object.assign(this.bar.style, { display: "flex", flexWrap: "wrap", gap: ".4rem", alignItems: "center" });
     this.choice = make("select");
     this.choice.setAttribute("aria-label", "Mode");

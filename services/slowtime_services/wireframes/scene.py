@@ -83,14 +83,17 @@ def scene_of(
     Nodes, lines, sensors and modes in ascending frequency, as JSON has them.
     """
     modes = []
-    taken: dict[int, list[int]] = {}
-    alone = []
+    taken: dict[int, list[int | None]] = {}
+    alone: list[int] = []
     if measured is not None:
         for row, number in enumerate(measured.model_mode):
             known = (
                 model is not None and number is not None and number < len(model.frequency_hz)
             )
-            (taken.setdefault(int(number or 0), []) if known else alone).append(row)
+            if known and number is not None:
+                taken.setdefault(number, []).append(row)
+            else:
+                alone.append(row)
     for number in range(0 if model is None else len(model.frequency_hz)):
         assert model is not None
         for row in taken.get(number) or [None]:

@@ -79,6 +79,9 @@ def test_a_phone_shows_the_shapes_without_scrolling_sideways(towered, visit):
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= PHONE["width"]
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    views = page.locator('[id="lab.tower"] .wireframe')
+    for name in ("Corner", "Front", "Side", "Above"):
+        expect(views.get_by_role("button", name=name)).to_be_visible()
 
 
 def test_rest_tells_shapes_of_the_latest_epoch_and_of_an_earlier_one(towered):
