@@ -122,6 +122,10 @@ VERBS = {
         "records.scale:scale",
         "Scale operational mode shapes by known added masses.",
     ),
+    "orders": Verb(
+        "records.orders:orders",
+        "Track the orders of a machine against its speed, by a tacho.",
+    ),
     "track": Verb(
         "records.track:track", "Track the constants of a nonlinear structure over slow time."
     ),

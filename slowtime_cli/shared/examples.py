@@ -111,6 +111,10 @@ EXAMPLES |= {
     """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
     "slowtime update chain.yaml modes.json",
     "reduce": f"{_CHAIN} && slowtime reduce chain.yaml --modes 3",
+    "orders": """awk 'BEGIN {print "t_s,pulse,a"; for (i = 0; i < 20000; i++) {t = i / 1000; """
+    """n = 10 * t + t * t / 4; p = cos(6.2831853 * n); print t "," (p > 0.9) "," """
+    """2 * cos(6.2831853 * n - 1)}}' > runup.csv && """
+    "slowtime orders runup.csv --tacho pulse --orders 1,2",
     "scale": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 90}, """
     """{id: n, mass_kg: 80}], elements: [{id: j, between: [base, m], """
     """stiffness_n_per_m: 3e4, damping_n_s_per_m: 30}, {id: k, between: [m, n], """
