@@ -130,6 +130,7 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py
 	$(BIN)/python docs/figures/frame.py
+	$(BIN)/python -m docs.figures.shapes
 	$(BIN)/python docs/figures/diagnosis.py
 
 clean:  ## remove what the other words have made

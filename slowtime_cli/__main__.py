@@ -118,6 +118,14 @@ VERBS = {
         "records.merge:merge",
         "Merge the modes of several set-ups of sensors.",
     ),
+    "scale": Verb(
+        "records.scale:scale",
+        "Scale operational mode shapes by known added masses.",
+    ),
+    "orders": Verb(
+        "records.orders:orders",
+        "Track the orders of a machine against its speed, by a tacho.",
+    ),
     "track": Verb(
         "records.track:track", "Track the constants of a nonlinear structure over slow time."
     ),

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import sparse
 
+from .definiteness import check_definite
 from .eigenvalues import SparseModes, lowest_modes
 from .factorization import SymmetricFactor
 from .parametric_matrices import ParametricMatrices
@@ -48,6 +49,7 @@ def sparse_mode_slopes(
     if added_mass is not None:
         mass = sparse.csr_array(mass + added_mass)
     factor, shift = SymmetricFactor(stiffness), 0.0
+    check_definite(model, theta, factor)
     rigid = 6 if factor.singular else 0
     number = min(count + BEYOND + rigid, model.size)
     found = lowest_modes(

@@ -22,6 +22,9 @@ from slowtime_services.matrices import (
     write_reduced,
 )
 from slowtime_services.models import model_file_of, write_model
+from slowtime_services.wireframes import geometry_of, with_geometry
+
+from .shape_report import reduced_shapes, write_shapes
 
 MODEL_FILES = (".yaml", ".yml", ".json")
 """Endings of a reduced model that is written as a model file."""
@@ -41,6 +44,9 @@ def reduce(model: Path, **given: Any) -> None:
         settings = settings_for_band(matrices, given["band_hz"], settings)
     reduced = reduce_modal(matrices, settings, trials=given["trials"])
     frequencies = reduced.modes(np.zeros(len(reduced.names)), settings.modes).frequency_hz
+    if given["report"] is not None:
+        wire, shapes = reduced_shapes(read, reduced, settings.modes)
+        write_shapes(given["report"], read.name, wire, shapes)
     if given["out"] is not None:
         _write(given["out"], read, reduced, settings)
     error = None if reduced.error is None else dataclasses.asdict(reduced.error)
@@ -79,7 +85,8 @@ def _write(
     found = describe_reduced(read, settings)
     if found.left_out:
         note(f"Strains are left out of {out.name}: {', '.join(found.left_out)}.")
+    file = with_geometry(model_file_of(found.description), geometry_of(read, found))
     if suffix == ".json":
-        out.write_text(model_file_of(found.description).model_dump_json(), encoding="utf-8")
+        out.write_text(file.model_dump_json(), encoding="utf-8")
     else:
-        write_model(out, found.description)
+        write_model(out, file)

@@ -1,7 +1,9 @@
 """The verb `update`: parameters of a finite-element model from measured modes."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -20,6 +22,9 @@ from slowtime.finite_elements.reduction import BasisSettings, reduce_modal
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.matrices import MatrixFileError, MatrixModel, read_matrix_model
 from slowtime_services.matrices.measured_files import read_measured_modes
+from slowtime_services.reports import Table
+
+from .shape_report import measured_of, updated_shapes, write_updated
 
 SMALL = 3000
 """Degrees of freedom up to which every step solves the full model, in some 10 ms."""
@@ -32,7 +37,12 @@ UNLIKELY = 0.01
 
 
 def update(
-    model: Path, modes: Path, frequency_error: float, shape_error: float, as_json: bool
+    model: Path,
+    modes: Path,
+    frequency_error: float,
+    shape_error: float,
+    report: Path | None,
+    as_json: bool,
 ) -> None:
     """Read both, estimate, and print."""
     read = read_matrix_model(model)
@@ -52,7 +62,35 @@ def update(
         structure.sensed_modes(theta, rows, count).frequency_hz[pairs]
         for theta in (np.zeros(len(found.theta)), found.theta)
     )
-    _print(structure, measured, found, before, after, as_json=as_json)
+    parameters = _parameters(found)
+    frequencies = _frequencies(measured, before, after)
+    limits = [limit.sentence for limit in identifiability_limits(structure, found)]
+    if report is not None:
+        notes = [*limits, *_misfit(found)]
+        tables = [
+            Table(PARAMETER_HEADINGS, _parameter_rows(parameters)),
+            Table(MODE_HEADINGS, _mode_rows(frequencies)),
+        ]
+        wire, shapes = updated_shapes(read, found.theta, count)
+        seen = measured_of(modes, [int(k) for k in pairs])
+        write_updated(report, read.name, tables, (wire, shapes, seen), notes)
+    if as_json:
+        body = {
+            "parameters": parameters,
+            "modes": frequencies,
+            "not_determined": limits,
+            "p_value": found.p_value,
+        }
+        click.echo(json.dumps(body, indent=2))
+        return
+    show("Parameters", PARAMETER_HEADINGS, _parameter_rows(parameters), plain=parameters)
+    show("Modes", MODE_HEADINGS, _mode_rows(frequencies), plain=frequencies)
+    for sentence in [*limits, *_misfit(found)]:
+        note(sentence)
+
+
+PARAMETER_HEADINGS = ("parameter", "change [%]", "sd [%]", "posterior over prior sd")
+MODE_HEADINGS = ("measured [Hz]", "as given [Hz]", "updated [Hz]")
 
 
 def _structure(read: MatrixModel, modes: int) -> UpdatableModel:
@@ -64,75 +102,54 @@ def _structure(read: MatrixModel, modes: int) -> UpdatableModel:
     return ReducedStructure(model=reduce_modal(read.matrices, settings, trials=0))
 
 
-def _print(
-    structure: UpdatableModel,
-    measured: MeasuredModes,
-    found: StructurePosterior,
-    before: np.ndarray,
-    after: np.ndarray,
-    *,
-    as_json: bool,
-) -> None:
+def _parameters(found: StructurePosterior) -> list[dict[str, Any]]:
+    """Change of each parameter, with its interval."""
     lower, upper = found.interval()
-    parameters = [
-        {"parameter": name, "change": change, "sd": sd, "lo": lo, "hi": hi, "ratio": ratio}
-        for name, change, sd, lo, hi, ratio in zip(
-            found.names,
-            found.change.tolist(),
-            (np.exp(found.theta) * found.sd).tolist(),
-            lower.tolist(),
-            upper.tolist(),
-            found.ratio.tolist(),
-            strict=True,
-        )
-    ]
-    modes = [
-        {"measured_hz": seen, "sd_hz": sd, "as_given_hz": first, "updated_hz": last}
-        for seen, sd, first, last in zip(
-            measured.frequency_hz.tolist(),
-            measured.frequency_sd_hz.tolist(),
-            before.tolist(),
-            after.tolist(),
-            strict=True,
-        )
-    ]
-    limits = [limit.sentence for limit in identifiability_limits(structure, found)]
-    if as_json:
-        body = {
-            "parameters": parameters,
-            "modes": modes,
-            "not_determined": limits,
-            "p_value": found.p_value,
-        }
-        click.echo(json.dumps(body, indent=2))
-        return
-    show(
-        "Parameters",
-        ("parameter", "change [%]", "sd [%]", "posterior over prior sd"),
-        [
-            (
-                str(one["parameter"]),
-                f"{100 * one['change']:+.2f}",
-                f"{100 * one['sd']:.2f}",
-                f"{one['ratio']:.3f}",
-            )
-            for one in parameters
-        ],
-        plain=parameters,
+    columns = (
+        found.names,
+        found.change.tolist(),
+        (np.exp(found.theta) * found.sd).tolist(),
+        lower.tolist(),
+        upper.tolist(),
+        found.ratio.tolist(),
     )
-    show(
-        "Modes",
-        ("measured [Hz]", "as given [Hz]", "updated [Hz]"),
-        [tuple(f"{one[key]:.5g}" for key in _SHOWN) for one in modes],
-        plain=modes,
-    )
-    for sentence in limits:
-        note(sentence)
-    if found.p_value < UNLIKELY:
-        note(
-            f"The updated model does not explain the modes (p = {found.p_value:.2g}): another "
-            "part is wrong, or the errors of frequencies and shapes are larger than said."
+    keys = ("parameter", "change", "sd", "lo", "hi", "ratio")
+    return [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def _frequencies(
+    measured: MeasuredModes, before: np.ndarray, after: np.ndarray
+) -> list[dict[str, Any]]:
+    """Frequencies as measured and of the model before and after [Hz]."""
+    columns = (measured.frequency_hz, measured.frequency_sd_hz, before, after)
+    keys = ("measured_hz", "sd_hz", "as_given_hz", "updated_hz")
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [dict(zip(keys, row, strict=True)) for row in rows]
+
+
+def _parameter_rows(parameters: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    return [
+        (
+            str(one["parameter"]),
+            f"{100 * one['change']:+.2f}",
+            f"{100 * one['sd']:.2f}",
+            f"{one['ratio']:.3f}",
         )
+        for one in parameters
+    ]
+
+
+def _mode_rows(modes: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    return [tuple(f"{one[key]:.5g}" for key in _SHOWN) for one in modes]
+
+
+def _misfit(found: StructurePosterior) -> list[str]:
+    if found.p_value >= UNLIKELY:
+        return []
+    return [
+        f"The updated model does not explain the modes (p = {found.p_value:.2g}): another "
+        "part is wrong, or the errors of frequencies and shapes are larger than said."
+    ]
 
 
 _SHOWN = ("measured_hz", "as_given_hz", "updated_hz")

@@ -24,13 +24,14 @@ from slowtime.identification.single_mode.sliding_windows import (
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
 from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
+from slowtime_services.matrices import read_any_description
 from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import identify_part, is_decay, stretches
-from slowtime_services.models import read_description
 
 from . import mode_tables
 from .modes_file import write_modes_file
+from .shape_scenes import spatial_section
 
 F = TypeVar("F", Identified, Mode)
 Samples = np.ndarray[Any, Any]
@@ -115,8 +116,21 @@ def identify(
             if not silent:
                 mode_tables.show_modes(whole, models, path.name, method=method)
             if report is not None:
+                spatial = (
+                    []
+                    if mixed
+                    else spatial_section(
+                        whole, record.channels, models, model=model, geometry=known
+                    )
+                )
                 mode_tables.write_report(
-                    report, path.name, record.channels, whole, models, shapes=not mixed
+                    report,
+                    path.name,
+                    record.channels,
+                    whole,
+                    models,
+                    shapes=not mixed,
+                    spatial=spatial,
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
@@ -150,7 +164,7 @@ def reference_modes(
     if model.suffix.lower() in UNIVERSAL:
         found = mode_tables.read_model_modes(model, channels)
     else:
-        found = mode_tables.model_modes(read_description(model), channels)
+        found = mode_tables.model_modes(read_any_description(model, note=note), channels)
     return [(hz, None) for hz, _ in found] if mixed else found
 
 

@@ -26,6 +26,7 @@ from .identify import note_mixed_units, reference_modes, without_shape
 from .modes_file import write_modes_file
 from .response_charts import CAPTIONS, response_sections
 from .response_files import show_masses, write_response_file
+from .shape_scenes import spatial_section
 
 METHOD = "maximum_likelihood"
 """Method that is named in files of modes."""
@@ -95,6 +96,9 @@ def identify(
             found.result,
             models,
             shapes=not mixed,
+            spatial=[]
+            if mixed
+            else spatial_section(found.result, outputs, models, model=model, geometry=known),
             captions=CAPTIONS,
             extra=response_sections(found, measured.output_channels, measured.input_channels),
         )

@@ -46,6 +46,18 @@ def merge_setups(
     _show(found, files)
 
 
+def modes_of_file(path: Path) -> tuple[tuple[str, ...], list[Mode]]:
+    """Read channels and modes with shapes of a modes file of a whole record.
+
+    Raises
+    ------
+    click.UsageError
+        Where it is another file, or has no shapes.
+    """
+    found = _read(path)
+    return tuple(found.channels), _modes(found)
+
+
 def _read(path: Path) -> ModesFile:
     try:
         found = ModesFile.model_validate_json(path.read_bytes())

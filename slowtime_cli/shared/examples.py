@@ -111,6 +111,24 @@ EXAMPLES |= {
     """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
     "slowtime update chain.yaml modes.json",
     "reduce": f"{_CHAIN} && slowtime reduce chain.yaml --modes 3",
+    "orders": """awk 'BEGIN {print "t_s,pulse,a"; for (i = 0; i < 20000; i++) {t = i / 1000; """
+    """n = 10 * t + t * t / 4; p = cos(6.2831853 * n); print t "," (p > 0.9) "," """
+    """2 * cos(6.2831853 * n - 1)}}' > runup.csv && """
+    "slowtime orders runup.csv --tacho pulse --orders 1,2",
+    "scale": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 90}, """
+    """{id: n, mass_kg: 80}], elements: [{id: j, between: [base, m], """
+    """stiffness_n_per_m: 3e4, damping_n_s_per_m: 30}, {id: k, between: [m, n], """
+    """stiffness_n_per_m: 3e4, damping_n_s_per_m: 30}], sensors: [{channel: a, quantity: """
+    """acceleration, node: m, unit: m/s^2}, {channel: b, quantity: acceleration, node: n, """
+    """unit: m/s^2}]}' > bare.yaml && """
+    "sed 's/mass_kg: 80/mass_kg: 88/' bare.yaml > more.yaml && "
+    "slowtime simulate --model bare.yaml --rate-hz 20 --duration 900 --seed 1 "
+    "--out bare.npz && "
+    "slowtime simulate --model more.yaml --rate-hz 20 --duration 900 --seed 2 "
+    "--out more.npz && "
+    "slowtime identify bare.npz --method modes --out bare.json && "
+    "slowtime identify more.npz --method modes --out more.json && "
+    "slowtime scale bare.json --added more.json b=8",
     "place": f"{_CHAIN} && slowtime place chain.yaml --sensors 3 --modes 3",
 }
 FIRST_EXAMPLE = f"{_RECORD} && slowtime identify tower.mcap"

@@ -9,6 +9,7 @@ from slowtime_schemas.messages import Fatigue
 from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
+from twin_server.estimate.elements import spatial_scene
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
@@ -79,6 +80,13 @@ class TwinKnowledge:
         """Return the modes of a twin of elements as learnt; empty while they are not."""
         twin = self._pipeline.twin(twin_id)
         return [] if twin is None else twin.checkpoint.nominal_modes()
+
+    def spatial_scene(self, twin_id: str, state: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return measured shapes over the model's in space; None without a geometry."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None:
+            return None
+        return spatial_scene(twin.registration, twin.checkpoint.elements, state)
 
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
         """Return the normal behaviour under covariates, and detected departures from it."""

@@ -40,6 +40,7 @@ def self_contained(value: Any) -> Any:
             "REDUCED.json."
         )
     from slowtime_services.matrices import describe_reduced, matrix_model_of
+    from slowtime_services.wireframes import geometry_of, with_geometry
 
     file = FiniteElementFile.model_validate(value)
     assert file.frame is not None
@@ -56,7 +57,8 @@ def self_contained(value: Any) -> Any:
             "REDUCED.json."
         )
     try:
-        reduced = describe_reduced(matrix_model_of(file, Path()))
-        return model_file_of(reduced.description)
+        model = matrix_model_of(file, Path())
+        reduced = describe_reduced(model)
+        return with_geometry(model_file_of(reduced.description), geometry_of(model, reduced))
     except (DescriptionError, ValidationError) as error:
         raise ValueError(str(error)) from error

@@ -249,7 +249,9 @@ class Registration(Frozen):
         """
         assert self.model is not None
         of_each = None if self.parameters is None else tuple(self.parameters.items())
-        return _structure(self.model.model_dump_json(), of_each, self.prior_stiffness_sd)
+        return _structure(
+            self.model.model_dump_json(exclude={"geometry"}), of_each, self.prior_stiffness_sd
+        )
 
     @property
     def nominal_model(self) -> ModelFile | None:

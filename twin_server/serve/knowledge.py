@@ -79,6 +79,10 @@ class Knowledge(Protocol):
         """Return the modes of a twin of elements as learnt; empty while they are not."""
         ...
 
+    def spatial_scene(self, twin_id: str, state: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return measured shapes over the model's in space; None without a geometry."""
+        ...
+
     def normal(self, twin_id: str) -> list[dict[str, Any]]:
         """Return the normal behaviour under covariates, and detected departures from it."""
         ...

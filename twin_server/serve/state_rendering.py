@@ -7,6 +7,7 @@ from pydantic_core import from_json, to_json
 
 from twin_server.history.details import without_shapes
 from twin_server.history.rendering import state_objects
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment
 from twin_server.serve.knowledge import HistoryPart, Knowledge
 from twin_server.serve.models.twins import (
@@ -53,6 +54,31 @@ def modes_of(knowledge: Knowledge, twin_id: str, at: Moment | None) -> dict[str,
         "channels": state.get("channels", []),
         "modes": [_MODE | mode for mode in modes],
         "nominal": knowledge.nominal_modes(twin_id),
+    }
+
+
+def shapes_of(knowledge: Knowledge, twin_id: str, at: Moment | None) -> dict[str, Any]:
+    """Render the shapes of a state in space.
+
+    Raises
+    ------
+    ProblemError
+        Where the twin's model has no geometry.
+    """
+    state = next(map(from_json, state_texts(twin_id, knowledge.latest(twin_id, at))), None)
+    if state is None:
+        state = from_json(no_state(twin_id, at))
+    scene = knowledge.spatial_scene(twin_id, state)
+    if scene is None:
+        raise ProblemError(
+            404,
+            "no-geometry",
+            f"The model of {twin_id} has no geometry. Register a `frame`, or a model that "
+            "`slowtime reduce --out` wrote of matrices whose `dofs` have positions.",
+        )
+    return {
+        **{key: state[key] for key in ("id", "t_ns", "slow_time", "slow_time_unit")},
+        **scene,
     }
 
 

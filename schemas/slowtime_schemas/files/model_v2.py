@@ -21,6 +21,7 @@ from pydantic import (
 from slowtime_schemas.quantities import Plain, PlainText
 
 from .finite_elements import FrameModel, Joint, Matrices, SpatialInput, SpatialSensor
+from .geometry import Geometry
 from .model import (
     BeamElement,
     Effect,
@@ -114,6 +115,9 @@ class LineModelFile(ModelFile):
         description="Version of this format."
     )
     elements: tuple[AnyElement, ...] = ()  # type: ignore[assignment]
+    geometry: Geometry | None = Field(
+        default=None, description="Of the full model, for drawings of its mode shapes."
+    )
 
 
 def _version(value: Any) -> str:

@@ -55,6 +55,8 @@ class MatrixModel:
     base_load
         Mass times a unit motion of all nodes in the direction of the base's motion, over the
         coordinates of `matrices` [kg]; None where the base is not said to move.
+    unheld
+        Matrices of files before nodes are held, for drawings; None for frames.
     """
 
     name: str
@@ -64,6 +66,7 @@ class MatrixModel:
     sensors: Float[np.ndarray, "sensor dof"]
     file: FiniteElementFile
     base_load: Float[np.ndarray, " own"] | None = None
+    unheld: ParametricMatrices | None = None
 
     @property
     def base_direction(self) -> str | None:
@@ -151,8 +154,10 @@ def matrix_model_of(file: FiniteElementFile, folder: Path, name: str = "") -> Ma
     direction = base_direction(file)
     parameters: tuple[MatrixParameter | FrameParameter, ...]
     mass: sparse.csr_array | None
+    unheld = None
     if file.matrices is not None:
-        model, mass = _read_matrices(file.matrices, folder)
+        model, unheld = _read_matrices(file.matrices, folder)
+        mass = unheld.mass
         parameters = file.matrices.parameters
     else:
         assert file.frame is not None
@@ -169,6 +174,7 @@ def matrix_model_of(file: FiniteElementFile, folder: Path, name: str = "") -> Ma
         sensors=np.array(rows).reshape(len(rows), size),
         file=file,
         base_load=None if direction is None else _base_load(model, mass, direction),
+        unheld=unheld,
     )
 
 
@@ -213,8 +219,8 @@ def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrice
 
 def _read_matrices(
     section: Matrices, folder: Path
-) -> tuple[ParametricMatrices, sparse.csr_array]:
-    """Read the model, held as the section says, and the mass before that."""
+) -> tuple[ParametricMatrices, ParametricMatrices]:
+    """Read the model, held as the section says, and as it is before that."""
     stiffness = _matrix(section.stiffness, folder, None)
     size = stiffness.shape[0]
     dofs = None
@@ -235,11 +241,11 @@ def _read_matrices(
             dofs=dofs,
         )
         if not section.held:
-            return model, model.mass
+            return model, model
         if dofs is None:
             raise MatrixFileError("`held` needs `dofs`. Give the file that says what rows are.")
         supports = [Support(node=one.node, directions=one.directions) for one in section.held]
-        return constrain(model, support_equations(dofs, supports)), model.mass
+        return constrain(model, support_equations(dofs, supports)), model
     except MatrixFileError:
         raise
     except ValueError as error:

@@ -225,7 +225,7 @@ def _of(where: Path) -> str:
 def _keys(parent: Path, values: dict[str, Any], kind: type[BaseModel]) -> list[str]:
     """Keys that are allowed where `parent` leads to."""
     model: type[BaseModel] = kind
-    if kind is FiniteElementFile:
+    if kind is FiniteElementFile or parent[:1] == ("geometry",):
         return list(_part_of(kind, parent).model_fields)
     if parent:
         part: Any = values

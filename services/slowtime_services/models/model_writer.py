@@ -49,7 +49,7 @@ def model_text(model: ModelFile | Description) -> str:
         model = model_file_of(model)
     values = model.model_dump(mode="json", exclude_defaults=True)
     text = [f"slowtime_model: {model.slowtime_model}\n"]
-    for key in ("name", "unit_of_coordinate", *GROUPS, "tolerance"):
+    for key in ("name", "unit_of_coordinate", *GROUPS, "tolerance", "geometry"):
         if key in values:
             text.append(_entry(key, values[key]))
     return "".join(text)

@@ -1,5 +1,5 @@
 """Results in, one HTML file without external references out."""
 
-from .page import Chart, Section, Table, charts_in, write_page
+from .page import VIEWER, Chart, Scene, Section, Table, charts_in, write_page
 
-__all__ = ["Chart", "Section", "Table", "charts_in", "write_page"]
+__all__ = ["VIEWER", "Chart", "Scene", "Section", "Table", "charts_in", "write_page"]

@@ -17,6 +17,9 @@ from typing import Any
 
 import plotly
 
+VIEWER = Path(__file__).parent / "wireframe.js"
+"""The viewer of mode shapes in space, an ECMAScript module that the twin's page runs too."""
+
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 
 _SECTION = re.compile(r"<section>\n<h2>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
@@ -88,17 +91,27 @@ class Chart:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class Scene:
+    """Mode shapes on a wireframe, as `slowtime_services.wireframes.scene_of` gives them."""
+
+    scene: Mapping[str, Any]
+    words: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Section:
     """A heading, sentences, and the items below them."""
 
     heading: str
     words: Sequence[str] = ()
-    shown: Sequence[Table | Chart] = ()
+    shown: Sequence[Table | Chart | Scene] = ()
 
 
 def write_page(path: Path, title: str, lead: str, sections: Sequence[Section]) -> None:
     """Write the page; names out of records are shown, never run."""
-    draws = any(isinstance(one, Chart) for section in sections for one in section.shown)
+    shown = [one for section in sections for one in section.shown]
+    draws = any(isinstance(one, Chart) for one in shown)
+    moves = any(isinstance(one, Scene) for one in shown)
     body = "\n".join(
         [
             f"<h1>{html.escape(title)}</h1>",
@@ -111,6 +124,9 @@ def write_page(path: Path, title: str, lead: str, sections: Sequence[Section]) -
         f"<script>{DRAW}</script>"
     )
     scripts = scripts if draws else ""
+    if moves:
+        viewer = VIEWER.read_text(encoding="utf-8")
+        scripts += f'\n<script type="module">\n{viewer}\ndrawAll();\n</script>'
     path.write_text(
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -141,9 +157,23 @@ def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
 
 def _section(section: Section) -> str:
     words = [f"<p>{html.escape(sentence)}</p>" for sentence in section.words]
-    shown = [_table(one) if isinstance(one, Table) else _chart(one) for one in section.shown]
+    shown = [_item(one) for one in section.shown]
     inside = "\n".join(words + shown)
     return f"<section>\n<h2>{html.escape(section.heading)}</h2>\n{inside}\n</section>"
+
+
+def _item(shown: Table | Chart | Scene) -> str:
+    if isinstance(shown, Table):
+        return _table(shown)
+    return _chart(shown) if isinstance(shown, Chart) else _scene(shown)
+
+
+def _scene(scene: Scene) -> str:
+    content = json.dumps(scene.scene, allow_nan=False).replace("<", "\\u003c")
+    return (
+        f'<div class="scene"><script type="application/json">{content}</script></div>\n'
+        f'<p class="soft">{html.escape(scene.words)}</p>'
+    )
 
 
 def _table(table: Table) -> str:

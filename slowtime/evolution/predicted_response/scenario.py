@@ -20,6 +20,8 @@ from slowtime.dynamics.structure import Structure
 from slowtime.evolution.change import check_level
 from slowtime.evolution.structures import ParametricStructure
 
+from .modal_response import modal_response
+
 QUANTITIES = ("displacement", "velocity", "acceleration")
 """Quantities of a response that can be asked for."""
 
@@ -84,20 +86,44 @@ class ParameterBelief:
         -------
         Structures.
         """
+        for theta, zeta in self.draw_modal(count, rng):
+            yield self.structure_at(theta, zeta)
+
+    def draw_modal(
+        self, count: int, rng: np.random.Generator
+    ) -> Iterator[tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " mode"]]]:
+        """Draw logarithms of the factors, and damping ratios.
+
+        Parameters
+        ----------
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Both, draw by draw.
+        """
         thetas = self.thetas(count, rng)
         away = rng.standard_normal((count, len(self.log_damping)))
         # Beyond this a mode would not swing, which those measured do.
         ratios = np.minimum(np.exp(self.log_damping + away * self.log_damping_sd), 0.95)
-        for theta, zeta in zip(thetas, ratios, strict=True):
-            mass, stiffness = self.structure.matrices(theta)
-            yield Structure(
-                mass=mass,
-                stiffness=stiffness,
-                damping=_symmetric(modal_damping(mass, stiffness, zeta)),
-                names=self.structure.dof_names,
-                influence=self.influence,
-                base_mass=self.base_mass,
-            )
+        yield from zip(thetas, ratios, strict=True)
+
+    def structure_at(
+        self, theta: Float[np.ndarray, " parameter"], ratios: Float[np.ndarray, " mode"]
+    ) -> Structure:
+        """Structure at logarithms of the factors, with a damping ratio for each mode."""
+        mass, stiffness = self.structure.matrices(theta)
+        return Structure(
+            mass=mass,
+            stiffness=stiffness,
+            damping=_symmetric(modal_damping(mass, stiffness, ratios)),
+            names=self.structure.dof_names,
+            influence=self.influence,
+            base_mass=self.base_mass,
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +183,18 @@ def response_runs(
     if quantity not in QUANTITIES:
         raise ValueError(f"{quantity=} is none of {', '.join(QUANTITIES)}.")
     which, runs = QUANTITIES.index(quantity), np.empty((draws, len(load), len(outputs)))
-    for number, structure in enumerate(believed.draw(draws, rng)):
+    names = believed.structure.dof_names
+    rows = np.array([[float(name == out) for name in names] for out in outputs])
+    for number, (theta, ratios) in enumerate(believed.draw_modal(draws, rng)):
+        matrices = believed.structure.matrices(theta)
+        pushed = _pushed(believed, matrices[0], on)
+        found = modal_response(matrices, ratios, pushed, load, rate_hz, rows=rows, order=which)
+        if found is not None:
+            if on is None and which == 2 and believed.influence is not None:
+                found = found + np.multiply.outer(load, rows @ believed.influence)
+            runs[number] = found
+            continue
+        structure = believed.structure_at(theta, ratios)
         if on is None:
             force = structure.base_force(load)
         else:
@@ -168,6 +205,22 @@ def response_runs(
             motion = motion + np.multiply.outer(load, structure.influence)
         runs[number] = motion[:, [structure.dof(name) for name in outputs]]
     return runs
+
+
+def _pushed(
+    believed: ParameterBelief, mass: Float[np.ndarray, "dof dof"], on: str | None
+) -> Float[np.ndarray, " dof"]:
+    """Force on each degree of freedom per unit of the load, on one of them or by the base."""
+    if on is not None:
+        return np.array([float(name == on) for name in believed.structure.dof_names])
+    carried = Structure(
+        mass=mass,
+        damping=np.zeros_like(mass),
+        stiffness=believed.structure.stiffness,
+        influence=believed.influence,
+        base_mass=believed.base_mass,
+    )
+    return np.asarray(carried.base_force(np.ones(1))[0])
 
 
 def bands(runs: Runs, level: float = 0.95) -> Bands:

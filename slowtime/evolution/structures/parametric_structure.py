@@ -133,6 +133,20 @@ class ParametricStructure:
         mass = self.mass + np.tensordot(change[elements:], self._masses, 1)
         return mass, stiffness
 
+    def frequencies_hz(
+        self, theta: Float[np.ndarray, " parameter"]
+    ) -> Float[np.ndarray, " mode"]:
+        """Natural frequencies of elastic modes, ascending, without shapes and slopes [Hz].
+
+        Parameters
+        ----------
+        theta
+            Logarithms of factors on the parts; 0 is nominal.
+        """
+        mass, stiffness = self.matrices(theta)
+        values = eigh(stiffness, mass, eigvals_only=True)
+        return np.asarray(np.sqrt(values[values > _RIGID * values[-1]]) / (2.0 * np.pi))
+
     def modes(
         self,
         theta: Float[np.ndarray, " parameter"],

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.finite_elements.close_modes import close_groups, mass_weighted_agreement
+from slowtime.finite_elements.definiteness import check_definite
 from slowtime.finite_elements.eigenvalues import SparseModes, lowest_modes
 from slowtime.finite_elements.factorization import SymmetricFactor
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
@@ -58,6 +59,11 @@ def verify(
     Returns
     -------
     The reduced model with its `error`.
+
+    Raises
+    ------
+    IndefiniteStiffnessError
+        Where the stiffness has negative eigenvalues at one of the parameters.
     """
     random = np.random.default_rng(seed)
     frequency, agreement, estimated = 0.0, 1.0, 0.0
@@ -65,6 +71,7 @@ def verify(
         theta = random.uniform(-span, span, len(model.names))
         stiffness, mass = model.at(theta)
         factor = SymmetricFactor(stiffness)
+        check_definite(model, theta, factor)
         found = reduced.modes(theta, modes)
         full = lowest_modes(
             stiffness, mass, min(modes + 4, model.size), check=False, factor=factor

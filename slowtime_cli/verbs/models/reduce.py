@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import POSITIVE, Number
+from slowtime_cli.shared.options import POSITIVE, Number, OutFile
 
 
 @click.command(
@@ -16,6 +16,7 @@ from slowtime_cli.shared.options import POSITIVE, Number
     epilog="""\b
 Examples:
   slowtime reduce tower.yaml --modes 20
+  slowtime reduce tower.yaml --modes 20 --report shapes.html
   slowtime reduce tower.yaml --band-hz 8 --out tower.npz
   slowtime reduce tower.yaml --band-hz 8 --coordinates 60 --out small.json
   slowtime reduce tower.yaml --modes 20 --span 0.5 --trials 5 --json
@@ -59,6 +60,11 @@ what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
     metavar="FILE",
     help="Write the reduced model: .yaml or .json as a model file, for a twin, diagnose and "
     "simulate; .npz for updating in Python.",
+)
+@click.option(
+    "--report",
+    type=OutFile(".html"),
+    help="HTML page to write: frequencies, and mode shapes in space that move.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")

@@ -4,7 +4,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Number
+from slowtime_cli.shared.options import Number, OutFile
 
 
 @click.command(
@@ -14,6 +14,7 @@ from slowtime_cli.shared.options import Number
     epilog="""\b
 Examples:
   slowtime update tower.yaml modes.json
+  slowtime update tower.yaml modes.json --report updated.html
   slowtime update tower.yaml modes.json --frequency-error 0.005 --json
 
 MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors; MODES is what
@@ -35,6 +36,11 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
     default=0.02,
     show_default=True,
     help="Standard deviation of components of shapes of norm 1 that no parameters explain.",
+)
+@click.option(
+    "--report",
+    type=OutFile(".html"),
+    help="HTML page to write: tables, mode shapes in space, measured over model, and MAC.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def update(**_given: object) -> None:

@@ -135,13 +135,14 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--model",
     type=EXISTING,
-    help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
-    "program, as a universal file (.uff, .unv).",
+    help="Model file (YAML or JSON, finite elements too) to compare the modes with, mode by "
+    "mode; or modes of another program, as a universal file (.uff, .unv).",
 )
 @click.option(
     "--report",
     type=OutFile(".html"),
-    help="HTML page to write: table, spectra, stabilisation diagram, shapes.",
+    help="HTML page to write: table, spectra, stabilisation diagram, shapes; in space with "
+    "--geometry or a --model in space.",
 )
 @click.option(
     "--out",
@@ -152,8 +153,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--geometry",
     type=EXISTING,
-    help="Where the channels are, for --out .uff: CSV with channel, x, y, z, direction, or a "
-    "universal file with nodes.",
+    help="Where the channels are, for --out .uff and --report: CSV with channel, x, y, z, "
+    "direction, or a universal file with nodes.",
 )
 def identify(
     window_s: float | None,
@@ -193,8 +194,10 @@ def identify(
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
     universal = out is not None and out.suffix.lower() in UNIVERSAL
-    if geometry is not None and not universal:
-        raise click.UsageError(f"--geometry goes with --out {' or '.join(UNIVERSAL)}.")
+    if geometry is not None and not (universal or report):
+        raise click.UsageError(
+            f"--geometry goes with --out {' or '.join(UNIVERSAL)}, or with --report."
+        )
     if universal and (window_s is not None or method not in ("auto", *ALL_CHANNELS)):
         raise click.UsageError(
             f"A universal file holds modes with shapes, of a whole record. Give --method "

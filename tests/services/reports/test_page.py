@@ -3,7 +3,15 @@ import gzip
 import json
 import re
 
-from slowtime_services.reports import Chart, Section, Table, charts_in, write_page
+from slowtime_services.reports import (
+    VIEWER,
+    Chart,
+    Scene,
+    Section,
+    Table,
+    charts_in,
+    write_page,
+)
 
 HOSTILE = "</script><script>window.hacked = 1</script>"
 
@@ -45,3 +53,21 @@ def test_the_charts_of_a_page_can_be_read_out_of_it_again(tmp_path):
     page = written(tmp_path, first, Table(["f"], [["1"]]), second)
     assert list(charts_in(page)) == [("Found", first), ("Found", second)]
     assert list(charts_in("<h1>of somebody else</h1>")) == []
+
+
+def test_a_page_with_shapes_in_space_holds_the_viewer_and_asks_nobody(tmp_path):
+    scene = {"nodes": [[0, 0, 0]], "names": [HOSTILE], "lines": [], "modes": []}
+    text = written(tmp_path, Scene(scene, HOSTILE))
+    assert "<script>window.hacked" not in text
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=", text)
+    viewer = VIEWER.read_text(encoding="utf-8")
+    assert viewer in text
+    assert "</script" not in viewer
+    # It is served and embedded alone.
+    assert "import " not in viewer
+    assert len(text) < 60_000
+    inside = re.search(
+        r'<div class="scene"><script type="application/json">(.*?)</script>', text
+    )
+    assert inside is not None
+    assert json.loads(inside[1]) == scene

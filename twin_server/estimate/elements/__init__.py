@@ -6,6 +6,7 @@ differs from it later is called a change, so that an error of the model is none.
 
 from .channel_units import told_shape, units_of
 from .epochs import EpochEstimate, TrackedEpochs, posterior_of, track_epochs
+from .spatial_shapes import spatial_scene
 from .suspects import Suspect, size
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "TrackedEpochs",
     "posterior_of",
     "size",
+    "spatial_scene",
     "told_shape",
     "track_epochs",
     "units_of",

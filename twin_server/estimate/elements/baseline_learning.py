@@ -50,6 +50,11 @@ class LearningLimits:
         Relative standard deviation of a frequency from which a mode is left out [1].
     clear_scatter
         Scatter over standard deviation above which the scatter counts [1].
+    clear_common
+        Factor for common errors above which it counts [1]; independent errors of 3 to 24
+        channels stay below it in 95 % of simulated learnings of 4 to 40 epochs.
+    most_steps
+        Steps of a shape that are kept to tell common errors, which bounds memory.
     """
 
     most_modes: int = 64
@@ -60,6 +65,8 @@ class LearningLimits:
     gate: float = 10.0
     most_relative_sd: float = 0.1
     clear_scatter: float = 1.5
+    clear_common: float = 1.3
+    most_steps: int = 20
 
 
 LIMITS = LearningLimits()
@@ -217,7 +224,11 @@ def _added(
     precision = sd**-2.0
     known = np.isfinite(turned) & np.isfinite(precision)
     zeros = (0.0,) * len(turned)
-    jumped, jumps = _jump(lesson, turned, sd)
+    step = _step(lesson, turned, sd)
+    both = np.isfinite(step)
+    steps = lesson.steps
+    if both.any():
+        steps = (*steps, tuple(np.nan_to_num(step).tolist()))[-LIMITS.most_steps :]
     weight, heard = np.where(known, precision, 0.0), np.nan_to_num(turned)
     return ModeSamples(
         epochs,
@@ -225,26 +236,70 @@ def _added(
         tuple((np.array(lesson.weight or zeros) + weight).tolist()),
         tuple(turned.tolist()),
         tuple(sd.tolist()),
-        lesson.jumped + jumped,
-        lesson.jumps + jumps,
+        lesson.jumped + float((step[both] ** 2).sum()),
+        # The size of one is fitted to the other, which takes one of the components along.
+        lesson.jumps + max(int(both.sum()) - 1, 0),
         training,
+        steps,
     )
 
 
-def _jump(
+def _step(
     lesson: ModeSamples, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
-) -> tuple[float, int]:
-    """Return the squared distance from the shape before [sd²], and its degrees of freedom.
+) -> Float[np.ndarray, " channel"]:
+    """Return the step from the shape before, over its standard deviation [1]; NaN where none.
 
     A structure that drifts while it is learnt hardly moves from one epoch to the next.
     """
     if not lesson.last:
-        return 0.0, 0
-    step, _ = aligned(shape, np.array(lesson.last))
-    far = (step - np.array(lesson.last)) ** 2 / (sd**2 + np.array(lesson.last_sd) ** 2)
-    both = np.isfinite(far)
-    # The size of one is fitted to the other, which takes one of the components along.
-    return float(far[both].sum()), max(int(both.sum()) - 1, 0)
+        return np.full(len(shape), np.nan)
+    last, last_sd = np.array(lesson.last), np.array(lesson.last_sd)
+    turned, _ = aligned(shape, last)
+    return np.asarray((turned - last) / np.hypot(sd, last_sd))
+
+
+def common_error_factor(steps: Float[np.ndarray, "step channel"]) -> float:
+    r"""Factor on standard deviations that covers errors which channels have in common.
+
+    Standard deviations of components say nothing of correlation. Shapes of ambient records err
+    by parts of neighbouring modes, in all channels at once; along such a part an error is up to
+    :math:`\sqrt{n}` times as probable as :math:`n` independent ones would make it. Errors of
+    covariance :math:`S` are as good as :math:`r = (\mathrm{tr} S)^2 / \mathrm{tr} S^2`
+    independent ones, and the factor is :math:`\sqrt{n / r}`. The trace of the squared sample
+    covariance is freed of its bias, m steps being worth :math:`2 m / 3` independent ones, since
+    neighbouring steps share a shape.
+
+    Parameters
+    ----------
+    steps
+        Steps from one shape to the next, over their standard deviations [1].
+
+    Returns
+    -------
+    The factor [1]; 1 where it is not clearly more.
+
+    References
+    ----------
+    .. [1] O. Ledoit, M. Wolf, "Some hypothesis tests for the covariance matrix when the
+       dimension is large compared to the sample size", Annals of Statistics 30 (2002).
+    """
+    count, channels = steps.shape
+    if count < 2 or channels < 2:
+        return 1.0
+    inner = steps @ steps.T / count
+    whole = float(np.trace(inner)) ** 2
+    if not whole > 0.0:
+        return 1.0
+    worth = count / _SHARED
+    square = (float((inner**2).sum()) - whole / worth) * worth / (worth + 1.0)
+    rank = min(max(whole / max(square, 1e-300), 1.0), float(channels))
+    factor = math.sqrt(channels / rank)
+    return factor if factor > LIMITS.clear_common else 1.0
+
+
+_SHARED = 1.5
+"""Sum of squared correlations of a step with all others [1]: 1 with itself, 1/4 with the one
+before and the one after."""
 
 
 def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
@@ -264,6 +319,8 @@ def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
         mean = np.where(heard, np.array(lesson.weighted) / safe, np.nan)
         norm = float(np.sqrt(np.nansum(mean**2)))
         shape_scatter = _scatter(math.sqrt(lesson.jumped / max(lesson.jumps, 1)))
+        if lesson.steps:
+            shape_scatter *= common_error_factor(np.array(lesson.steps))
         shape = tuple((mean / norm).tolist())
         shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
     return Baseline(

@@ -47,6 +47,9 @@ class ModeSamples:
         steps of a component are in it.
     training
         Under covariates, what is gathered instead of `epochs`.
+    steps
+        The latest steps from one shape to the next over their standard deviations, per
+        channel, 0 where not heard.
     """
 
     epochs: tuple[tuple[float, float, float, float], ...] = ()
@@ -57,6 +60,7 @@ class ModeSamples:
     jumped: float = 0.0
     jumps: int = 0
     training: Training | None = None
+    steps: tuple[tuple[float, ...], ...] = ()
 
     @property
     def count(self) -> int:
@@ -171,6 +175,7 @@ class Memory:
                     one["jumped"],
                     one["jumps"],
                     training_of(one.get("training")),
+                    tuple(tuple(step) for step in one.get("steps", ())),
                 )
                 for one in content["lessons"]
             ),

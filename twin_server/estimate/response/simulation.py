@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.special import ndtri
 from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.effects import Kind
-from slowtime.dynamics.elements import Beam, Element, Matrix
+from slowtime.dynamics.elements import ROTATION, Beam, Element, Matrix
 from slowtime.evolution.predicted_response.scenario import (
     Bands,
     ParameterBelief,
@@ -164,7 +165,8 @@ def check(registration: Registration, checkpoint: Checkpoint, order: SimulationO
 
 def _outputs(nodes: Sequence[str], order: SimulationOrder) -> tuple[str, ...]:
     """Return the nodes whose motion was requested."""
-    outputs = order.outputs or tuple(nodes)
+    moving = tuple(name for name in nodes if not _is_generalized(name))
+    outputs = order.outputs or moving or tuple(nodes)
     strange = [name for name in outputs if name not in nodes]
     if strange:
         raise OrderError(
@@ -192,9 +194,24 @@ def _place(nodes: Sequence[str], has_mass: bool, on: str) -> str | None:
 
 
 def _range(believed: ParameterBelief) -> tuple[float, float]:
-    """Lowest and highest natural frequency [Hz]."""
-    frequencies = believed.structure.modes(believed.theta).frequency_hz
-    return float(frequencies[0]), float(frequencies[-1])
+    """Lowest natural frequency, and the highest that stands for one of the structure [Hz].
+
+    A reduced model has generalized coordinates besides motions of nodes; of its modes the upper
+    ones, above as many as it has generalized coordinates, only make up static responses.
+    """
+    frequencies = believed.structure.frequencies_hz(believed.theta)
+    generalized = sum(map(_is_generalized, believed.structure.dof_names))
+    last = min(max(generalized, 1), len(frequencies)) if generalized else len(frequencies)
+    return float(frequencies[0]), float(frequencies[last - 1])
+
+
+def _is_generalized(name: str) -> bool:
+    """Whether a degree of freedom is a coordinate of a reduced model, no motion of a node."""
+    return _GENERALIZED.fullmatch(name) is not None
+
+
+_GENERALIZED = re.compile(r"q\d+" + re.escape(ROTATION))
+"""Names that `describe_reduced` gives to generalized coordinates."""
 
 
 def _instants(
@@ -275,7 +292,7 @@ def _modes(
 ) -> tuple[Float[np.ndarray, "mode 4"], Float[np.ndarray, "mode 4"]]:
     """Frequencies and damping of the structures that were drawn."""
     thetas = believed.thetas(draws, rng)
-    frequencies = np.array([believed.structure.modes(theta).frequency_hz for theta in thetas])
+    frequencies = np.array([believed.structure.frequencies_hz(theta) for theta in thetas])
     tail = believed.log_damping[-frequencies.shape[1] :]
     tail_sd = believed.log_damping_sd[-frequencies.shape[1] :]
     half = 0.5 * (1.0 - level)

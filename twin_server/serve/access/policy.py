@@ -43,7 +43,8 @@ _TWIN = f"{_V1}/twins/{{twin_id}}"
 _COMPOSITE = f"{_V1}/composites/{{composite_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
-    "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
+    "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
+    "/forecast",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
     "/memberships", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",

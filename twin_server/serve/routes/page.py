@@ -6,6 +6,7 @@ import plotly
 from fastapi import APIRouter
 from starlette.responses import FileResponse
 
+from slowtime_services.reports import VIEWER
 from twin_server.serve.http.problems import ProblemError
 
 WEB = Path(__file__).parents[1] / "web"
@@ -15,7 +16,8 @@ PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 def routes() -> APIRouter:
     """Make the routes of the page and of its assets."""
     api = APIRouter(include_in_schema=False)
-    files = {path.name: path for path in WEB.iterdir()} | {PLOTLY.name: PLOTLY}
+    files = {path.name: path for path in WEB.iterdir()}
+    files |= {path.name: path for path in (PLOTLY, VIEWER)}
 
     @api.get("/")
     def index() -> FileResponse:

@@ -37,7 +37,7 @@ export class Elements {
   constructor(panel) {
     this.verdict = make("p", "", "verdict");
     this.verdict.setAttribute("role", "status");
-    panel.charts.before(this.verdict);
+    panel.shapes.root.before(this.verdict);
     this.now = this.figure("elements", "Change of each element, now");
     this.past = this.figure("elements-history", "Changes over time");
     panel.charts.append(this.now, this.past);

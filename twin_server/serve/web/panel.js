@@ -9,6 +9,7 @@ import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
 import { Risk } from "./risk.js";
+import { Shapes } from "./shapes.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
@@ -68,10 +69,10 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    [this.risk, this.plan] = [new Risk(twin), new Plan(twin)];
+    [this.risk, this.plan, this.shapes] = [new Risk(twin), new Plan(twin), new Shapes()];
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
       this.whatIf.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
@@ -220,6 +221,7 @@ export class Panel {
       const drawn = await draw(this.figures[quantity].plot, scene, quantity, wide);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
+    await this.shapes.refresh(scene);
     const drawn = this.elements ? await this.elements.draw(scene, wide) : {};
     for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     return found;
@@ -232,6 +234,7 @@ export class Panel {
     this.timeline.close();
     this.diagnosis.close();
     this.elements?.modes.close();
+    this.shapes.close();
     this.root.remove();
     const Plotly = await plotly.catch(() => null);
     for (const plot of this.root.querySelectorAll(".plot")) Plotly?.purge(plot);

@@ -1,0 +1,276 @@
+// Mode shapes in space: a wireframe on a canvas, turned by dragging or by keys; without any library.
+
+const CYCLE_S = 2.4, MOST_FPS = 30;
+const MARGIN_PX = 14, LEAST_HEIGHT_PX = 260, MOST_HEIGHT_PX = 560;
+// Height of the drawing over its width: higher for towers than for decks.
+const LOWEST = 0.6, HIGHEST = 1.25;
+const TURN_PER_PX = 0.01, TURN_PER_KEY = Math.PI / 24;
+const VIEWS = { "Corner": [0.6, 0.35], "Front": [0, 0], "Side": [-Math.PI / 2, 0], "Above": [0, Math.PI / 2] };
+const MINUS = "\u2212", NARROW = "\u202f";
+
+const make = (tag, text, name) => {
+  const element = document.createElement(tag);
+  if (text) element.textContent = text;
+  if (name) element.className = name;
+  return element;
+};
+const button = (text, act) => {
+  const made = make("button", text, "act");
+  made.type = "button";
+  made.addEventListener("click", act);
+  return made;
+};
+const number = (x, digits = 4) => (+x.toPrecision(digits)).toString().replace("-", MINUS);
+
+/** "2.31 Hz measured, 2.29 Hz in the model, MAC 0.98". */
+export function said({ measured_hz: seen, measured_sd_hz: sd, model_hz: own, mac }) {
+  const parts = [];
+  if (seen !== null) parts.push(`${number(seen)}${sd ? ` ± ${number(sd, 2)}` : ""}${NARROW}Hz measured`);
+  if (own !== null) parts.push(`${number(own)}${NARROW}Hz in the model`);
+  if (seen !== null && own !== null) parts.push(mac === null ? "no shape to compare" : `MAC ${mac.toFixed(3)}`);
+  return parts.join(", ");
+}
+
+const titleOf = (mode, place) => `${place + 1}: ${number(mode.measured_hz ?? mode.model_hz)}${NARROW}Hz${mode.measured_hz === null ? " (model)" : mode.model_hz === null ? " (measured)" : ""}`;
+
+/** Colours of the page or of the report around it, in its light or dark form. */
+function colours(root) {
+  const style = getComputedStyle(root), dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const of = (name, light, night) => style.getPropertyValue(`--${name}`).trim() || (dark ? night : light);
+  return {
+    model: of("estimate", "#0072b2", "#56b4e9"), measured: of("inseparable", "#b04900", "#ff9a52"),
+    rest: of("line", "#d6dce0", "#353d43"), faint: of("faint", "#5c636a", "#a3aab1"), ink: of("ink", "#1c2024", "#e8eaec"),
+  };
+}
+
+export class WireframeView {
+  constructor(scene, { still = matchMedia("(prefers-reduced-motion: reduce)").matches } = {}) {
+    Object.assign(this, { turn: VIEWS.Corner.slice(), cycles: 0, amplitude: 0.12, frame: 0, before: null, seen: true });
+    this.root = make("div", undefined, "wireframe");
+    this.canvas = make("canvas");
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", "img");
+    // Dragging sideways turns the structure; dragging upwards scrolls the page, as anywhere on a phone.
+    Object.assign(this.canvas.style, { display: "block", width: "100%", touchAction: "pan-y", cursor: "grab" });
+    this.controls();
+    this.told = make("p", undefined, "facts");
+    this.told.setAttribute("aria-live", "polite");
+    this.legend = make("p", undefined, "facts soft");
+    this.root.append(this.bar, this.canvas, this.told, this.legend);
+    this.listen();
+    this.show(scene);
+    this.run(!still);
+  }
+
+  controls() {
+    this.bar = make("p", undefined, "viewing");
+    Object.assign(this.bar.style, { display: "flex", flexWrap: "wrap", gap: ".4rem", alignItems: "center" });
+    this.choice = make("select");
+    this.choice.setAttribute("aria-label", "Mode");
+    this.choice.addEventListener("change", () => this.choose(Number(this.choice.value)));
+    this.holder = button("", () => this.run(!this.running));
+    const size = make("input");
+    Object.assign(size, { type: "range", min: "0", max: "0.3", step: "0.01", value: String(this.amplitude) });
+    Object.assign(size.style, { width: "7rem" });
+    size.addEventListener("input", () => { this.amplitude = Number(size.value); this.draw(); });
+    const views = Object.entries(VIEWS).map(([name, turn]) => button(name, () => { this.turn = turn.slice(); this.draw(); }));
+    const label = make("label", "Amplitude ");
+    label.append(size);
+    Object.assign(label.style, { display: "flex", alignItems: "center", gap: ".3rem" });
+    this.bar.append(this.choice, this.holder, ...views, label);
+  }
+
+  listen() {
+    const { canvas } = this;
+    let last = null;
+    canvas.addEventListener("pointerdown", (event) => {
+      last = [event.clientX, event.clientY];
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!last) return;
+      this.rotate((event.clientX - last[0]) * TURN_PER_PX, (event.clientY - last[1]) * TURN_PER_PX);
+      last = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { last = null; });
+    const keys = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    canvas.addEventListener("keydown", (event) => {
+      const by = keys[event.key];
+      if (by) this.rotate(by[0] * TURN_PER_KEY, by[1] * TURN_PER_KEY);
+      else if (event.key === " ") this.run(!this.running);
+      else return;
+      event.preventDefault();
+    });
+    this.sizes = new ResizeObserver(() => this.draw());
+    this.sizes.observe(canvas);
+    // What nobody sees is not drawn.
+    this.watcher = new IntersectionObserver((entries) => { this.seen = entries.at(-1).isIntersecting; });
+    this.watcher.observe(canvas);
+  }
+
+  rotate(azimuth, elevation) {
+    const limit = Math.PI / 2;
+    this.turn = [this.turn[0] + azimuth, Math.max(-limit, Math.min(limit, this.turn[1] + elevation))];
+    this.draw();
+  }
+
+  /** Another scene, such as of the next epoch; the view and the mode stay. */
+  show(scene) {
+    this.scene = scene;
+    const rows = scene.nodes, axes = [0, 1, 2];
+    const [low, high] = [Math.min, Math.max].map((pick) => axes.map((k) => rows.reduce((a, row) => pick(a, row[k]), rows[0][k])));
+    this.centre = axes.map((k) => (low[k] + high[k]) / 2);
+    this.flat = rows.reduce((a, row) => Math.max(a, Math.hypot(row[0] - this.centre[0], row[1] - this.centre[1])), 0);
+    this.tall = (high[2] - low[2]) / 2;
+    this.length = 2 * Math.hypot(this.flat, this.tall) || 1;
+    const titles = scene.modes.map(titleOf);
+    if (titles.join() !== this.titles?.join()) {
+      this.titles = titles;
+      this.choice.replaceChildren(...titles.map((title, place) => Object.assign(make("option", title), { value: String(place) })));
+    }
+    this.choice.hidden = !titles.length;
+    this.choose(Math.min(this.place ?? 0, Math.max(titles.length - 1, 0)));
+  }
+
+  choose(place) {
+    this.place = place;
+    this.choice.value = String(place);
+    const mode = this.scene.modes[place], { changed, modes } = this.scene;
+    const text = mode ? `Mode ${titleOf(mode, place)}. ${said(mode)}.` : "No modes yet.";
+    if (this.told.textContent !== text) this.told.textContent = text;
+    const both = modes.some((one) => one.points);
+    this.legend.textContent = [
+      both ? "Blue lines: model; orange dots: measured at sensors, on a stalk from the model." : "Pale lines: at rest.",
+      changed.length ? `Thick orange lines: ${changed.join(", ")}, suspected to have changed.` : "",
+      "Drag sideways, or press the arrow keys, to turn it. Displacements are drawn far larger than they are.",
+    ].filter(Boolean).join(" ");
+    this.canvas.setAttribute("aria-label", `${text} A structure of ${this.scene.nodes.length} nodes in space.`);
+    Object.assign(this.canvas.dataset, { mode: place, nodes: this.scene.nodes.length, lines: this.scene.lines.length, points: mode?.points?.nodes.length ?? 0, changed: changed.join(" ") });
+    this.draw();
+  }
+
+  run(running) {
+    this.running = running;
+    this.before = null;
+    this.holder.textContent = running ? "Hold still" : "Let it move";
+    cancelAnimationFrame(this.frame);
+    if (running) this.frame = requestAnimationFrame((now) => this.step(now));
+  }
+
+  step(now) {
+    const passed = this.before === null ? 0 : now - this.before;
+    if (this.before === null || passed >= 1000 / MOST_FPS) {
+      this.cycles += Math.min(passed, 100) / 1000 / CYCLE_S;
+      this.before = now;
+      if (this.seen) this.draw();
+    }
+    this.frame = requestAnimationFrame((next) => this.step(next));
+  }
+
+  close() {
+    cancelAnimationFrame(this.frame);
+    this.sizes.disconnect();
+    this.watcher.disconnect();
+  }
+
+  /** Places of nodes as they swing: at rest plus amplitude times Re(shape exp(i phase)). */
+  places(nodes, motion) {
+    const [c, s] = [Math.cos(2 * Math.PI * this.cycles), Math.sin(2 * Math.PI * this.cycles)], reach = this.amplitude * this.length;
+    return nodes.map((node, k) => this.scene.nodes[node].map((at, axis) => {
+      const moved = motion ? motion.re[k][axis] * c - (motion.im ? motion.im[k][axis] * s : 0) : 0;
+      return at + reach * moved;
+    }));
+  }
+
+  /** The screen's coordinates: right, down, and towards the reader. */
+  projected(places, width, height) {
+    const [azimuth, elevation] = this.turn, [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
+    const room = 0.5 * this.amplitude * this.length;
+    const across = this.flat + room, up = this.tall * Math.abs(ce) + this.flat * Math.abs(se) + room;
+    const scale = Math.min((width / 2 - MARGIN_PX) / across, (height / 2 - MARGIN_PX) / up);
+    return places.map((place) => {
+      const [x, y, z] = place.map((at, k) => at - this.centre[k]);
+      const [right, deep] = [x * ca + y * sa, y * ca - x * sa];
+      return [width / 2 + scale * right, height / 2 - scale * (z * ce + deep * se), z * se - deep * ce];
+    });
+  }
+
+  draw() {
+    const { canvas, scene } = this, width = canvas.clientWidth;
+    if (!width || !scene) return;
+    const form = Math.max(LOWEST, Math.min(HIGHEST, this.tall / (this.flat || 1))), ratio = devicePixelRatio || 1;
+    const height = Math.round(Math.max(LEAST_HEIGHT_PX, Math.min(MOST_HEIGHT_PX, form * width)));
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+      canvas.style.height = `${height}px`;
+    }
+    const pen = canvas.getContext("2d"), tint = colours(this.root), mode = scene.modes[this.place];
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, width, height);
+    const all = scene.nodes.map((_, node) => node), onScreen = (nodes, motion) => this.projected(this.places(nodes, motion), width, height);
+    const rest = onScreen(all, null), moved = mode?.wire ? onScreen(all, mode.wire) : rest;
+    this.lines(pen, rest, () => [tint.rest, 1, 1]);
+    this.axes(pen, tint, height);
+    const changed = new Set(scene.changed.map((name) => scene.groups.indexOf(name)));
+    const deep = moved.map((at) => at[2]), [near, far] = [Math.max(...deep), Math.min(...deep)];
+    // What is farther away is paler, which tells front from back without perspective.
+    if (mode?.wire) this.lines(pen, moved, (line, [a, b]) => {
+      const part = near > far ? ((deep[a] + deep[b]) / 2 - far) / (near - far) : 1, own = changed.has(scene.group_of_line[line]);
+      return [own ? tint.measured : tint.model, own ? 4 : 1.8, 0.45 + 0.55 * part];
+    });
+    if (mode?.points) this.points(pen, mode.points, moved, onScreen(mode.points.nodes, mode.points), tint);
+    else for (const node of new Set(scene.sensors.map((one) => one.node))) this.dot(pen, moved[node], 3, tint.model);
+  }
+
+  lines(pen, at, look) {
+    this.scene.lines.forEach((ends, line) => {
+      const [first, last] = ends.map((node) => at[node]), [colour, thick, strength] = look(line, ends);
+      Object.assign(pen, { strokeStyle: colour, lineWidth: thick, globalAlpha: strength, lineCap: "round" });
+      pen.beginPath();
+      pen.moveTo(first[0], first[1]);
+      pen.lineTo(last[0], last[1]);
+      pen.stroke();
+    });
+    pen.globalAlpha = 1;
+  }
+
+  points(pen, { nodes }, moved, seen, tint) {
+    Object.assign(pen, { strokeStyle: tint.measured, lineWidth: 1.5 });
+    nodes.forEach((node, k) => {
+      pen.beginPath();
+      pen.moveTo(moved[node][0], moved[node][1]);
+      pen.lineTo(seen[k][0], seen[k][1]);
+      pen.stroke();
+      this.dot(pen, seen[k], 3.5, tint.measured);
+    });
+  }
+
+  dot(pen, [x, y], radius, colour) {
+    pen.fillStyle = colour;
+    pen.beginPath();
+    pen.arc(x, y, radius, 0, 2 * Math.PI);
+    pen.fill();
+  }
+
+  /** The three directions, in the corner. */
+  axes(pen, tint, height) {
+    const [ca, sa, ce, se] = [Math.cos(this.turn[0]), Math.sin(this.turn[0]), Math.cos(this.turn[1]), Math.sin(this.turn[1])];
+    const [x0, y0, reach] = [34, height - 34, 22], ways = { x: [ca, sa * se], y: [sa, -ca * se], z: [0, -ce] };
+    Object.assign(pen, { strokeStyle: tint.faint, fillStyle: tint.faint, lineWidth: 1, font: "12px system-ui, sans-serif", textAlign: "center", textBaseline: "middle" });
+    for (const [name, [right, down]] of Object.entries(ways)) {
+      pen.beginPath();
+      pen.moveTo(x0, y0);
+      pen.lineTo(x0 + reach * right, y0 + reach * down);
+      pen.stroke();
+      if (Math.hypot(right, down) > 0.2) pen.fillText(name, x0 + 1.35 * reach * right, y0 + 1.35 * reach * down);
+    }
+  }
+}
+
+/** Draw every scene that a report holds. */
+export function drawAll() {
+  for (const place of document.querySelectorAll(".scene")) {
+    const view = new WireframeView(JSON.parse(place.querySelector("script").textContent));
+    place.replaceChildren(view.root);
+  }
+}

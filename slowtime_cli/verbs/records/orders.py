@@ -1,0 +1,56 @@
+"""Arguments and help of the verb `orders`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import record_flags
+from slowtime_cli.shared.options import OutFile
+
+
+@click.command(
+    cls=Deferred,
+    work="records.orders:orders",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime orders runup.csv --rate-hz 2000 --tacho pulse --orders 1,2,3
+  slowtime orders runup.csv --tacho pulse --pulses 60 --orders 0.5,1 --revolutions 32 \\
+    --out orders.csv
+
+Peak amplitudes are in the unit of each channel; phases are those of a cosine at the first
+pulse.
+""",
+)
+@record_flags
+@click.option("--tacho", required=True, help="Channel with pulses of the shaft.")
+@click.option(
+    "--pulses",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Pulses in a revolution.",
+)
+@click.option(
+    "--orders",
+    "wanted",
+    required=True,
+    metavar="ORDER,...",
+    help="Multiples of the speed: 1,2,3.",
+)
+@click.option(
+    "--revolutions",
+    type=click.IntRange(min=1),
+    default=16,
+    show_default=True,
+    help="Of a block; orders closer than two over it are refused.",
+)
+@click.option("--out", type=OutFile(".csv", ".json"), help="CSV or JSON file to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def orders(record_path: Path, **_given: object) -> None:
+    """Track the orders of a machine against its speed, by a tacho.
+
+    The record is resampled to equal steps of shaft angle, and the amplitudes of all orders are
+    fitted block by block, with standard deviations by what is left beside them.
+    """

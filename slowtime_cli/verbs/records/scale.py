@@ -1,0 +1,43 @@
+"""Arguments and help of the verb `scale`."""
+
+from pathlib import Path
+
+import click
+
+from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.options import OutFile
+
+
+@click.command(
+    cls=Deferred,
+    work="records.scale:scale",
+    extra="analysis",
+    epilog="""\b
+Examples:
+  slowtime identify bare.csv --rate-hz 100 --method modes --out bare.json
+  slowtime identify heavier.csv --rate-hz 100 --method modes --out heavier.json
+  slowtime scale bare.json --added heavier.json a3=20,a4=20 --out scaled.json
+
+A mass moves in every direction: where a place has several channels, name each of them.
+""",
+)
+@click.argument("modes", type=EXISTING)
+@click.option(
+    "--added",
+    type=(EXISTING, str),
+    multiple=True,
+    required=True,
+    metavar="FILE CHANNEL=KG,...",
+    help="Modes of the structure with masses added, and the mass at each channel [kg]; may be "
+    "repeated for other masses.",
+)
+@click.option("--out", type=OutFile(".json"), help="JSON file to write, with scaled shapes.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+def scale(modes: Path, added: tuple[tuple[Path, str], ...], **_given: object) -> None:
+    """Scale operational mode shapes by known added masses.
+
+    MODES is what `slowtime identify RECORD --method modes --out` wrote of the structure without
+    the masses. Prints the modal mass of each mode, for a shape of norm 1, with its standard
+    deviation; scaled shapes are mass-normalised.
+    """

@@ -1,0 +1,43 @@
+// Mode shapes of a twin in space, measured over model; of models that have a geometry.
+import { ask } from "./link.js";
+import { make, slowTime } from "./words.js";
+import { WireframeView } from "./wireframe.js";
+
+const ASK_MS = 2000;
+
+export class Shapes {
+  constructor() {
+    Object.assign(this, { askedAt: 0, shown: null, view: null });
+    this.root = make("section", undefined, "spatial");
+    this.title = make("h3", "Mode shapes");
+    this.root.append(this.title);
+    this.root.hidden = true;
+  }
+
+  async refresh({ latest, base, at }) {
+    const model = latest?.registration.model;
+    if (!model?.geometry) return this.forget();
+    const key = `${latest.boot} ${latest.sequence} ${at?.slow_time}`;
+    if (key === this.shown || Date.now() - this.askedAt < ASK_MS) return;
+    this.askedAt = Date.now();
+    const found = await ask(`${base}/shapes${at ? `?at=slow:${at.slow_time}` : ""}`).catch(() => null);
+    if (!found) return;
+    this.shown = key;
+    this.title.textContent = at ? `Mode shapes at ${slowTime(found)}` : "Mode shapes, measured over model";
+    this.root.hidden = false;
+    if (this.view) return this.view.show(found);
+    this.view = new WireframeView(found);
+    this.root.append(this.view.root);
+  }
+
+  forget() {
+    this.root.hidden = true;
+    this.close();
+  }
+
+  close() {
+    this.view?.close();
+    this.view?.root.remove();
+    [this.view, this.shown] = [null, null];
+  }
+}
