@@ -51,7 +51,7 @@ def run(name: str, out: Path) -> float:
     try:
         client.execute()
     finally:
-        nbformat.write(notebook, out / f"{name}.ipynb")
+        (out / f"{name}.ipynb").write_text(nbformat.writes(notebook))  # type: ignore[no-untyped-call]
         save_figures(notebook, out)
     return time.monotonic() - began
 

@@ -23,7 +23,7 @@ def functions():
     """Public functions, constructors and methods, by name, with what holds their docstring."""
     for name in st.__all__:
         one = getattr(st, name)
-        if not callable(one) or inspect.getmodule(one).__name__.startswith("slowtime_services"):
+        if not callable(one) or one.__module__.startswith("slowtime_services"):
             continue
         yield name, one
         if inspect.isclass(one):

@@ -2,6 +2,8 @@
 
 import importlib
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -93,3 +95,16 @@ def test_what_builds_the_site_is_an_extra():
     ]
     names = {re.split(r"[>=\[]", line)[0] for line in extras["docs"]}
     assert {"sphinx", "myst-nb", "numpydoc", "jupytext"} <= names
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_the_code_of_a_notebook_passes_strict_types(page, tmp_path):
+    cells = re.findall(r"^```\{code-cell\} ipython3\n(.*?)^```", page.read_text(), re.M | re.S)
+    code = tmp_path / f"{page.stem}_code.py"
+    code.write_text("\n".join(cells))
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "pyproject.toml"]
+    done = subprocess.run(
+        [*command, str(code)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
