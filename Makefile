@@ -90,9 +90,10 @@ bench: .venv/dev .venv-peers/ready  ## print all figures of speed, memory and ac
 tutorials: .venv/dev  ## run each tutorial as written, in an empty folder; ONLY="first_hour or court"
 	$(BIN)/python -m pytest -q -m slow tests/docs/test_tutorials.py -k "$(or $(ONLY),tutorial)"
 
-site: .venv/dev  ## the documentation site in var/site; warnings are errors; URL=https://... of the repository
+site: .venv/dev  ## the documentation site in var/site; warnings are errors; NOTEBOOKS=off, URL=https://... of the repository
 	rm -rf var/site
-	SLOWTIME_URL=$(URL) $(BIN)/python -m sphinx -q -W --keep-going -b html -c docs/site docs var/site
+	SLOWTIME_URL=$(URL) $(BIN)/python -m sphinx -q -W --keep-going -b html \
+		-c docs/site -D nb_execution_mode=$(or $(NOTEBOOKS),cache) docs var/site
 	@echo "Open var/site/index.html"
 
 notebooks: .venv/dev  ## run the notebooks, with figures in var/notebooks; ONLY="modal_test live_twin"

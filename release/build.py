@@ -235,8 +235,8 @@ def licences(name: str) -> dict[str, Any]:
         metadata = importlib.metadata.metadata(name)
     except importlib.metadata.PackageNotFoundError:
         return {}
-    if expression := metadata.get("License-Expression"):
-        return {"licenses": [{"expression": expression}]}
+    if "License-Expression" in metadata:
+        return {"licenses": [{"expression": metadata["License-Expression"]}]}
     told = [
         one.rpartition(" :: ")[2]
         for one in metadata.get_all("Classifier") or []
