@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates real figures docs pictures clean help
+.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials site notebooks release gallery surrogates real figures pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -89,6 +89,18 @@ bench: .venv/dev .venv-peers/ready  ## print all figures of speed, memory and ac
 
 tutorials: .venv/dev  ## run each tutorial as written, in an empty folder; ONLY="first_hour or court"
 	$(BIN)/python -m pytest -q -m slow tests/docs/test_tutorials.py -k "$(or $(ONLY),tutorial)"
+
+site: .venv/dev  ## the documentation site in var/site; warnings are errors; NOTEBOOKS=off, URL=https://... of the repository
+	rm -rf var/site
+	SLOWTIME_URL=$(URL) $(BIN)/python -m sphinx -q -W --keep-going -b html \
+		-c docs/site -D nb_execution_mode=$(or $(NOTEBOOKS),cache) docs var/site
+	@echo "Open var/site/index.html"
+
+notebooks: .venv/dev  ## run the notebooks, with figures in var/notebooks; ONLY="modal_test live_twin"
+	$(BIN)/python docs/notebooks/run.py $(ONLY)
+
+release: .venv/dev  ## build and check wheel, sdist and SBOM of the last commit; a dry run without URL=https://HOST/OWNER/NAME
+	$(BIN)/python release/build.py $(if $(URL),--url $(URL))
 
 gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery
 	$(BIN)/python docs/gallery/build.py

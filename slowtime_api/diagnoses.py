@@ -66,7 +66,13 @@ class DiagnosisResult:
         return Model(self.diagnosis.augmented)
 
     def effects(self) -> list[dict[str, Any]]:
-        """Return each effect with its place, probability and parameters with units."""
+        """Return each effect with its place, probability and parameters with units.
+
+        Returns
+        -------
+        One dictionary per effect: ``effect``, ``place``, ``probability`` [1], ``parameters``
+        (values with their units as text) and ``sentence``.
+        """
         return [
             {
                 "effect": one.effect,
@@ -171,8 +177,8 @@ def diagnose(
         For channels of the model that are called otherwise in the signals, their name there,
         or an expression of several.
     patience_s
-        Budget of work, in seconds of a reference machine; chosen by the size of the model where
-        not given. The same signals give the same answer on any machine.
+        Budget of work, in seconds of a reference machine [s]; chosen by the size of the model
+        where not given. The same signals give the same answer on any machine.
     progress
         Called with the stage in words and the share done [1].
 

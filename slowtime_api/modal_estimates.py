@@ -107,7 +107,13 @@ class Modes(Sequence[EstimatedMode]):
         return np.array([mode.damping_ratio.value for mode in self._modes])
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return frequency, damping, kind, method and flags of each mode as plain values."""
+        """Return each mode as plain values.
+
+        Returns
+        -------
+        One dictionary per mode: ``frequency_hz`` and ``frequency_sd`` [Hz],
+        ``damping_ratio`` and ``damping_sd`` [1], ``kind``, ``method`` and ``flags``.
+        """
         return [
             {
                 "frequency_hz": mode.frequency_hz.value,
@@ -122,7 +128,12 @@ class Modes(Sequence[EstimatedMode]):
         ]
 
     def table(self) -> str:
-        """Return the modes as text: one line per mode, with one standard deviation."""
+        """Return the modes as text.
+
+        Returns
+        -------
+        One line per mode: frequency [Hz] and damping [%] with one standard deviation.
+        """
         lines = ["  frequency [Hz]        damping [%]       method        flags"]
         for row in self.rows():
             damping = "machine"
@@ -135,7 +146,12 @@ class Modes(Sequence[EstimatedMode]):
         return "\n".join(lines)
 
     def to_dataframe(self) -> Any:
-        """Convert to a pandas DataFrame, one row per mode."""
+        """Convert to a pandas DataFrame.
+
+        Returns
+        -------
+        One row per mode, with the columns of `rows`.
+        """
         return optional("pandas").DataFrame(self.rows())
 
     def to_uff(self, path: str | Path, geometry: str | Path | None = None) -> None:

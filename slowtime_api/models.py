@@ -173,7 +173,12 @@ class Model:
         return undamped_modes(assemble(self.description)).frequency_hz
 
     def matrices(self) -> tuple[Float[np.ndarray, "dof dof"], ...]:
-        """Return mass [kg], damping [N s/m] and stiffness [N/m] of the linear structure."""
+        """Return the matrices of the linear structure.
+
+        Returns
+        -------
+        Mass [kg], damping [N s/m] and stiffness [N/m], each [dof, dof].
+        """
         structure = assemble(self.description)
         return structure.mass, structure.damping, structure.stiffness
 
@@ -196,7 +201,12 @@ class Model:
         )
 
     def text(self) -> str:
-        """Return the model file as text."""
+        """Return the model file as text.
+
+        Returns
+        -------
+        YAML, as `save` writes it.
+        """
         return model_text(self.description)
 
 

@@ -262,9 +262,12 @@ class Signals:
         return save(figure, path)
 
     def to_dataframe(self) -> Any:
-        """Convert to a pandas DataFrame: one column per channel over time.
+        """Convert to a pandas DataFrame.
 
-        The index is the time in UTC where the start is known, else seconds since the start.
+        Returns
+        -------
+        One column per channel, in its unit. The index is the time in UTC where the start is
+        known, else the time since the start [s].
         """
         pandas = optional("pandas")
         if self._record.start_ns is None:
@@ -275,7 +278,12 @@ class Signals:
         return pandas.DataFrame(self.samples, index=index, columns=list(self.channels))
 
     def to_xarray(self) -> Any:
-        """Convert to an xarray Dataset: one variable per channel, units in its attributes."""
+        """Convert to an xarray Dataset.
+
+        Returns
+        -------
+        One variable per channel over ``time_s`` [s], with its unit in ``attrs["units"]``.
+        """
         xarray = optional("xarray")
         return xarray.Dataset(
             {

@@ -142,7 +142,12 @@ class Twin:
         return self._states(1)[0]
 
     def history(self) -> list[dict[str, Any]]:
-        """Return the state after each reading, oldest first."""
+        """Return the state after each reading.
+
+        Returns
+        -------
+        States as `update` returns them, oldest first.
+        """
         return self._states(None)
 
     def _states(self, last: int | None) -> list[dict[str, Any]]:
@@ -194,7 +199,13 @@ class Twin:
             raise ValueError(error.detail) from error
 
     def to_dataframe(self) -> Any:
-        """Convert the history to a pandas DataFrame, one row per reading."""
+        """Convert the history to a pandas DataFrame.
+
+        Returns
+        -------
+        One row per reading: slow time, then value, sd, lo and hi of the frequency [Hz] and of
+        the changes of stiffness and mass [1], and whether the state is valid.
+        """
         rows = [
             {
                 "slow_time": state["slow_time"],
@@ -224,7 +235,8 @@ class Twin:
         states = self.history()
         names = [
             name for name in ("stiffness_change", "mass_change")
-            if any(state[name] is not None for state in states)
+            if self.registration.changes in ("both", name.removesuffix("_change"))
+            and any(state[name] is not None for state in states)
         ]  # fmt: skip
         figure, axes = new_figure(max(1, len(names)))
         for panel, name in zip(axes, names, strict=False):

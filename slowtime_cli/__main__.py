@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from slowtime_services.logs import Format, formatter
 
 from .shared.examples import EXAMPLES, FIRST_EXAMPLE, HEADING, with_example
 from .shared.input_errors import is_validation_error, validation_message
+from .verbs.groups import GROUPS, suggestions
 
 
 class Verb(NamedTuple):
@@ -60,6 +62,14 @@ VERBS = {
     "plugins": Verb(
         "operation.plugins:plugins",
         "List installed plug-ins.",
+    ),
+    "doctor": Verb(
+        "operation.doctor:doctor",
+        "Check installation, ports, router, clock and write access.",
+    ),
+    "completion": Verb(
+        "operation.completion:completion",
+        "Print the script that completes verbs and options in a shell.",
     ),
     "check": Verb("operation.check:check", "Check a twin's database for damage."),
     "ledger": Verb("operation.ledger:ledger", "Verify that a history was not rewritten."),
@@ -184,8 +194,8 @@ class Verbs(click.Group):
     """Loads a verb only when it is asked for, so that `--help` answers at once."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """All verbs, in the order in which a newcomer meets them."""
-        return list(VERBS)
+        """All verbs, in the order of the groups of the help."""
+        return [verb for verbs in GROUPS.values() for verb in verbs]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import the verb's own module, now."""
@@ -199,10 +209,34 @@ class Verbs(click.Group):
             command.epilog = with_example(command.epilog, EXAMPLES[cmd_name])
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the verb, or name verbs that the word may mean."""
+        word = args[0]
+        if word in VERBS or word.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        meant = " or ".join(f"`slowtime {verb}`" for verb in suggestions(word, VERBS))
+        ctx.fail(
+            f"No such command {word!r}. "
+            + (f"Did you mean {meant}?" if meant else "`slowtime --help` lists the commands.")
+        )
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete verbs without importing them, and options of the command itself."""
+        verbs = [
+            CompletionItem(verb, help=VERBS[verb].help)
+            for verb in self.list_commands(ctx)
+            if verb.startswith(incomplete)
+        ]
+        return verbs + click.Command.shell_complete(self, ctx, incomplete)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, verb.help) for name, verb in VERBS.items()])
+        """List the verbs by groups without importing them."""
+        width = max(map(len, VERBS))
+        for heading, verbs in GROUPS.items():
+            with formatter.section(heading):
+                formatter.write_dl([(verb.ljust(width), VERBS[verb].help) for verb in verbs])
 
 
 @click.group(
@@ -211,7 +245,7 @@ class Verbs(click.Group):
     epilog=with_example(
         """\b
 Examples:
-  slowtime demo                                    the whole house, on this machine
+  slowtime demo                                    all parts on this machine, with a page
   slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
   slowtime twin & slowtime edge --simulate tower   the same flow, process by process
 """,
@@ -231,8 +265,9 @@ Examples:
 def app(verbose: int, quiet: bool, log_format: Format) -> None:
     """Digital twin for things that vibrate.
 
-    An edge agent turns acceleration into natural frequencies and damping; a twin server turns
-    those into the evolution of stiffness and mass in slow time, with uncertainty.
+    `identify` reads a record and finds natural frequencies and damping. `diagnose` finds what a
+    model lacks. `demo` runs everything on this machine, with a page in the browser. Each
+    command has its own help and examples: slowtime COMMAND --help.
     """
     level = logging.DEBUG if verbose > 1 else logging.INFO
     handler = logging.StreamHandler(sys.stderr)

@@ -3,7 +3,6 @@
 import contextlib
 import gc
 import logging
-import os
 import socket
 import sys
 import threading
@@ -241,9 +240,10 @@ def _serve(
 
 def allow_files(count: int) -> None:
     """Raise the limit of open files of this process, as far as the system allows."""
-    if os.name != "posix":  # pragma: no cover
+    try:
+        import resource
+    except ModuleNotFoundError:  # not on every system
         return
-    import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = count if hard == resource.RLIM_INFINITY else min(count, hard)

@@ -22,6 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from slowtime_services.operating_system import lock_file, sync_folder
+
 from .damaged_bytes import DamagedBytes
 from .spool_records import MARK, Damage, Sound, pack, scan
 
@@ -285,7 +287,7 @@ class Spool:
         try:
             _write_all(file, MARK)
             if self._fsync == "always":
-                _sync_folder(self.folder)
+                sync_folder(self.folder)
         except OSError:
             os.close(file)
             path.unlink(missing_ok=True)
@@ -298,7 +300,7 @@ class Spool:
             try:
                 if keep and self._fsync != "never":
                     os.fsync(file)
-                    _sync_folder(self.folder)
+                    sync_folder(self.folder)
             finally:
                 os.close(file)
 
@@ -406,7 +408,7 @@ def _lock_folder(folder: Path) -> int | None:
     """Keep a second agent out of the folder; the lock dies with the process."""
     file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        _try_lock(file)
+        lock_file(file, wait=False)
     except OSError as error:
         os.close(file)
         raise SpoolError(
@@ -419,26 +421,3 @@ def _lock_folder(folder: Path) -> int | None:
 def _unlock(file: int | None) -> None:
     if file is not None:
         os.close(file)
-
-
-if os.name == "posix":
-    import fcntl
-
-    def _sync_folder(folder: Path) -> None:
-        """Bring names of files to the disk: a new file without its name is lost."""
-        file = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
-
-    def _try_lock(file: int) -> None:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-else:  # pragma: no cover
-
-    def _sync_folder(folder: Path) -> None:
-        """No such thing here: the system keeps names as it likes."""
-
-    def _try_lock(file: int) -> None:
-        """No such lock here: two agents in one folder are not noticed."""

@@ -18,6 +18,8 @@ EXAMPLES: dict[str, str] = {
     "slowtime event list demo.tower; kill %1",
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
     "plugins": "slowtime plugins",
+    "doctor": "slowtime doctor",
+    "completion": "slowtime completion bash > slowtime.bash && . ./slowtime.bash",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
     "ledger": f"{_HOUSE} && slowtime ledger verify house.mcap --key house/ledger.pem.pub",
     "composite": "echo '{members: [demo.tower]}' > yard.yaml; slowtime demo --duration 60 & "

@@ -9,6 +9,7 @@ import pytest
 
 from slowtime_cli import __main__ as command
 from slowtime_cli.__main__ import VERBS, app
+from slowtime_cli.verbs.groups import GROUPS, SYNONYMS
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -22,17 +23,40 @@ def test_the_list_of_verbs_says_what_each_verb_says_of_itself(verb):
 def test_the_list_of_verbs_fits_a_terminal_of_80_columns(run):
     said = run("--help").out
     assert all(f"  {verb:12} {VERBS[verb].help}\n" in said for verb in VERBS)
-    commands = said.partition("Commands:")[2].partition("Examples:")[0]
+    commands = said.partition("Analyse a record:")[2].partition("Examples:")[0]
     assert max(map(len, commands.splitlines())) < 80
 
 
+def test_every_verb_is_in_one_group_of_the_help(run):
+    grouped = [verb for verbs in GROUPS.values() for verb in verbs]
+    assert sorted(grouped) == sorted(VERBS)
+    said = run("--help").out
+    places = [said.index(f"\n{heading}:\n") for heading in GROUPS]
+    assert places == sorted(places)
+
+
 def test_a_bare_command_shows_its_help(run):
-    assert "Commands:" in "".join(run()[1:])
+    assert "Analyse a record:" in "".join(run()[1:])
 
 
 def test_an_unknown_verb_or_flag_is_refused(refused):
-    assert "No such command 'frobnicate'" in refused("frobnicate")
+    said = refused("frobnicate")
+    assert "No such command 'frobnicate'. `slowtime --help` lists the commands." in said
     assert "No such option" in refused("--frobnicate")
+
+
+@pytest.mark.parametrize(
+    ("word", "verb"),
+    [("identfy", "identify"), ("MODES", "identify"), ("server", "twin"), ("broker", "router")],
+)
+def test_a_word_that_is_no_verb_names_the_verb_that_it_means(refused, word, verb):
+    assert re.search(rf"Did you mean .*`slowtime {verb}`", refused(word))
+
+
+def test_every_synonym_names_verbs_and_is_none():
+    assert not set(SYNONYMS) & set(VERBS)
+    meant = {verb for verbs in SYNONYMS.values() for verb in verbs}
+    assert meant <= set(VERBS) | {"--help", "--version"}
 
 
 def fails_with(error):

@@ -8,7 +8,6 @@ import contextlib
 import faulthandler
 import json
 import os
-import resource
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.progress import Cancelled
+from slowtime_services.operating_system import lower_priority
 from slowtime_services.plugins.discovery import exception_text
 
 from .history_diagnosis import diagnose_history
@@ -64,6 +64,10 @@ def _watch_input(stop: threading.Event) -> None:
 
 def _bound_memory(more: int) -> None:
     """Limit the memory of this process to `more` bytes beyond its present use."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # not on every system
+        return
     limit = more
     with contextlib.suppress(OSError, StopIteration, ValueError):
         status = Path("/proc/self/status").read_text()
@@ -82,7 +86,7 @@ def main(folder: Path) -> int:
         # By a thread that needs no interpreter lock, which a law that hangs would keep.
         faulthandler.dump_traceback_later(task.max_own_s, exit=True)
     else:
-        os.nice(10)
+        lower_priority(10)
         if task.effects and task.order.clock == "fast":
             tried = diagnose_with_plugins(task, folder, reporter.say, stop)
             if tried.done:

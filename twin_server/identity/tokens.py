@@ -10,20 +10,19 @@ when it has changed, so that a revocation holds from the next request on.
 import contextlib
 import dataclasses
 import datetime
-import fcntl
 import hashlib
 import hmac
 import json
 import os
 import re
 import secrets
-import stat
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from slowtime_schemas.plain_text import plain_text
+from slowtime_services.operating_system import access_of_others, lock_file
 
 from .principals import Principal, Scope
 
@@ -100,7 +99,7 @@ class TokenFile:
                     f"There is no {path}. Make the first token: slowtime tokens add NAME "
                     f"--scope admin --site '*' --file {self.path}."
                 )
-            if mode := stat.S_IMODE(path.stat().st_mode) & 0o077:
+            if mode := access_of_others(path):
                 raise WrongTokenFileError(
                     f"Others may use {path} (mode {mode:03o} for them). Say chmod 600 {path}."
                 )
@@ -216,7 +215,7 @@ class TokenFile:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         lock = self.path.with_name(f".{self.path.name}.lock")
         with os.fdopen(os.open(lock, os.O_WRONLY | os.O_CREAT, 0o600), "w") as held:
-            fcntl.flock(held, fcntl.LOCK_EX)
+            lock_file(held.fileno(), wait=True)
             if not self._key_path.exists():
                 _write(self._key_path, secrets.token_hex(32))
             if self.path.exists():

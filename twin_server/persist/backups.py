@@ -7,6 +7,8 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
+from slowtime_services.operating_system import sync_folder
+
 from .errors import WrongStoreError
 from .layout import Tell
 from .sqlite import guarding, open_reader, verify_file
@@ -105,7 +107,10 @@ def _set_aside(database: Path) -> Path | None:
 
 
 def _sync(path: Path) -> None:
-    file = os.open(path, os.O_RDONLY)
+    if path.is_dir():
+        sync_folder(path)
+        return
+    file = os.open(path, os.O_RDWR)  # Windows brings only files to the disk that may be written
     try:
         os.fsync(file)
     finally:

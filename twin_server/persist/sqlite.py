@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from slowtime_services.ledger import Head
+from slowtime_services.operating_system import lock_file
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
@@ -281,10 +282,6 @@ def guarding(path: Path) -> Iterator[None]:
 
 def _guard(path: Path) -> int | None:
     """Keep a second server off the file; the lock dies with the process."""
-    if os.name != "posix":  # pragma: no cover
-        return None
-    import fcntl
-
     lock = path.with_name(path.name + ".lock")
     try:
         file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
@@ -294,7 +291,7 @@ def _guard(path: Path) -> int | None:
             "user write there, or give another --database."
         ) from error
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_file(file, wait=False)
     except OSError as error:
         os.close(file)
         raise WrongStoreError(

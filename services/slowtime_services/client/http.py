@@ -117,7 +117,7 @@ class HttpConnection:
             return error
         return UnreachableError(
             f"{self.url} did not answer: {error}. Give the address of a running twin server, "
-            "such as http://127.0.0.1:8000."
+            "such as http://127.0.0.1:8000, or start one with `slowtime twin`."
         )
 
 

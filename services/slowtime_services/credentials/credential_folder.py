@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
+from slowtime_services.operating_system import access_of_others
+
 from .authority import ACCESS, CERTIFICATE, KEY, TRUSTED
 from .roles import common_name
 
@@ -56,8 +58,8 @@ class Credentials:
                 f"{folder} has no {', '.join(missing)}. Give a folder that `slowtime keys` "
                 "made, such as keys/server."
             )
-        mode = stat.S_IMODE((folder / KEY).stat().st_mode)
-        if mode & 0o077:
+        if access_of_others(folder / KEY):
+            mode = stat.S_IMODE((folder / KEY).stat().st_mode)
             raise CredentialsError(
                 f"Others may read {folder / KEY} (mode {mode:04o}). Allowed: 0600. Say chmod "
                 f"600 {folder / KEY}, and have it issued again if others may have read it."

@@ -11,6 +11,8 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from slowtime_services.operating_system import access_of_others
+
 from .credential_folder import CredentialsError
 
 if TYPE_CHECKING:
@@ -48,8 +50,8 @@ class Signer:
 
         if not path.is_file():
             raise CredentialsError(f"There is no key {path}. Make one: slowtime ledger key.")
-        mode = stat.S_IMODE(path.stat().st_mode)
-        if mode & 0o077:
+        if access_of_others(path):
+            mode = stat.S_IMODE(path.stat().st_mode)
             raise CredentialsError(
                 f"Others may read {path} (mode {mode:04o}). Allowed: 0600. Say chmod 600 "
                 f"{path}, and make another if others may have read it."

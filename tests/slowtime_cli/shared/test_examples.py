@@ -33,12 +33,16 @@ def examples(epilog: str) -> list[list[str]]:
         lexer = shlex.shlex(example, posix=True, punctuation_chars="|&")
         lexer.whitespace_split = True
         for divides, part in itertools.groupby(lexer, lambda word: set(word) <= set("|&")):
-            words = [] if divides else list(part)
+            words = [] if divides else list(itertools.takewhile(_is_argument, part))
             while words and re.fullmatch(r"[A-Z_]+=\S+", words[0]):
                 words = words[1:]
             if words[:1] == ["slowtime"]:
                 found.append(words[1:])
     return found
+
+
+def _is_argument(word: str) -> bool:
+    return word not in (">", ">>")  # what follows is a file of the shell
 
 
 def of_help(name: str) -> list[list[str]]:

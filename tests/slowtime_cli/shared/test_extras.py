@@ -16,7 +16,7 @@ from slowtime_cli.shared.extras import LIBRARIES
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 IMPORTED_AS = {"pyyaml": "yaml"}
-LIGHT = {"edge", "plugins", "publish", "router", "status"}
+LIGHT = {"completion", "doctor", "edge", "plugins", "publish", "router", "status"}
 
 
 def brought(extra):

@@ -10,7 +10,6 @@ import hashlib
 import json
 import logging
 import multiprocessing
-import os
 import signal
 import threading
 from collections.abc import Callable, Mapping
@@ -21,6 +20,7 @@ from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
+from slowtime_services.operating_system import lower_priority
 from slowtime_services.plugins.discovery import exception_text
 from slowtime_services.replay import block_of
 from twin_server.diagnose import Piece, part, pieces_of, within
@@ -357,7 +357,7 @@ def _one_process() -> concurrent.futures.Executor:
 def _in_the_background() -> None:
     """Ignore signals, and run at a low priority."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(10)
+    lower_priority(10)
 
 
 def _sentence(state: State, readings: list[dict[str, Any]]) -> str:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from typing import Any, Protocol, TypeVar
 
+from slowtime_services.operating_system import lower_priority
 from twin_server.serve import ProblemError
 from twin_server.serve.http.compute_queue import abandoned
 
@@ -204,8 +205,7 @@ class _Worker:
 def _work(pipe: Connection) -> None:
     """Run functions that arrive, until the server ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
+    lower_priority(NICENESS)
     while True:
         try:
             function, arguments = pipe.recv()

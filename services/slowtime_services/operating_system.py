@@ -1,0 +1,106 @@
+"""Locks, file modes and priorities, also on systems without POSIX modules (Windows).
+
+Tested on Linux. Systems without POSIX are imitated by a test that blocks their absent modules;
+the branch for Windows is tested against a stand-in of `msvcrt`.
+"""
+
+import contextlib
+import os
+import stat
+import time
+from pathlib import Path
+
+RETRY_S = 0.05
+"""Pause between attempts to get a lock [s], where the system cannot wait for one; short beside
+the time that a person waits for a command."""
+_UNREADABLE_BY_OTHERS = 0o077
+
+
+def lock_file(descriptor: int, *, wait: bool) -> None:
+    """Lock an open file against other processes, until it is closed.
+
+    Parameters
+    ----------
+    descriptor
+        Descriptor of a file that is open for writing.
+    wait
+        Whether to wait while another process has the lock.
+
+    Raises
+    ------
+    OSError
+        If another process has it, and `wait` is False.
+    """
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        _lock_byte(descriptor, wait=wait)
+        return
+    fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def _lock_byte(descriptor: int, *, wait: bool) -> None:
+    """Lock the first byte of a file, as Windows does; no lock where there is neither."""
+    try:
+        import msvcrt
+    except ModuleNotFoundError:
+        return
+    while True:
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            if not wait:
+                raise
+            time.sleep(RETRY_S)
+        else:
+            return
+
+
+def access_of_others(path: Path) -> int:
+    """Return the bits of a file's mode by which others than its owner may use it.
+
+    Parameters
+    ----------
+    path
+        File that is there.
+
+    Returns
+    -------
+    Bits of the mode; 0 on systems whose modes say nothing of other users.
+    """
+    if os.name != "posix":
+        return 0
+    return stat.S_IMODE(path.stat().st_mode) & _UNREADABLE_BY_OTHERS
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring names of files to the disk: a new file without its name is lost.
+
+    Parameters
+    ----------
+    folder
+        Folder; systems that cannot open one keep names by themselves.
+    """
+    try:
+        file = os.open(folder, os.O_RDONLY)
+    except PermissionError:
+        if os.name == "posix":
+            raise
+        return
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def lower_priority(steps: int) -> None:
+    """Give way to other processes, where the system knows priorities of this kind.
+
+    Parameters
+    ----------
+    steps
+        Steps by which the priority is lowered [1], as the command `nice` counts them.
+    """
+    with contextlib.suppress(AttributeError):
+        os.nice(steps)

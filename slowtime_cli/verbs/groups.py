@@ -1,0 +1,85 @@
+"""Groups of the verbs in `slowtime --help`, and verbs for words that newcomers try first."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "Analyse a record": (
+        "identify", "merge", "distortion", "track", "virtual", "fatigue",
+    ),
+    "Models and diagnosis": (
+        "diagnose", "effects", "simulate", "reduce", "update", "place", "surrogate",
+        "reliability", "design",
+    ),
+    "Run a twin": (
+        "demo", "router", "edge", "publish", "twin", "composite", "event",
+    ),
+    "Ask a twin, or a file of modes": (
+        "evolve", "forecast", "separate", "whatif", "risk", "plan",
+    ),
+    "Operate": (
+        "doctor", "status", "alarms", "keys", "tokens", "check", "ledger", "backup", "restore",
+        "plugins", "completion",
+    ),
+    "Data": (
+        "import", "export", "record", "replay", "recover", "layout",
+    ),
+}  # fmt: skip
+"""Heading → verbs, in the order of the help."""
+
+SYNONYMS: Mapping[str, tuple[str, ...]] = {
+    "agent": ("edge",),
+    "analyse": ("identify", "diagnose"),
+    "analyze": ("identify", "diagnose"),
+    "broker": ("router",),
+    "certificates": ("keys",),
+    "convert": ("import", "export"),
+    "damage": ("fatigue", "diagnose"),
+    "health": ("doctor", "status"),
+    "help": ("--help",),
+    "info": ("doctor",),
+    "life": ("forecast",),
+    "modal": ("identify",),
+    "modes": ("identify",),
+    "oma": ("identify",),
+    "play": ("replay",),
+    "predict": ("forecast",),
+    "read": ("identify", "import"),
+    "repair": ("recover", "event"),
+    "run": ("demo", "twin"),
+    "serve": ("twin",),
+    "server": ("twin",),
+    "start": ("demo", "twin"),
+    "users": ("tokens",),
+    "version": ("--version",),
+    "web": ("twin",),
+}
+"""Word that is no verb → verbs that do what it probably means."""
+
+
+def suggestions(word: str, verbs: Iterable[str]) -> tuple[str, ...]:
+    """Return verbs that a wrong word may mean; none where nothing is close.
+
+    Parameters
+    ----------
+    word
+        Word that is no verb.
+    verbs
+        All verbs.
+
+    Returns
+    -------
+    tuple of str
+        Likeliest verb first, three at most.
+
+    Examples
+    --------
+    >>> suggestions("identfy", ["identify", "edge"])
+    ('identify',)
+    >>> suggestions("server", ["identify", "edge"])
+    ('twin',)
+    >>> suggestions("frobnicate", ["identify", "edge"])
+    ()
+    """
+    lower = word.lower()
+    return SYNONYMS.get(lower) or tuple(difflib.get_close_matches(lower, list(verbs)))
