@@ -40,8 +40,21 @@ def diagnose(
     sensitivities: tuple[str, ...],
     patience_s: float | None,
     unchecked: bool,
+    batch: Path | None,
+    jobs: int | None,
+    engine: str,
+    limit_s: float | None,
+    limit_mib: int | None,
+    retries: int,
 ) -> None:
     """Find effects that a model lacks, with their place and size."""
+    if batch is not None:
+        _refuse_unwritable(out)
+        from .diagnose_batch import Limits, diagnose_batch
+
+        limits = Limits(seconds=limit_s or 0.0, mebibytes=limit_mib or 0, retries=retries)
+        diagnose_batch(batch, out, engine, jobs, limits)
+        return
     if history is not None:
         _refuse_unwritable(out)
         # Only then: it brings the whole server along, which takes half a second.

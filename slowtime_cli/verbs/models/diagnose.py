@@ -47,6 +47,7 @@ Examples:
   slowtime diagnose drive.yaml DATA_EMPS.mat --channel "force=gtau*vir" --channel x=qm
   slowtime diagnose --history twin.sqlite --twin lab.beam --out found
   slowtime diagnose --history bridge.csv
+  slowtime diagnose --batch rigs --out found --jobs 4
 """,
 )
 @click.argument("model", type=EXISTING, required=False)
@@ -120,10 +121,51 @@ Examples:
     is_flag=True,
     help="Accept records even if their sizes suggest a wrong unit or exchanged channels.",
 )
+@click.option(
+    "--batch",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Instead of a model and records: diagnose many. Each subfolder with records is a "
+    "case, with its model file in it or in FOLDER, and held-out records called holdout*; or "
+    "FOLDER/cases.csv lists them (name, model, records, holdout). Writes --out/summary.csv; "
+    "the same command goes on where it was interrupted.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Cases of a batch beside each other.  [default: one for each core]",
+)
+@click.option(
+    "--engine",
+    default="local",
+    show_default=True,
+    metavar="local|ray[://HOST:PORT]",
+    help="Where a batch runs: on this machine; or on a Ray cluster, whose machines see the "
+    "same folders (needs slowtime[ray]).",
+)
+@click.option(
+    "--limit-s",
+    type=POSITIVE,
+    help="Seconds that a case of a batch may take.  [default: none]",
+)
+@click.option(
+    "--limit-mib",
+    type=click.IntRange(min=1),
+    help="Memory that a case of a batch may allocate [MiB].  [default: none]",
+)
+@click.option(
+    "--retries",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="How often a case of a batch is run again whose process was killed.",
+)
 def diagnose(
     model: Path | None,
     records: tuple[str, ...],
     history: str | None,
+    batch: Path | None,
+    holdout: tuple[str, ...],
     **_given: object,
 ) -> None:
     """Find effects that a model lacks, with their place and size.
@@ -137,11 +179,19 @@ def diagnose(
     step. To adopt the result, order the same diagnosis on the twin's page or by REST (`clock:
     slow`).
     """
+    if batch is not None and (model is not None or records or holdout or history):
+        raise click.UsageError(
+            "--batch takes no MODEL, no RECORD, no --holdout and no --history: its folder says "
+            "what to diagnose. Leave them out."
+        )
+    if batch is not None:
+        return
     if history is not None and (model is not None or records):
         raise click.UsageError("--history takes no MODEL and no RECORD. Leave them out.")
     if history is None and (model is None or not records):
         raise click.UsageError(
-            "Give a MODEL and at least one RECORD of it, or --history with a twin's database."
+            "Give a MODEL and at least one RECORD of it, --history with a twin's database, or "
+            "--batch with a folder of cases."
         )
     if history is not None and "://" not in history and not Path(history).is_file():
         raise click.UsageError(

@@ -1,0 +1,85 @@
+"""One table of all cases of a batch."""
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from slowtime_services.engines import Outcome
+
+from .runs import REPORT
+
+SUMMARY = "summary.csv"
+COLUMNS = (
+    "case", "status", "verdict", "effects", "probability", "undecided", "error_as_given",
+    "error_refitted", "error_augmented", "noise_floor", "seconds", "attempts", "sentence",
+)  # fmt: skip
+"""Of the table. Errors are relative errors of free runs on what was not fitted [1]; effects are
+written as `effect@place`, with semicolons between them; the probability is that of the least
+certain one; for a case that failed, the sentence is the end of its error output."""
+
+
+def write_summary(out: Path, outcomes: Sequence[Outcome]) -> Path:
+    """Write `summary.csv` of the cases that ended so far, by name.
+
+    Parameters
+    ----------
+    out
+        Folder of results, with a folder for each case.
+    outcomes
+        How the cases ended.
+
+    Returns
+    -------
+    Path of the table.
+    """
+    path = out / SUMMARY
+    unfinished = path.with_suffix(".part")
+    with unfinished.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS, restval="")
+        writer.writeheader()
+        for outcome in sorted(outcomes, key=lambda one: one.name):
+            writer.writerow(row_of(out, outcome))
+    unfinished.replace(path)
+    return path
+
+
+def row_of(out: Path, outcome: Outcome) -> dict[str, Any]:
+    """Give the row of a case.
+
+    Parameters
+    ----------
+    out
+        Folder of results.
+    outcome
+        How the case ended.
+    """
+    row: dict[str, Any] = {
+        "case": outcome.name,
+        "status": outcome.status,
+        "seconds": f"{outcome.seconds:.1f}",
+        "attempts": outcome.attempts,
+    }
+    if outcome.status != "done":
+        lines = outcome.message.splitlines()
+        return {**row, "sentence": lines[-1] if lines else ""}
+    report = json.loads((out / outcome.name / REPORT).read_text())
+    gap, effects = report["gap"], report["effects"]
+    return {
+        **row,
+        "verdict": report["verdict"],
+        "effects": "; ".join(map(_label, effects)),
+        "probability": min((one["probability"] for one in effects), default=""),
+        "undecided": "; ".join(map(_label, report["undecided"])),
+        "error_as_given": gap["nominal"],
+        "error_refitted": gap["refitted_nominal"],
+        "error_augmented": gap["augmented"],
+        "noise_floor": gap["noise_floor"],
+        "sentence": report["sentence"],
+    }
+
+
+def _label(effect: Mapping[str, Any]) -> str:
+    where = effect["where"]
+    return f"{effect['effect']}@{where['id'] or where['kind']}"

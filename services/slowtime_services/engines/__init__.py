@@ -1,0 +1,16 @@
+"""Engines that run many jobs, each in a process of its own: on this machine, or on Ray."""
+
+from .jobs import Engine, Job, Limits, Outcome, run_job
+from .local import LocalEngine
+from .ray import RayEngine, engine_for
+
+__all__ = [
+    "Engine",
+    "Job",
+    "Limits",
+    "LocalEngine",
+    "Outcome",
+    "RayEngine",
+    "engine_for",
+    "run_job",
+]

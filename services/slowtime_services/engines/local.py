@@ -1,0 +1,43 @@
+"""The engine of one machine: as many processes beside each other as it has cores."""
+
+import concurrent.futures
+import dataclasses
+import os
+import threading
+from collections.abc import Iterator, Sequence
+
+from .jobs import Engine, Job, Limits, Outcome, run_job
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class LocalEngine(Engine):
+    """Processes of this machine.
+
+    Parameters
+    ----------
+    workers
+        How many run beside each other; as many as there are cores if 0.
+    """
+
+    workers: int = 0
+
+    def run(
+        self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
+    ) -> Iterator[Outcome]:
+        """Run jobs, and give the outcome of each as it ends."""
+        workers = self.workers or os.cpu_count() or 1
+        with concurrent.futures.ThreadPoolExecutor(workers) as pool:
+            running = [pool.submit(_run_unless_stopped, job, limits, stop) for job in jobs]
+            try:
+                for one in concurrent.futures.as_completed(running):
+                    outcome = one.result()
+                    if outcome is not None and outcome.status != "cancelled":
+                        yield outcome
+            finally:
+                # Also where the caller takes no more: no process outlives the run.
+                if not all(one.done() for one in running):
+                    stop.set()
+
+
+def _run_unless_stopped(job: Job, limits: Limits, stop: threading.Event) -> Outcome | None:
+    return None if stop.is_set() else run_job(job, limits, stop)
