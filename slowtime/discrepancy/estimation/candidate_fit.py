@@ -46,6 +46,8 @@ from slowtime.dynamics.plant import Name
 
 from .switching_instant import refine_switching_instant
 
+NESTED = {"stribeck": "coulomb"}
+"""Laws, and the simpler ones that they become."""
 MAX_CANDIDATES = 6
 """[candidates] Refitted in one round at most. Source: docs/decisions/0023."""
 MAX_PER_PLACE = 4
@@ -457,7 +459,7 @@ class Fitting:
             self.kinds,
             self.noise,
             control=FitControl(
-                cost_to_beat=min((n.fit.cost for n in self.found), default=None),
+                cost_to_beat=self._cost_to_beat(candidate.effect),
                 is_late=functools.partial(_late, self.tick, candidate.effect, number),
             ),
             schedule=FitSchedule(
@@ -477,6 +479,14 @@ class Fitting:
             return seen
         idle = (*self.idle, named) if shown else self.idle
         return dataclasses.replace(seen, idle=idle, nested=(*self.nested, named))
+
+    def _cost_to_beat(self, effect: Effect) -> float | None:
+        """Cost from which a fit is given up; none where a law that becomes it was fitted.
+
+        Whether the more general of two nested laws is needed is told by both fits.
+        """
+        general = any(limit_of(one.effect) == label_of(effect) for one in self.found)
+        return None if general else min((one.fit.cost for one in self.found), default=None)
 
     def _with(self, candidate: Candidate, named: FittedCandidate) -> "Fitting":
         """Keep a fit, and tighten what others have to leave along the force."""
@@ -541,6 +551,12 @@ def fit_candidates(
     """
     fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
     return fitting.fit(candidates).ranked(over)
+
+
+def limit_of(effect: Effect) -> Label | None:
+    """Give the simpler law that an effect becomes, at its place; None where there is none."""
+    simple = NESTED.get(effect.kind)
+    return None if simple is None else label_of(dataclasses.replace(effect, kind=simple))
 
 
 def _late(tick: Tick, effect: Effect, number: int) -> bool:

@@ -19,6 +19,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     Fitting,
     best_of_each_place,
     fit_candidates,
+    limit_of,
 )
 from slowtime.discrepancy.estimation.shooting_fit import (
     first_of_each,
@@ -376,9 +377,10 @@ def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[
 def beginnings_first(
     given: Round, fitted: Sequence[FittedCandidate]
 ) -> Sequence[FittedCandidate]:
-    """Put first what explains how records begin, where the best leaves much of the whole.
+    """Keep what explains how records begin, where the best leaves much of the whole.
 
-    It is one of two effects, though more may be left by it.
+    It is one of two effects, though more may be left by it. The simpler law that it becomes
+    stays beside it.
     """
     if not fitted or fitted[0].fit.chi2_in_band <= LIMITS.far_off_chi2:
         return fitted
@@ -386,11 +388,15 @@ def beginnings_first(
     of_segments = segments.begins if segments is not None else None
     of_beginnings = initial.begins if initial is not None else None
     last = given.hypothesis.last
-    return (
-        [one for one in fitted if label_of(one.effect) == of_segments]
-        or [one for one in fitted if begins(one, of_beginnings, last)]
-        or fitted
-    )
+    kept = [one for one in fitted if label_of(one.effect) == of_segments] or [
+        one for one in fitted if begins(one, of_beginnings, last)
+    ]
+    limits = [
+        one
+        for one in fitted
+        if any(label_of(one.effect) == limit_of(other.effect) for other in kept)
+    ]
+    return [*kept, *limits] or fitted
 
 
 def accept_best(

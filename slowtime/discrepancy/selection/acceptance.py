@@ -12,12 +12,14 @@ from slowtime.discrepancy.candidates.constant_equivalents import (
     CONSTANTS,
     is_single_changed_constant,
 )
+from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
     is_significant,
+    limit_of,
     misfit,
     with_noise,
 )
@@ -48,8 +50,6 @@ twenty hidden cases with true Stribeck friction 1.35e-3 at least."""
 MAX_SECOND_REST = 0.2
 """[share of what the first law left beyond noise] That a second law at one place may leave, if
 more than noise. Source: judgement; no study is recorded."""
-NESTED = {"stribeck": "coulomb"}
-"""Laws, and the simpler ones that they become."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -258,8 +258,7 @@ def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[Fitt
     """Leave out the best where it explains next to nothing that its limit does not."""
     best, *others = named
     for other in others:
-        limit = other.effect.kind == NESTED.get(best.effect.kind)
-        if limit and other.effect.place == best.effect.place:
+        if label_of(other.effect) == limit_of(best.effect):
             gained = other.fit.cost - best.fit.cost
             if (
                 len(other.fit.states) == len(best.fit.states)
