@@ -57,14 +57,7 @@ def merged_records(
         Where set-ups share no reference channel.
     """
     read = [_read(path, rate_hz) for path in files]
-    rate = read[0].rate_hz
-    other = next((one for one in read if abs(one.rate_hz / rate - 1) > RATES_ALIKE), None)
-    if other is not None or not 0 < band_hz[0] < band_hz[1] < 0.5 * rate:
-        rates = ", ".join(f"{one.rate_hz:g}" for one in read)
-        raise click.UsageError(
-            f"Records of {rates} Hz and a band of {band_hz[0]:g} to {band_hz[1]:g} Hz were "
-            "given. Merging before identification needs one rate and a band below half of it."
-        )
+    rate = _common_rate(read, band_hz)
     common = [name for name in read[0].channels if all(name in one.channels for one in read)]
     kept = tuple(common) if references is None else references
     factor = max(1, math.floor(0.5 * PASS * rate / band_hz[1]))
@@ -89,6 +82,19 @@ def merged_records(
         "duration_s": span,
     }
     return found.modes, heading
+
+
+def _common_rate(read: Sequence[Record], band_hz: tuple[float, float]) -> float:
+    """Return the sampling rate of all records [Hz]; refuse other rates and bands above it."""
+    rate = read[0].rate_hz
+    other = next((one for one in read if abs(one.rate_hz / rate - 1) > RATES_ALIKE), None)
+    if other is not None or not 0 < band_hz[0] < band_hz[1] < 0.5 * rate:
+        rates = ", ".join(f"{one.rate_hz:g}" for one in read)
+        raise click.UsageError(
+            f"Records of {rates} Hz and a band of {band_hz[0]:g} to {band_hz[1]:g} Hz were "
+            "given. Merging before identification needs one rate and a band below half of it."
+        )
+    return rate
 
 
 def _read(path: Path, rate_hz: float | None) -> Record:
