@@ -8,7 +8,9 @@ gain without bound.
 """
 
 import dataclasses
+import functools
 import math
+import operator
 
 import numpy as np
 import scipy.linalg
@@ -127,7 +129,8 @@ def _reason(model: ParametricMatrices) -> str:
         )
     whole, factor = _held(model)
     parts = [part for part in model.stiffness_parts if part is not None]
-    total = _range("all groups together", sparse.csr_array(sum(parts)), whole, factor)
+    every = sparse.csr_array(functools.reduce(operator.add, parts))
+    total = _range("all groups together", every, whole, factor)
     return (
         f"Each group alone is part of the whole, but {total.words} only: they overlap. Check "
         "that no element is in two groups, or try smaller parameters (--span)."

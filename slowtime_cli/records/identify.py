@@ -130,7 +130,7 @@ def identify(
                     whole,
                     models,
                     shapes=not mixed,
-                    spatial=spatial,
+                    extra=spatial,
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)

@@ -89,6 +89,11 @@ def identify(
         mode_tables.show_modes(found.result, models, path.name, method=METHOD)
         show_masses(found, outputs, [name for name, _ in measured.input_channels])
     if report is not None:
+        spatial = (
+            []
+            if mixed
+            else spatial_section(found.result, outputs, models, model=model, geometry=known)
+        )
         mode_tables.write_report(
             report,
             path.name,
@@ -96,11 +101,11 @@ def identify(
             found.result,
             models,
             shapes=not mixed,
-            spatial=[]
-            if mixed
-            else spatial_section(found.result, outputs, models, model=model, geometry=known),
             captions=CAPTIONS,
-            extra=response_sections(found, measured.output_channels, measured.input_channels),
+            extra=[
+                *spatial,
+                *response_sections(found, measured.output_channels, measured.input_channels),
+            ],
         )
     if frf is not None:
         write_response_file(

@@ -15,19 +15,29 @@ from slowtime.identification.modes import Mode
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.files.modes import FoundMode, ModesFile
 
+from .merge_before import merged_records
 from .modes_file import write_modes_file
 
 
 def merge_setups(
-    files: Sequence[Path], references: tuple[str, ...] | None, out: Path | None
+    files: Sequence[Path],
+    references: tuple[str, ...] | None,
+    before: bool,
+    rate_hz: float | None,
+    band_hz: tuple[float, float] | None,
+    out: Path | None,
 ) -> None:
-    """Merge modes files.
+    """Merge modes files, or records before their modes are identified.
 
     Raises
     ------
     ValueError
         Where set-ups share no reference channel.
     """
+    if before:
+        assert band_hz is not None
+        _merge_records(files, references, rate_hz, band_hz, out)
+        return
     read = [_read(path) for path in files]
     setups = [SetUp(modes=_modes(one), channels=one.channels) for one in read]
     found = merge(setups, references)
@@ -43,7 +53,28 @@ def merge_setups(
             )
     if out is not None:
         write_modes_file(out, _body(read, whole, channels), None, "")
-    _show(found, files)
+    _show([(one.mode, len(one.setups), len(one.channels)) for one in found], files)
+
+
+def _merge_records(
+    files: Sequence[Path],
+    references: tuple[str, ...] | None,
+    rate_hz: float | None,
+    band_hz: tuple[float, float],
+    out: Path | None,
+) -> None:
+    """Identify all records at once, print the modes and write them."""
+    modes, heading = merged_records(files, references, rate_hz, band_hz)
+    if not modes:
+        raise click.UsageError(
+            "No mode stands out of the noise. Record longer, or give another --band-hz."
+        )
+    if out is not None:
+        span = (0.0, heading["duration_s"])
+        body = heading | {"modes": [_merged(mode, span) for mode in modes]}
+        write_modes_file(out, body, None, "")
+    count = len(heading["channels"])
+    _show([(mode, len(files), count) for mode in modes], files)
 
 
 def modes_of_file(path: Path) -> tuple[tuple[str, ...], list[Mode]]:
@@ -129,18 +160,19 @@ def _merged(mode: Mode, span: tuple[float, float]) -> dict[str, Any]:
     }
 
 
-def _show(found: Sequence[MergedMode], files: Sequence[Path]) -> None:
+def _show(found: Sequence[tuple[Mode, int, int]], files: Sequence[Path]) -> None:
+    """Print modes, each with the number of its set-ups and of its channels."""
     rows, plain = [], []
-    for one in found:
-        f, z = one.mode.frequency_hz, one.mode.damping_ratio
+    for mode, setups, channels in found:
+        f, z = mode.frequency_hz, mode.damping_ratio
         damped = math.isfinite(z.value)
-        flags = ", ".join(one.mode.flags)
+        flags = ", ".join(mode.flags)
         rows.append(
             (
                 f"{f.value:.4f} ± {f.sd:.4f}",
                 f"{100 * z.value:.3f} ± {100 * z.sd:.3f}" if damped else "",
-                f"{len(one.setups)} of {len(files)}",
-                str(len(one.channels)),
+                f"{setups} of {len(files)}",
+                str(channels),
                 flags,
             )
         )
@@ -150,8 +182,8 @@ def _show(found: Sequence[MergedMode], files: Sequence[Path]) -> None:
                 "frequency_sd": f.sd,
                 "damping_ratio": z.value if damped else None,
                 "damping_sd": z.sd if damped else None,
-                "setups": len(one.setups),
-                "channels": len(one.channels),
+                "setups": setups,
+                "channels": channels,
                 "flags": flags,
             }
         )

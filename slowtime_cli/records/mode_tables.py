@@ -188,11 +188,10 @@ def write_report(
     models: Sequence[ModelMode],
     *,
     shapes: bool = True,
-    spatial: Sequence[Section] = (),
     extra: Sequence[Section] = (),
     captions: Captions = AMBIENT,
 ) -> None:
-    """Write table, shapes, `extra` sections, spectra and stabilisation diagram as one page."""
+    """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page."""
     structural = len(result.structural)
     lines = len(result.modes) - structural
     lead = (
@@ -202,7 +201,6 @@ def write_report(
     )
     sections = [
         Section("Modes", (), [_table(result, models)]),
-        *(spatial if structural else ()),
         *extra,
         Section("Spectra", (), [_spectra(result, captions.spectra)]),
     ]

@@ -65,6 +65,8 @@ def spatial_section(
     -------
     One section; none where nothing says where the channels are.
     """
+    if not result.structural:
+        return []
     wire, shapes = None, None
     if model is not None:
         wire, shapes = _of_model(model, channels, geometry)

@@ -37,6 +37,7 @@ from .routes import (
     plans,
     recordings,
     risks,
+    shapes,
     simulations,
     twins,
 )
@@ -123,6 +124,7 @@ def create_app(
         prefix="/api/v1",
     )
     app.include_router(history.routes(knowledge, settings, known), prefix="/api/v1")
+    app.include_router(shapes.routes(knowledge, known), prefix="/api/v1")
     app.include_router(event_routes.routes(knowledge, hub, known), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, queue), prefix="/api/v1")
     app.include_router(plans.routes(knowledge, known, queue), prefix="/api/v1")

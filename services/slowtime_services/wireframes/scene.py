@@ -96,8 +96,8 @@ def scene_of(
                 alone.append(row)
     for number in range(0 if model is None else len(model.frequency_hz)):
         assert model is not None
-        for row in taken.get(number) or [None]:
-            modes.append(_mode(wire, (number, model), (row, measured)))
+        rows = taken.get(number) or [None]
+        modes += [_mode(wire, (number, model), (row, measured)) for row in rows]
     modes += [_mode(wire, None, (row, measured)) for row in alone]
     modes.sort(key=lambda mode: mode["measured_hz"] or mode["model_hz"])
     names = sorted(set(wire.groups) - {""})

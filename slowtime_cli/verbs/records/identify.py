@@ -195,9 +195,7 @@ def identify(
         raise click.UsageError("--hop-s goes with --window-s.")
     universal = out is not None and out.suffix.lower() in UNIVERSAL
     if geometry is not None and not (universal or report):
-        raise click.UsageError(
-            f"--geometry goes with --out {' or '.join(UNIVERSAL)}, or with --report."
-        )
+        raise click.UsageError("--geometry goes with --out .uff or .unv, or with --report.")
     if universal and (window_s is not None or method not in ("auto", *ALL_CHANNELS)):
         raise click.UsageError(
             f"A universal file holds modes with shapes, of a whole record. Give --method "

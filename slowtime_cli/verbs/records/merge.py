@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Names, OutFile
+from slowtime_cli.shared.options import POSITIVE, Names, OutFile
 
 
 @click.command(
@@ -19,6 +19,7 @@ Examples:
   slowtime identify high.csv --rate-hz 100 --method modes --out high.json
   slowtime merge low.json high.json --out whole.json
   slowtime merge low.json high.json --references top --out whole.unv
+  slowtime merge low.csv high.csv --before --rate-hz 100 --band-hz 0.5 20 --out whole.json
 
 Channels of one name are one place and direction on the structure.
 """,
@@ -30,9 +31,31 @@ Channels of one name are one place and direction on the structure.
     help="Channels that stayed in place; by default those that all files have.",
 )
 @click.option(
+    "--before",
+    is_flag=True,
+    help="FILES are records, identified all at once (PreGER): where the excitation differs and "
+    "the structure does not.",
+)
+@click.option(
+    "--rate-hz", type=POSITIVE, help="With --before: samples per second, where files say none."
+)
+@click.option(
+    "--band-hz",
+    nargs=2,
+    type=POSITIVE,
+    metavar="LO HI",
+    help="With --before: frequency band of the modes.",
+)
+@click.option(
     "--out", type=OutFile(), help="File to write: .json, .csv, or .unv for a universal file."
 )
-def merge(files: tuple[Path, ...], **_given: object) -> None:
+def merge(
+    files: tuple[Path, ...],
+    before: bool,
+    rate_hz: float | None,
+    band_hz: tuple[float, float] | None,
+    **_given: object,
+) -> None:
     """Merge the modes of several set-ups of sensors.
 
     A few sensors stay as references while the others are moved about. Frequencies and damping
@@ -41,3 +64,10 @@ def merge(files: tuple[Path, ...], **_given: object) -> None:
     """
     if len(files) < 2:
         raise click.UsageError("One set-up is whole already. Give two files at least.")
+    if before and band_hz is None:
+        raise click.UsageError("--before needs --band-hz, the band of the modes.")
+    if not before and (rate_hz is not None or band_hz is not None):
+        raise click.UsageError(
+            "--rate-hz and --band-hz go with --before, which merges records. Modes files are "
+            "merged as they are."
+        )

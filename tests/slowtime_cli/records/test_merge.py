@@ -76,3 +76,48 @@ def test_what_cannot_be_merged_says_why(run, setups, tmp_path):
     assert run("merge", str(setups[0]), str(lonely)).status != 0
     (tmp_path / "no.json").write_text("{}")
     assert "no modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err
+
+
+def records(folder, seed=1):
+    """Records of two set-ups of four storeys under winds of two strengths."""
+    rng = np.random.default_rng(seed)
+    rate, count = 40.0, 12000
+    angle = (2 * np.arange(1, 5) - 1) * np.pi / 9
+    shapes = np.sin(np.outer(np.arange(1, 5), angle))
+    hz = 2.0 * np.sin(angle / 2) / np.sin(angle[0] / 2)
+    t = np.arange(1200) / rate
+    paths = []
+    for name, places, level in (("low", (3, 1, 0), 1.0), ("high", (3, 1, 2), 3.0)):
+        motion = np.zeros((count, 4))
+        for k in range(4):
+            decay = np.exp(-0.01 * 2 * np.pi * hz[k] * t) * np.sin(2 * np.pi * hz[k] * t)
+            wave = np.convolve(rng.standard_normal(count), decay)[:count]
+            motion += wave[:, None] * shapes[:, k]
+        seen = level * motion[:, places]
+        seen = seen + 0.03 * seen.std() * rng.standard_normal(seen.shape)
+        columns = {f"s{place}": seen[:, k] for k, place in enumerate(places)}
+        paths.append(folder / f"{name}.npz")
+        np.savez(paths[-1], rate_hz=rate, **columns)
+    return paths, hz, shapes
+
+
+@pytest.mark.long
+def test_records_are_merged_before_identification_where_the_wind_differs(run, tmp_path):
+    paths, hz, shapes = records(tmp_path)
+    done = run("merge", *paths, "--before", "--band-hz", 1, 12, "--out", "whole.json")
+    assert done.status == 0, done.err
+    whole = ModesFile.model_validate_json((tmp_path / "whole.json").read_text())
+    assert whole.channels == ("s3", "s1", "s0", "s2")
+    for k in range(3):
+        mode = min(whole.modes, key=lambda one: abs(one.frequency_hz.value - hz[k]))
+        assert abs(mode.frequency_hz.value - hz[k]) < 0.01 * hz[k]
+        shape = np.array(mode.shape.re) / mode.shape.re[0]
+        np.testing.assert_allclose(shape, shapes[[3, 1, 0, 2], k] / shapes[3, k], atol=0.1)
+
+
+def test_flags_of_records_and_modes_files_are_not_mixed(refused, setups, tmp_path):
+    assert "--before needs --band-hz" in refused("merge", *setups, "--before")
+    assert "go with --before" in refused("merge", *setups, "--band-hz", 1, 2)
+    paths, _, _ = records(tmp_path)
+    said = refused("merge", *paths, "--before", "--band-hz", 1, 30)
+    assert "a band below half of it" in said

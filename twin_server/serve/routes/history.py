@@ -13,11 +13,10 @@ from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.instants import MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.models.history import HashModel, HistoryModel
-from twin_server.serve.models.shapes import ShapesModel
 from twin_server.serve.models.twins import (
     ModesModel,
 )
-from twin_server.serve.state_rendering import json_response, modes_of, shapes_of, state_texts
+from twin_server.serve.state_rendering import json_response, modes_of, state_texts
 from twin_server.settings import ServeSettings
 
 from .twin_path import TwinId
@@ -81,21 +80,6 @@ def routes(
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
         """Modes of the latest epoch, or of the last one not later than `at`, with shapes."""
         return json_response(modes_of(knowledge, twin_id, moment_of("at", at)))
-
-    @api.get(
-        "/twins/{twin_id}/shapes",
-        response_model=ShapesModel,
-        responses=problems.answers(
-            {404: "No such twin, or its model has no geometry", 422: "Not an instant"}
-        ),
-    )
-    def shapes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
-        """Nodes and lines of the model, with its mode shapes and the measured ones in space.
-
-        The model is the one that the state of the latest epoch, or of the last one not later
-        than `at`, says; measured shapes are those of the same epoch.
-        """
-        return json_response(shapes_of(knowledge, twin_id, moment_of("at", at)))
 
     @api.get("/twins/{twin_id}/history/hash", response_model=HashModel, responses=_PROBLEMS)
     def history_hash(twin_id: TwinId, registration: Known) -> Response:
