@@ -118,7 +118,7 @@ def _pictures(url: str) -> None:
         room = page.locator(f'[id="{TWIN}"] .diagnosis')
         expect(room).to_have_attribute("data-gap", "disagreeing", timeout=PATIENCE_MS)
         page.wait_for_timeout(8_000)
-        room.get_by_role("button", name="Ask what the model lacks").click()
+        room.get_by_role("button", name="Find what the model lacks").click()
         job = room.locator(".jobs > li").first
         expect(job.locator(".verdict")).to_be_visible(timeout=PATIENCE_MS)
         page.wait_for_timeout(4_000)  # its charts are drawn one after the other

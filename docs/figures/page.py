@@ -95,7 +95,7 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
     page = opened("#demo.wing?at=150", "dark")
     _drawn(page, "mass_change")
     page.get_by_text("Simulate a load").click()
-    page.get_by_role("button", name="Run it").click()
+    page.get_by_role("button", name="Simulate").click()
     expect(page.locator(".whatif .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
     yield "page_past", page
 
@@ -108,7 +108,7 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
 
     page = opened("#recordings")
     with tempfile.TemporaryDirectory() as folder:
-        page.get_by_label("Give a recording").set_input_files(_recording(Path(folder)))
+        page.get_by_label("Upload a recording").set_input_files(_recording(Path(folder)))
         card = page.locator("[data-recording]")
         expect(card).to_have_count(1, timeout=PATIENCE_MS)
         card.get_by_role("button", name="Replay").click()

@@ -135,7 +135,7 @@ def misfit(folder, said):
 
 def site_tls(folder, said):
     assert "lab.beam is alive" in said
-    assert "Who asks? Give a token" in said
+    assert "A token is needed. Give it" in said
     assert said.rstrip().count("\nrefused\n") == 1
     assert len(rows(folder / "beam.csv")) > 5
     assert not (folder / "again.csv").exists()

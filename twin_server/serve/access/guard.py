@@ -171,8 +171,8 @@ class Guard:
             raise _Refused(
                 401,
                 "no-token",
-                "Who asks? Give a token in the header Authorization: Bearer TOKEN. An admin "
-                "makes one with `slowtime tokens add`.",
+                "A token is needed. Give it in the header Authorization: Bearer TOKEN. An "
+                "admin makes one with `slowtime tokens add`.",
                 **{"WWW-Authenticate": 'Bearer realm="slowtime"'},
             )
         if of_cookie and scope["method"] not in SAFE:

@@ -74,7 +74,7 @@ async function identify(event) {
 function whoAsks() {
   panel?.twin.unwatch();
   $("who").hidden = false;
-  say($("connection"), "waiting", "waits for a token");
+  say($("connection"), "waiting", "token needed");
 }
 
 async function refresh() {

@@ -75,7 +75,7 @@ class Composite {
   }
 
   async load() {
-    this.detail.replaceChildren(make("p", "Forecasts of the members are made.", "facts"));
+    this.detail.replaceChildren(make("p", "Computing the forecasts of the members \u2026", "facts"));
     try {
       this.show(await ask(`/api/v1/composites/${encodeURIComponent(this.id)}`));
     } catch (error) {
@@ -91,7 +91,7 @@ class Composite {
     if (worst) worst.append(this.link(health.worst), ".");
     const parts = [
       make("p", `Probability of failure${ahead}: ${band(failure)}.`, "told"),
-      make("p", `Whatever the dependence of the members: ${chance(lo)} to ${chance(hi)}.`, "facts"),
+      make("p", `For any dependence of the members: ${chance(lo)} to ${chance(hi)}.`, "facts"),
       worst, this.tree(told), this.twins(told.twins), ...pooled.map((pool) => this.rates(pool)), this.reasons([...failure.reasons, ...health.reasons]),
     ];
     this.detail.replaceChildren(...parts.filter(Boolean));
@@ -139,7 +139,7 @@ class Composite {
     const rows = [["Fleet", ...said(fleet), ""], ["Another such asset", ...said(another), ""], ...members.map((one) => [
       this.link(one.id), ...said(one), `${Math.round(100 * one.shrinkage)}\u202f%`,
     ])];
-    return table(`Pooled drift of ${quantity} per ${unit ?? "slow time"}`, ["Of", "Rate", "95 % interval", "Drawn to the fleet"], rows);
+    return table(`Pooled drift of ${quantity} per ${unit ?? "slow time"}`, ["Of", "Rate", "95 % interval", "Weight of the fleet"], rows);
   }
 
   reasons(reasons) {

@@ -77,10 +77,10 @@ export class Diagnosis {
     this.quick.type = "checkbox";
     quick.append(this.quick, " quick");
     this.fast = make("span", undefined, "fast");
-    this.fast.append(button("Ask what the model lacks", () => this.start({
+    this.fast.append(button("Find what the model lacks", () => this.start({
       raw: { duration_s: Number(this.seconds.value) }, quick: this.quick.checked,
     })), label, quick);
-    this.slow = button("Ask what the history follows", () => this.start({ clock: "slow" }));
+    this.slow = button("Find what drives the slow change (temperature, load, time)", () => this.start({ clock: "slow" }));
     tools.append(this.fast, this.slow);
     return tools;
   }

@@ -70,7 +70,7 @@ export class Elements {
   tell(latest) {
     const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
     const said = suspects.map((word) => sentence(word, elements));
-    const calm = names.length ? "No element is seen to have changed" : "";
+    const calm = names.length ? "No element has changed significantly" : "";
     const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
     this.verdict.dataset.state = said.length ? "waiting" : "good";

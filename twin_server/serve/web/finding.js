@@ -53,16 +53,16 @@ export function findingOf({ effects, where = [], when, experiment }) {
     if (rivals.length) root.append(make("p", `It may also be: ${rivals.join(", ")}.`, "facts"));
   }
   if (where.length) {
-    root.append(table("Where model and measurement part", ["place", "explains of what was left"], where.slice(0, 6).map((place) => [placed(place), bar(place.share)])));
+    root.append(table("Where model and measurement differ", ["place", "share of the remaining error"], where.slice(0, 6).map((place) => [placed(place), bar(place.share)])));
   }
   if (when) {
     const spans = (list, unit) => list.slice(0, 6).map(([from, to]) => `${few(from)} to ${few(to)}\u202f${unit}`).join(", ");
     const said = [
-      when.times_s?.length && `It stands out at ${spans(when.times_s, "s")}.`, when.bands_hz?.length && `It stands out between ${spans(when.bands_hz, "Hz")}.`,
+      when.times_s?.length && `In time, the error is largest at ${spans(when.times_s, "s")}.`, when.bands_hz?.length && `In frequency, the error is largest at ${spans(when.bands_hz, "Hz")}.`,
       when.amplitude, when.steady === false && "It changes over the record.",
     ];
     root.append(make("p", said.filter(Boolean).join(" "), "facts"));
   }
-  if (experiment) root.append(make("p", `What would decide: ${experiment}`, "facts"));
+  if (experiment) root.append(make("p", `Experiment that would decide: ${experiment}`, "facts"));
   return root;
 }

@@ -10,7 +10,7 @@ import { ago, button, make, say, spoken, standing, titleOf } from "./words.js";
 const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000, PLAN_MS = 300000;
 const WORD = {
   valid: ["good", "\u2713 valid"], learning: ["waiting", "\u2026 learning"],
-  inseparable: ["waiting", "\u25c7 mass and stiffness look alike"], invalid: ["bad", "\u2715 not valid"],
+  inseparable: ["waiting", "\u25c7 mass and stiffness not separable"], invalid: ["bad", "\u2715 not valid"],
   none: ["waiting", "\u2026 no features yet"],
 };
 const ORDER = { alarm: 0, changed: 1, bad: 2, waiting: 3, good: 4 };
@@ -34,6 +34,33 @@ function urgencyOf(state) {
   if (limitsPassed(state)) return "alarm";
   if (changeOf(state)) return "changed";
   return state.slow_time === null ? "waiting" : WORD[standing(state)][0];
+}
+
+const nameOf = ({ id, registration }) => registration.name || id;
+const isLearning = (state) => state.slow_time === null || standing(state) === "learning";
+const isCalm = (state) => !limitsPassed(state) && !changeOf(state);
+const NAMED = 3;
+/** What may stand against a twin, the worst first: the answer to "Is anything wrong?", what is said of such twins, and which they are. */
+const FINDINGS = [
+  ["bad", "Yes", "with an alarm", limitsPassed],
+  ["waiting", "Possibly", "changed without an alarm", (state) => !limitsPassed(state) && changeOf(state)],
+  ["waiting", "Not known for all twins", "without a valid estimate", (state) => isCalm(state) && !isLearning(state) && !state.valid],
+  ["waiting", "Not known for all twins yet", "still learning or without readings", (state) => isCalm(state) && isLearning(state)],
+  ["good", "No", "with the sensor agent offline, so nothing new is known", ({ alive }) => !alive],
+];
+
+/** `[state, sentence]`: whether anything is wrong with the twins, in words. */
+export function verdictOf(states) {
+  const found = FINDINGS.map(([mood, answer, words, why]) => ({ mood, answer, words, why, those: states.filter((state) => why(state)) }))
+    .filter(({ those }) => those.length);
+  const said = found.map(({ words, why, those }) => {
+    const named = those.slice(0, NAMED).map((state) => (typeof why(state) === "string" ? `${nameOf(state)} (${why(state)})` : nameOf(state)));
+    const more = those.length > NAMED ? ` and ${those.length - NAMED} more` : "";
+    return `${those.length} of ${states.length} ${words}: ${named.join(", ")}${more}.`;
+  });
+  const { mood, answer } = found[0] ?? { mood: "good", answer: "No" };
+  const calm = answer === "No" ? ` ${states.length === 1 ? "The twin is" : `All ${states.length} twins are`} valid, without an alarm or an unexplained change.` : "";
+  return [mood, `Is anything wrong? ${answer}.${calm} ${said.join(" ")}`.trim()];
 }
 
 /** The quantity that tells most of a twin: what it estimates, or of a twin of elements the worst of them. */
@@ -145,8 +172,10 @@ export class Fleet {
     this.visits = make("p", "", "facts visits");
     this.visits.hidden = true;
     head.append(this.title, this.summary, this.find);
+    this.verdict = make("p", "", "verdict");
+    this.verdict.setAttribute("role", "status");
     this.composites = new Composites();
-    this.root.append(head, this.visits, this.list, this.more, this.composites.root);
+    this.root.append(head, this.verdict, this.visits, this.list, this.more, this.composites.root);
     this.watcher = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) this.see(this.cards.get(target.dataset.twin), isIntersecting);
     }, { rootMargin: "200px" });
@@ -200,6 +229,7 @@ export class Fleet {
       changed && `${changed} changed`, `${of(({ valid }) => valid)} valid`, `${of(({ alive }) => alive)} with their sensor agent online`,
       this.wanted && `${found} found`,
     ];
+    say(this.verdict, ...verdictOf(this.states));
     say(this.summary, alarms ? "bad" : "good", said.filter(Boolean).join(" \u00b7 "));
   }
 

@@ -22,14 +22,14 @@ export class Motion {
     this.lowest = Math.min(...shapes.map((shape) => shape.frequency_hz));
     const slower = LOWEST_S * this.lowest;
     const pace = slower >= 1 ? `${+slower.toPrecision(2)} times slower` : `${+(1 / slower).toPrecision(2)} times faster`;
-    this.told.textContent = `Shapes move ${pace} than the structure, and much further. Pale: their 95\u202f% bands.`;
+    this.told.textContent = `Animation: ${pace} than the structure, with enlarged amplitude. Pale: 95\u202f% bands.`;
     this.show();
   }
 
   run(running) {
     this.running = running;
     this.before = null;
-    this.button.textContent = running ? "Hold still" : "Let them move";
+    this.button.textContent = running ? "Stop the animation" : "Animate the shapes";
     cancelAnimationFrame(this.frame);
     if (running) this.frame = requestAnimationFrame((now) => this.step(now));
   }

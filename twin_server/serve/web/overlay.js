@@ -53,11 +53,11 @@ export class Overlay {
       const shown = charts.filter(({ heading }) => heading !== DRAWN_ALREADY);
       this.figures = shown.map((chart) => this.figure(chart));
       this.room.replaceChildren(...this.figures.map(({ figure }) => figure));
-      if (!shown.length) this.room.append(make("p", "This diagnosis has left no charts.", "facts"));
+      if (!shown.length) this.room.append(make("p", "This diagnosis has no charts.", "facts"));
       await this.draw();
     } catch (error) {
       this.asked = false;
-      this.room.replaceChildren(make("p", `The charts did not come: ${error.message} Close and open this to try again.`, "facts"));
+      this.room.replaceChildren(make("p", `The charts could not be loaded: ${error.message} Close and open this to try again.`, "facts"));
     }
   }
 

@@ -26,9 +26,9 @@ const STANDING = {
 function weatherOf({ registration: { covariates }, normal = [], reasons }) {
   if (!covariates) return false;
   const names = covariates.names.join(" and ");
-  if (!normal.length) return reasons.some((reason) => LEARNING.test(reason)) && `learning what ${names} does`;
+  if (!normal.length) return reasons.some((reason) => LEARNING.test(reason)) && `learning the effect of ${names}`;
   const laws = [...new Set(normal.map(({ law }) => law))].join(", ");
-  return `${names} taken out (${laws})`;
+  return `effect of ${names} removed (${laws})`;
 }
 
 /** The mode that tells most surely of a change that nothing measured explains. */

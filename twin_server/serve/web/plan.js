@@ -66,7 +66,7 @@ export class Plan {
     const { plan, trouble } = await ask(`${this.twin.base}/plan`, PATIENCE_MS).then((told) => ({ plan: told }), ({ message }) => ({ trouble: message }));
     [this.asking, this.askedAt] = [false, Date.now()];
     if (plan) [this.plan, this.of] = [plan, of];
-    if (trouble) this.sentence.textContent = `No newer plan has come: ${trouble}`;
+    if (trouble) this.sentence.textContent = `The plan could not be updated: ${trouble}`;
     else this.show();
   }
 

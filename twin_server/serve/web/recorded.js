@@ -53,8 +53,8 @@ export class Recorded {
       item.className = "reversed";
       item.append(" ", make("span", "taken back", "severity"));
     } else if (event.reverses === null && !past) {
-      const undo = button("Take back", () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
-      undo.setAttribute("aria-label", `Take back: ${event.sentence}`);
+      const undo = button("Undo", () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
+      undo.setAttribute("aria-label", `Undo: ${event.sentence}`);
       item.append(" ", undo);
     }
     return item;

@@ -43,7 +43,7 @@ export class Recordings {
 
   giving() {
     this.drop = make("div", undefined, "drop");
-    const label = make("label", "Give a recording (.mcap), or drop it here ");
+    const label = make("label", "Upload a recording (.mcap), or drop it here ");
     this.file = make("input");
     Object.assign(this.file, { type: "file", accept: ".mcap" });
     this.file.addEventListener("change", () => this.give(this.file.files[0]));
@@ -51,7 +51,7 @@ export class Recordings {
     [this.bar, this.way] = [make("progress"), make("span", "", "facts")];
     this.bar.max = 1;
     this.bar.hidden = true;
-    this.bar.setAttribute("aria-label", "How far the recording has come");
+    this.bar.setAttribute("aria-label", "Upload progress");
     this.drop.append(label, this.bar, this.way);
     this.drop.addEventListener("dragover", (event) => { event.preventDefault(); this.drop.dataset.over = true; });
     this.drop.addEventListener("dragleave", () => { delete this.drop.dataset.over; });
@@ -69,7 +69,7 @@ export class Recordings {
     this.way.textContent = `${file.name}, ${sizeOf(file.size)}`;
     await this.attempt(() => upload(`${BASE}/${encodeURIComponent(nameOf(file))}`, file, (share) => {
       this.bar.value = share;
-      if (share === 1) this.way.textContent = `${file.name} is being read to its end \u2026`;
+      if (share === 1) this.way.textContent = `${file.name} is being checked \u2026`;
     }));
     [this.bar.hidden, this.file.disabled, this.file.value, this.way.textContent] = [true, false, "", ""];
   }
@@ -127,7 +127,7 @@ export class Recordings {
       if (confirm(`Delete ${name}? It may be the only copy.`)) this.attempt(() => send(path, "DELETE"));
     });
     const [pill, bar, said] = [make("span", "", "pill"), make("progress"), make("span", "", "facts")];
-    bar.setAttribute("aria-label", `How far ${name} has been played`);
+    bar.setAttribute("aria-label", `Replay progress of ${name}`);
     replay.append(pill, bar, said);
     acts.append(get, play, paced, stop, drop);
     root.append(make("h3", name), about, inside, problem, replay, acts);

@@ -61,7 +61,7 @@ export class Risk {
     const { risk, trouble } = await ask(`${this.twin.base}/risk`, PATIENCE_MS).then((told) => ({ risk: told }), ({ message }) => ({ trouble: message }));
     [this.asking, this.askedAt] = [false, Date.now()];
     if (risk) [this.risk, this.of] = [risk, of];
-    this.trouble.textContent = trouble ? `No newer assessment has come: ${trouble}` : "";
+    this.trouble.textContent = trouble ? `The assessment could not be updated: ${trouble}` : "";
     if (this.risk) this.show(latest);
   }
 

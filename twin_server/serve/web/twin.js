@@ -183,7 +183,7 @@ export class Twin {
     // What was foretold stays until something newer is: it says itself since when it holds.
     const name = at ? "foretold" : "forecast", none = forecast && !forecast.points.length;
     if (forecast) this[name] = none ? null : forecast;
-    this.unforeseen = trouble ? `No newer forecast has come: ${trouble}` : none ? forecast.reasons.join(" ") : null;
+    this.unforeseen = trouble ? `The forecast could not be updated: ${trouble}` : none ? forecast.reasons.join(" ") : null;
     this.touch();
   }
 

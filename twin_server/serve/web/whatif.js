@@ -54,11 +54,11 @@ export class WhatIf {
     this.size = numeric(1);
     [this.unit, this.frequency, this.seconds] = [make("span", "", "unit"), numeric(1, 0.001), numeric(5, 0.1)];
     this.quantity = choice(Object.entries(UNITS).map(([name, unit]) => [name, `${name} [${unit}]`]));
-    this.rated = field("with frequency", this.frequency, "Hz");
-    this.run = make("button", "Run it", "act");
+    this.rated = field("frequency", this.frequency, "Hz");
+    this.run = make("button", "Simulate", "act");
     this.form.append(
-      field("Load", this.load), field("acting on", this.on), field("of size", this.size, this.unit), this.rated,
-      field("lasting", this.seconds, "s"), field("showing the", this.quantity), this.run,
+      field("Load", this.load), field("acting at", this.on), field("amplitude", this.size, this.unit), this.rated,
+      field("duration", this.seconds, "s"), field("response shown", this.quantity), this.run,
     );
     this.form.addEventListener("submit", (event) => { event.preventDefault(); this.ask(); });
     for (const control of [this.load, this.on]) control.addEventListener("change", () => this.fit());
@@ -74,7 +74,7 @@ export class WhatIf {
     this.plot.setAttribute("role", "img");
     [this.told, this.assumed] = [make("p", "", "told"), make("p", "", "facts")];
     this.result.append(field("Response of ", this.node), this.told, this.plot, this.assumed);
-    const note = make("p", "The twin of today is run from rest, whatever instant is shown above; the band is of what is not known of it.", "facts");
+    const note = make("p", "The current structure is simulated from rest, whatever instant is shown above. The band covers the uncertainty of the structure, not of the load.", "facts");
     this.root.append(make("summary", "Simulate a load"), note, this.form, this.problem, this.result);
     this.fit();
   }
@@ -113,7 +113,7 @@ export class WhatIf {
     } catch (error) {
       this.problem.textContent = error.message;
       this.problem.hidden = false;
-    } finally { [this.run.disabled, this.run.textContent] = [false, "Run it"]; }
+    } finally { [this.run.disabled, this.run.textContent] = [false, "Simulate"]; }
   }
 
   async draw() {
@@ -122,7 +122,7 @@ export class WhatIf {
     this.told.replaceChildren(
       "Peak ", make("strong", `${peak}${NARROW}${unit}`), make("span", ` 95${NARROW}%: ${around}${NARROW}${unit} · rms ${rms}${NARROW}${unit}`, "interval"),
     );
-    this.assumed.textContent = [...answer.reasons, ...answer.assumed.map((each) => `Taken for granted: ${each}`)].join(". ");
+    this.assumed.textContent = [...answer.reasons, ...answer.assumed.map((each) => `Assumed: ${each}`)].join(". ");
     this.plot.setAttribute("aria-label", `${answer.quantity} of ${this.node.value} over ${answer.t_s.at(-1)} s: peak ${peak} ${unit}, 95 % ${around}`);
     const t = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
     const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };

@@ -85,11 +85,11 @@ export function sensorOf({ sensor }) {
     silent ? `sensor silent for ${silent}${NARROW}s` : "sensor sends",
     rate > 0 && `true rate ${+(rate / 1e6).toPrecision(6)}${NARROW}Hz`,
     `${lost.toLocaleString()} samples lost`,
-    sensor.samples_lost_unsure > 0 && `up to ${sensor.samples_lost_unsure.toLocaleString()} more that its counter cannot tell`,
+    sensor.samples_lost_unsure > 0 && `up to ${sensor.samples_lost_unsure.toLocaleString()} more that its counter cannot show`,
     dropped > 0 && `${dropped.toLocaleString()} dropped by the agent`,
     sensor.sensor_restarts > 0 && `${sensor.sensor_restarts} restarts`,
     sensor.sensor_reconnects > 0 && `${sensor.sensor_reconnects} lost connections`,
-    sensor.garbage_bytes > 0 && `${sensor.garbage_bytes.toLocaleString()} bytes of garbage`,
+    sensor.garbage_bytes > 0 && `${sensor.garbage_bytes.toLocaleString()} bytes that are no messages`,
   ];
   return { state: silent ? "bad" : "good", text: parts.filter(Boolean).join(" \u00b7 ") };
 }

@@ -15,7 +15,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(room).to_be_visible()
 
     room.get_by_label("quick").check()
-    room.get_by_role("button", name="Ask what the model lacks").click()
+    room.get_by_role("button", name="Find what the model lacks").click()
     job = room.locator(".jobs > li").first
     expect(job.locator(".pill")).to_have_text("running")
     expect(job.locator(".stage")).to_have_text("refitting coulomb at element j2")
@@ -24,7 +24,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(job.locator(".pill")).to_have_text("cancelled")
 
     room.get_by_label("quick").uncheck()
-    room.get_by_role("button", name="Ask what the model lacks").click()
+    room.get_by_role("button", name="Find what the model lacks").click()
     job = room.locator(".jobs > li").first
     expect(job.locator(".verdict")).to_have_text("Dry friction in j2, 0.5 N.")
     bars = job.locator("table.bars tr")
@@ -36,7 +36,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(job.locator(".share").first).to_contain_text("90\u202f%")
     expect(job.locator(".finding")).to_contain_text("the base")
     expect(job.locator(".finding")).not_to_contain_text("base base")
-    expect(job.locator(".finding")).to_contain_text("stands out at 0.05 to 0.15\u202fs")
+    expect(job.locator(".finding")).to_contain_text("largest at 0.05 to 0.15\u202fs")
     overlay = job.locator(".overlay .plot")
     expect(overlay.locator(".legend")).to_be_visible()
     drawn = overlay.evaluate("plot => [plot.data.map(t => [t.name, t.line.dash]), plot.layout]")
@@ -63,7 +63,9 @@ def test_what_cannot_be_asked_is_said_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')
     expect(room).to_be_visible()
-    room.get_by_role("button", name="Ask what the history follows").click()
+    room.get_by_role(
+        "button", name="Find what drives the slow change (temperature, load, time)"
+    ).click()
     expect(room.get_by_role("alert")).to_contain_text(
         re.compile("A diagnosis in slow time needs")
     )

@@ -157,7 +157,9 @@ def test_a_forecast_stays_until_a_newer_one_has_come(house, visit):
             status=503, headers={"Retry-After": "1"}, json={"detail": "Too busy."}
         ),
     )
-    expect(part(page, ".outlook")).to_contain_text("No newer forecast has come: Too busy.")
+    expect(part(page, ".outlook")).to_contain_text(
+        "The forecast could not be updated: Too busy."
+    )
     expect(rows).to_have_count(2)
     chart(page, forecast="true")
 

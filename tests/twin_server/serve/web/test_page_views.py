@@ -77,6 +77,11 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
     expect(calm.locator(".pill").nth(0)).to_have_text("✓ valid")
     expect(calm.locator(".pill").nth(1)).to_have_text("○ agent offline")
     expect(calm.locator(".seen")).to_have_text(re.compile(r"last seen \d+ (s|min) ago"))
+    expect(page.locator(".fleet > .verdict")).to_have_text(
+        "Is anything wrong? Yes. 1 of 3 with an alarm: Beam (Stiffness change is below "
+        "−10\u202f%). 1 of 3 changed without an alarm: Frame (storey2 has changed). "
+        "3 of 3 with the sensor agent offline, so nothing new is known: Beam, lab.calm, Frame."
+    )
     expect(page.locator(".summary")).to_contain_text(
         "3 twins · 1 with an alarm · 1 changed · 3 valid"
     )
@@ -84,6 +89,46 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
     house.feed(ageing(4, asset="calm", first=30, loss=0.0))
     expect(calm.locator(".sparkplace")).not_to_have_attribute("data-points", "30")
     assert page.complaints == []
+
+
+CALM = {"slow_time": 1.0, "valid": True, "alive": True, "reasons": [], "registration": {}}
+LEARNING = {"valid": False, "reasons": ["The nominal model is still being learnt."]}
+VERDICTS = [
+    ([{}], "good", "No. The twin is valid, without an alarm or an unexplained change."),
+    ([{}, {}], "good", "No. All 2 twins are valid, without an alarm or an unexplained"),
+    ([{}, {"suspects": ["k1"]}], "waiting", "Possibly. 1 of 2 changed without an alarm: t1 (k"),
+    ([{}, {"valid": False, "reasons": ["Odd."]}], "waiting", "Not known for all twins. 1 of 2"),
+    (
+        [{}, LEARNING],
+        "waiting",
+        "Not known for all twins yet. 1 of 2 still learning or without",
+    ),
+    ([{"slow_time": None, "valid": False}], "waiting", "Not known for all twins yet. 1 of 1"),
+    (
+        [{"alive": False}],
+        "good",
+        "No. The twin is valid, without an alarm or an unexplained change. 1 of 1 with the "
+        "sensor agent offline, so nothing new is known: t0.",
+    ),
+    (
+        [{"raised": [{"quantity": "frequency_hz", "side": "above", "limit": 5}]}] * 5,
+        "bad",
+        "Yes. 5 of 5 with an alarm: t0 (Natural frequency is above 5\u202fHz), t1 (Natural "
+        "frequency is above 5\u202fHz), t2 (Natural frequency is above 5\u202fHz) and 2 more.",
+    ),
+]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("changes", "mood", "sentence"), VERDICTS)
+def test_the_fleet_answers_in_words_whether_anything_is_wrong(
+    house, visit, changes, mood, sentence
+):
+    states = [CALM | {"id": f"t{i}"} | change for i, change in enumerate(changes)]
+    verdict = "async (states) => (await import('/assets/fleet.js')).verdictOf(states)"
+    said = visit(house).evaluate(verdict, states)
+    assert said[0] == mood
+    assert said[1].startswith(f"Is anything wrong? {sentence}")
 
 
 @pytest.mark.long
@@ -99,7 +144,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     expect(slider).to_have_attribute("aria-valuetext", "At 29 s")
     page.keyboard.press("ArrowRight")
     expect(part(page, ".instant")).to_have_text("At 30 s")
-    expect(verdict).to_have_text("No element is seen to have changed.")
+    expect(verdict).to_have_text("No element has changed significantly.")
     expect(part(page, ".state")).to_contain_text("reading 30 at 30 s")
     expect(part(page, ".events")).not_to_contain_text("storey2 has lost")
     expect(part(page, "table.modes caption")).to_have_text("Modes at 30 s")
@@ -154,13 +199,13 @@ def test_shapes_move_until_they_are_held(house, visit):
         arg=before,
     )
     expect(part(page, ".moves")).to_contain_text("times slower than the structure")
-    page.get_by_role("button", name="Hold still").click()
+    page.get_by_role("button", name="Stop the animation").click()
     held = shape.evaluate(where)
     page.evaluate("new Promise(done => setTimeout(done, 120))")
     assert shape.evaluate(where) == held
     page.emulate_media(reduced_motion="reduce")
     page.reload()
-    expect(page.get_by_role("button", name="Let them move")).to_be_visible()
+    expect(page.get_by_role("button", name="Animate the shapes")).to_be_visible()
     page.emulate_media(reduced_motion="no-preference")
 
 
@@ -170,11 +215,11 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     part(page, ".whatif summary").click()
     form = part(page, ".whatif form")
     form.get_by_label("Load").select_option("harmonic")
-    expect(form.get_by_label("acting on")).to_contain_text("floor2")
-    form.get_by_label("with frequency").fill("2.0")
-    form.get_by_label("lasting").fill("4")
-    form.get_by_label("showing the").select_option("displacement")
-    form.get_by_role("button", name="Run it").click()
+    expect(form.get_by_label("acting at")).to_contain_text("floor2")
+    form.get_by_label("frequency").fill("2.0")
+    form.get_by_label("duration").fill("4")
+    form.get_by_label("response shown").select_option("displacement")
+    form.get_by_role("button", name="Simulate").click()
     answer = part(page, ".whatif .answer")
     expect(answer.locator(".told")).to_contain_text("Peak")
     load = {"kind": "harmonic", "amplitude": 1.0, "frequency_hz": 2.0}
@@ -187,8 +232,8 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     assert drawn[1] == ["response", response["value"]]
     assert drawn[0] == ["95 % band", response["lo"] + response["hi"][::-1]]
     assert answer.locator(".ytitle").text_content() == "displacement [m]"
-    form.get_by_label("lasting").fill("100000")
-    form.get_by_role("button", name="Run it").click()
+    form.get_by_label("duration").fill("100000")
+    form.get_by_role("button", name="Simulate").click()
     expect(part(page, ".whatif [role=alert]")).to_contain_text("samples")
 
 
@@ -203,10 +248,10 @@ def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_p
     with RecordingWriter(right) as writer:
         for message in ageing(20, asset="new"):
             writer.write(FEATURES, "lab", "new", encode(message), message.t_ns)
-    page.get_by_label("Give a recording").set_input_files(wrong)
+    page.get_by_label("Upload a recording").set_input_files(wrong)
     alert = page.locator(".recordings > [role=alert]")
     expect(alert).to_contain_text("is not taken in")
-    page.get_by_label("Give a recording").set_input_files(right)
+    page.get_by_label("Upload a recording").set_input_files(right)
     card = page.locator('[data-recording="my-day.mcap"]')
     expect(card).to_contain_text("lab.new: 20 features")
     expect(alert).to_be_hidden()
