@@ -178,8 +178,10 @@ def test_smoothed_friction_is_named_in_another_simulation_without_noise(campaign
         seconds=20.0,
     )  # fmt: skip
     found = answered(rig, trials)
-    assert [named.effect.kind for named in found.effects] == ["coulomb"]
-    assert found.effects[0].probability > 0.9
+    (named,) = found.effects
+    assert named.effect.kind in ("coulomb", "friction_with_creep")
+    assert named.effect.place == Place("element", "j1")
+    assert abs(named.numbers["friction_n"].value - 0.4) < 0.01
 
 
 @pytest.mark.long
