@@ -47,10 +47,8 @@ def test_the_group_that_lost_a_tenth_is_named_and_drawn(house, visit, tmp_path):
     channels = [sensor["channel"] for sensor in model["sensors"]]
     built = recorded(tmp_path, model, "built", LEARN, 1)
     softer = recorded(tmp_path, softened(model, SOFTER, 0.9), "softer", LATER, 2)
-    np.savez(
-        tmp_path / "both.npz", rate_hz=RATE_HZ,
-        **{name: np.concatenate([built[name], softer[name]]) for name in channels},
-    )  # fmt: skip
+    both = {name: np.concatenate([built[name], softer[name]]) for name in channels}
+    np.savez(tmp_path / "both.npz", rate_hz=RATE_HZ, **both)  # type: ignore[arg-type]
     house.router()
     house.twin()
     names = [one["name"] for one in model["frame"]["parameters"]]

@@ -4,7 +4,7 @@ import concurrent.futures
 import dataclasses
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 from .jobs import Engine, Job, Limits, Outcome, run_job
 
@@ -23,7 +23,7 @@ class LocalEngine(Engine):
 
     def run(
         self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
-    ) -> Iterator[Outcome]:
+    ) -> Generator[Outcome, None, None]:
         """Run jobs, and give the outcome of each as it ends."""
         workers = self.workers or os.cpu_count() or 1
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:

@@ -8,7 +8,14 @@ import time
 
 import pytest
 
-from slowtime_services.engines import Job, Limits, LocalEngine, engine_for, run_job
+from slowtime_services.engines import (
+    Job,
+    Limits,
+    LocalEngine,
+    Outcome,
+    engine_for,
+    run_job,
+)
 
 NONE = Limits()
 
@@ -95,7 +102,7 @@ def test_a_stopped_run_ends_its_processes_and_begins_no_others(job, tmp_path):
         "time.sleep(600)\n"
     )
     jobs = [job("endless", code), job("next", "open('next', 'w')")]
-    told = []
+    told: list[Outcome] = []
     run = threading.Thread(target=lambda: told.extend(LocalEngine(1).run(jobs, NONE, stop)))
     run.start()
     while not (mark := tmp_path / "process").exists() or not mark.read_text():

@@ -108,9 +108,11 @@ def test_records_are_merged_before_identification_where_the_wind_differs(run, tm
     assert done.status == 0, done.err
     whole = ModesFile.model_validate_json((tmp_path / "whole.json").read_text())
     assert whole.channels == ("s3", "s1", "s0", "s2")
+    assert whole.modes is not None
     for k in range(3):
         mode = min(whole.modes, key=lambda one: abs(one.frequency_hz.value - hz[k]))
         assert abs(mode.frequency_hz.value - hz[k]) < 0.01 * hz[k]
+        assert mode.shape is not None
         shape = np.array(mode.shape.re) / mode.shape.re[0]
         np.testing.assert_allclose(shape, shapes[[3, 1, 0, 2], k] / shapes[3, k], atol=0.1)
 
