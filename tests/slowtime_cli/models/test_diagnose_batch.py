@@ -1,6 +1,7 @@
 """Many records are diagnosed by one command, and those that cannot be are told."""
 
 import csv
+import sys
 
 import pytest
 
@@ -61,6 +62,16 @@ def test_an_engine_that_is_none_is_refused(run, rigs):
     found = run("diagnose", "--batch", rigs, "--engine", "slurm")
     assert found.status == 2
     assert 'There is no engine "slurm"' in found.err
+
+
+def test_without_ray_its_extra_is_named(run, rigs, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    (rigs / "one").mkdir()
+    (rigs / "one" / "record.csv").write_text("t,force,x\n")
+    found = run("diagnose", "--batch", rigs, "--engine", "ray", "--out", tmp_path / "out")
+    assert found.status == 2
+    assert "slowtime[ray]" in found.err
+    assert "Traceback" not in found.err
 
 
 def test_options_are_those_of_each_diagnosis(run, rigs, tmp_path):
