@@ -5,6 +5,7 @@ import pytest
 
 from slowtime.identification.clock_alignment.alignment import align, align_all
 from slowtime.identification.clock_alignment.boards import Board
+from slowtime.identification.clock_alignment.clock_offset import ClockPrior
 from tests.slowtime.identification.clock_alignment.boards import Structure, motion
 
 RATE_HZ, SECONDS, BAND_HZ = 100.0, 120.0, (1.0, 20.0)
@@ -122,3 +123,24 @@ def test_offsets_hold_within_their_intervals_as_often_as_they_say():
             far.append((found.offset_s.value - OFFSET_S) / found.offset_s.sd)
     assert len(far) > 80
     assert np.mean(np.abs(far) < 1.96) > 0.91
+
+
+def test_the_spread_of_an_offset_is_that_of_clocks_drawn_at_random():
+    """Each clock starts and runs wrong by chance; the offset is read where both have run."""
+    rng = np.random.default_rng(5)
+    boards = [
+        Board(
+            samples=np.zeros((1001, 1)), channels=("x",), rate_hz=10.0, rate_sd=rate_sd,
+            start_s=start_s, start_sd_s=start_sd_s,
+        )
+        for start_s, start_sd_s, rate_sd in ((0.0, 1e-3, 4e-5), (30.0, 2e-3, 9e-5))
+    ]  # fmt: skip
+    prior = ClockPrior.of(*boards)
+    assert prior is not None
+    assert prior.middle_s == 65.0
+    wrong = [
+        board.start_sd_s * rng.standard_normal(200_000)
+        + board.rate_sd * rng.standard_normal(200_000) * (prior.middle_s - board.start_s)
+        for board in boards
+    ]
+    assert prior.offset_sd_s == pytest.approx((wrong[1] - wrong[0]).std(), rel=0.01)

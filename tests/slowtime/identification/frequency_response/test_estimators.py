@@ -10,6 +10,7 @@ from slowtime.identification.frequency_response.estimators import (
     random_error,
     spectral_matrices,
 )
+from slowtime.identification.frequency_response.response import FrequencyResponse
 
 BLOCKS, LINES = 24, 400
 H = np.array([[2.0 - 1.0j, 0.5 + 0.3j], [-0.7j, 1.0 + 1.0j]])
@@ -83,3 +84,18 @@ def test_fewer_blocks_than_inputs_are_refused():
     u = complex_noise(rng, 1, LINES, 2)
     with pytest.raises(ValueError, match=r"1 blocks were averaged.*2 inputs"):
         estimate_response(spectral_matrices(u, u))
+
+
+@pytest.mark.parametrize(("lines", "enough"), [(3, False), (4, True)])
+def test_a_band_holds_four_lines_at_least(lines, enough):
+    hz = np.arange(1.0, 11.0)
+    one = np.ones((len(hz), 1, 1))
+    given = FrequencyResponse(
+        frequency_hz=hz, response=one.astype(complex), sd=one, coherence=one[:, :, 0],
+        averages=1, kind="acceleration",
+    )  # fmt: skip
+    if enough:
+        assert given.within(2.0, 1.0 + lines).frequency_hz.tolist() == [2.0, 3.0, 4.0, 5.0]
+    else:
+        with pytest.raises(ValueError, match="holds 3 of the lines"):
+            given.within(2.0, 1.0 + lines)
