@@ -253,8 +253,8 @@ Examples:
     ),
 )
 @click.version_option(None, "-V", "--version", package_name="slowtime", prog_name="slowtime")
-@click.option("-v", "--verbose", count=True, help="Say more; twice to hear the libraries too.")
-@click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
+@click.option("-v", "--verbose", count=True, help="Log more; twice: libraries too.")
+@click.option("-q", "--quiet", is_flag=True, help="Log errors only.")
 @click.option(
     "--log-format",
     type=click.Choice(["text", "json"]),

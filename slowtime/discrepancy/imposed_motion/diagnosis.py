@@ -46,7 +46,7 @@ MAX_REST = 0.3
 """[share of the scatter of the force] That a law which is named leaves at most. Source: laws of
 published dampers leave 11 to 25 % of their measured forces."""
 IMPOSED = "Motion was imposed and force measured: errors are relative to the measured force."
-JUDGED = {True: "the record it never saw", False: "the last third of the records"}
+JUDGED = {True: "the held-out record", False: "the last third of the records"}
 NO_HOLDOUT = "No record was held out: the error is that of the last third of each record."
 
 

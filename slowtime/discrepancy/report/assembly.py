@@ -119,7 +119,7 @@ FLOATS = (
     "structure does not, connect a node to `base`."
 )
 NOT_KEPT = (
-    "On the record it never saw, the model as given has a smaller error than the fitted one: "
+    "On the held-out record, the model as given has a smaller error than the fitted one: "
     "it is left as it was."
 )
 NO_SURFACE = (
@@ -816,7 +816,7 @@ def _closing(kept: FreeRunResult, evaluation: Evaluation) -> str:
     """Say how far the gap has closed, and how near it is to the noise."""
     before, after = float(evaluation.nominal.error.mean()), float(kept.error.mean())
     floor = evaluation.floor
-    on = "the record it never saw" if evaluation.held_out else "the last third of the records"
+    on = "the held-out record" if evaluation.held_out else "the last third of the records"
     fell = f"falls from {_percent(before)} to" if after < FALLEN_ERROR_SHARE * before else "is"
     close = after <= floor / FALLEN_ERROR_SHARE
     rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."

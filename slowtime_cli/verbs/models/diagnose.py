@@ -76,7 +76,7 @@ Examples:
     show_default=True,
     help="Folder for report.html, report.json and augmented.yaml.",
 )
-@click.option("--quick", is_flag=True, help="Search for one effect, among fewer rivals.")
+@click.option("--quick", is_flag=True, help="Search for one effect only, among fewer candidates.")
 @click.option(
     "--effects",
     multiple=True,
@@ -133,7 +133,7 @@ Examples:
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Cases of a batch beside each other.  [default: one for each core]",
+    help="Cases of a batch that run in parallel.  [default: one for each core]",
 )
 @click.option(
     "--engine",

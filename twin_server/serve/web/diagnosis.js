@@ -42,7 +42,7 @@ function gapBars(report) {
     ];
   rows.push(["noise alone", gap.noise_floor, "floor"]);
   const most = Math.max(...rows.map(([, value]) => value)), table = make("table", undefined, "bars");
-  table.append(make("caption", slow ? "Scatter that is left of the readings" : "Error of the free run on what was not fitted"));
+  table.append(make("caption", slow ? "Remaining scatter of the readings" : "Error of the free run on data that were not fitted"));
   for (const [name, value, kind] of rows) {
     const row = make("tr"), cell = make("td"), bar = make("span", undefined, `bar ${kind}`);
     bar.style.width = `${Math.max(100 * value / most, 0.5)}%`;

@@ -5,7 +5,7 @@ import { upload } from "./upload.js";
 import { button, make, number, say } from "./words.js";
 
 const BASE = "/api/v1/recordings", PLAYING_MS = 700;
-const PACES = [["", "as fast as they take it in"], ["1", "as it was"], ["10", "10 times as fast"], ["100", "100 times as fast"]];
+const PACES = [["", "as fast as the twins can process it"], ["1", "at the recorded speed"], ["10", "10 times as fast"], ["100", "100 times as fast"]];
 const STATES = { playing: "waiting", done: "good", stopped: "away", failed: "bad" };
 
 function sizeOf(bytes) {
