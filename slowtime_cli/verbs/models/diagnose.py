@@ -76,7 +76,7 @@ Examples:
     show_default=True,
     help="Folder for report.html, report.json and augmented.yaml.",
 )
-@click.option("--quick", is_flag=True, help="Search for one effect only, among fewer candidates.")
+@click.option("--quick", is_flag=True, help="Search for one effect, among fewer candidates.")
 @click.option(
     "--effects",
     multiple=True,
