@@ -101,7 +101,7 @@ def check_definite(
     Raises
     ------
     IndefiniteStiffnessError
-        Naming the groups that are no part of the whole, and their ranges.
+        Naming the groups whose stiffness exceeds that of the whole model, and their ranges.
     """
     if factor.singular or not factor.symmetric or not factor.negative:
         return
@@ -123,9 +123,9 @@ def _reason(model: ParametricMatrices) -> str:
     wrong = [one for one in parameter_ranges(model) if not one.is_part]
     if wrong:
         return (
-            f"Allowed alone: {'; '.join(one.words for one in wrong)}. A group that is part of "
-            "the whole may lose all of itself (-1) and gain without bound: check the file of "
-            "this group and its `change`, or try smaller parameters (--span)."
+            f"Allowed alone: {'; '.join(one.words for one in wrong)}. A group whose stiffness "
+            "is contained in that of the model may lose all of it (-1) and gain without bound: "
+            "check the file of this group and its `change`, or try smaller parameters (--span)."
         )
     whole, factor = _held(model)
     parts = [part for part in model.stiffness_parts if part is not None]

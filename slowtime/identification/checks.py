@@ -106,7 +106,7 @@ def band(
     if not (np.isfinite([low, high]).all() and 0 < low < high < nyquist):
         raise ValueError(
             f"band_hz=({low:g}, {high:g}) is not a band between 0 and {nyquist:g} Hz, half the "
-            "sampling rate. Give 0 < low < high < that, or sample faster."
+            f"sampling rate. Give 0 < low < high < {nyquist:g} Hz, or sample faster."
         )
     if (high - low) * count / rate_hz < 4:
         raise ValueError(

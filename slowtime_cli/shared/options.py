@@ -22,6 +22,10 @@ STDOUT = Path("-")
 class Number(click.FloatRange):
     """A number that is one: neither NaN nor infinite, and within its range."""
 
+    def _describe_range(self) -> str:
+        """Describe the range for the help; click writes `x<=None` where there is none."""
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Analyse a record": (
-        "identify", "merge", "distortion", "track", "virtual", "fatigue",
+        "identify", "merge", "scale", "orders", "distortion", "track", "virtual", "fatigue",
     ),
     "Models and diagnosis": (
         "diagnose", "effects", "simulate", "reduce", "update", "place", "surrogate",

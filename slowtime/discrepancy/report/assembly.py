@@ -788,8 +788,8 @@ def _unnamed(
             "Correct the model first; what is missing, and where, cannot be told with it."
         )
     return (
-        f"Something is missing at {place} that is none of the effects known here; "
-        "its force is drawn as it was recovered."
+        f"Something is missing at {place} that is none of the effects known here. "
+        "The report shows its force as recovered from the records."
         + (f" The nearest, {near}, {but}." if near else "")
     )
 

@@ -76,7 +76,7 @@ class RecursiveModes:
             raise ValueError(
                 f"band_hz=({low:g}, {high:g}) is not a band between 0 and "
                 f"{EDGE * self.rate_hz / 2:g} Hz, nearly half the sampling rate. Give "
-                "0 < low < high < that, or sample faster."
+                f"0 < low < high < {EDGE * self.rate_hz / 2:g} Hz, or sample faster."
             )
         if self.memory_s is not None and not self.memory_s * low >= FEWEST_CYCLES:
             raise ValueError(
