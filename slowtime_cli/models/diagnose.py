@@ -15,6 +15,7 @@ from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.labels import labelled, number
+from slowtime_services.engines import Limits
 from slowtime_services.files import DateOrder
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
@@ -50,7 +51,7 @@ def diagnose(
     """Find effects that a model lacks, with their place and size."""
     if batch is not None:
         _refuse_unwritable(out)
-        from .diagnose_batch import Limits, diagnose_batch
+        from .diagnose_batch import diagnose_batch
 
         limits = Limits(seconds=limit_s or 0.0, mebibytes=limit_mib or 0, retries=retries)
         diagnose_batch(batch, out, engine, jobs, limits)

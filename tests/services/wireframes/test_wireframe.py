@@ -52,9 +52,11 @@ def test_matrices_of_the_same_frame_have_lines_where_the_stiffness_couples(tower
     whole = matrix_model_of(FiniteElementFile.model_validate(free), Path())
     write_matrix(tmp_path / "K.npz", whole.matrices.stiffness)
     write_matrix(tmp_path / "M.npz", whole.matrices.mass)
+    assert whole.matrices.dofs is not None
     write_dof_map(tmp_path / "dofs.csv", whole.matrices.dofs)
     parts = []
     for name, part in zip(whole.matrices.names, whole.matrices.stiffness_parts, strict=True):
+        assert part is not None
         write_matrix(tmp_path / f"{name}.npz", part)
         parts.append({"name": name, "stiffness": f"{name}.npz"})
     held = [{"node": f"0.{c}"} for c in range(4)]
@@ -83,6 +85,8 @@ def test_stored_motions_give_the_modes_of_the_full_model(tower, tmp_path):
     write_model(tmp_path / "small.yaml", file)
     again = read_model(tmp_path / "small.yaml")
     assert isinstance(again, LineModelFile)
+    assert isinstance(file, LineModelFile)
+    assert again.geometry is not None
     assert again.geometry == file.geometry
     model = reduced.model
     shapes = model.modes(np.zeros(len(model.names)), 4).shapes

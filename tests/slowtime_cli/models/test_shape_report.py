@@ -20,6 +20,7 @@ def scene_in(path):
     found = re.search(
         r'<div class="scene"><script type="application/json">(.*?)</script>', text
     )
+    assert found is not None
     return json.loads(found[1])
 
 

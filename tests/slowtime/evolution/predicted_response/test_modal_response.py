@@ -39,6 +39,7 @@ def test_every_quantity_is_that_of_the_matrices(order, rate_hz):
     found = modal_response(
         (mass, stiffness), RATIOS, pushed, load, rate_hz, rows=np.eye(3), order=order
     )
+    assert found is not None
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
