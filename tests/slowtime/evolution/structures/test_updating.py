@@ -266,3 +266,19 @@ def test_a_fixed_basis_gives_the_same_sensed_modes(tower):
     np.testing.assert_allclose(
         one.log_frequency_slope, other.log_frequency_slope, rtol=1e-5, atol=1e-7
     )
+
+
+def test_parameters_are_told_apart_by_what_they_act_on():
+    """A parameter that scales stiffness and mass counts for the stiffness."""
+    one = sparse.csr_array(np.diag([1.0, 0.0]))
+    structure = SparseStructure(
+        matrices=ParametricMatrices(
+            stiffness=sparse.csr_array(2.0 * np.eye(2)),
+            mass=sparse.csr_array(np.eye(2)),
+            names=("spring", "load", "girder"),
+            stiffness_parts=(one, None, one),
+            mass_parts=(None, one, one),
+        )
+    )
+    assert structure.element_names == ("spring", "girder")
+    assert structure.node_names == ("load",)
