@@ -19,6 +19,7 @@ FAMILIES: dict[str, str] = {
     "coulomb": "friction",
     "stribeck": "friction",
     "friction_with_drag": "friction",
+    "friction_with_creep": "friction",
     "dahl": "friction",
     "friction_in_series_with_spring": "friction",
     "friction_with_play": "friction",

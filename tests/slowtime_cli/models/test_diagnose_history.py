@@ -9,7 +9,7 @@ import pytest
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((), "Give a MODEL and at least one RECORD of it, or --history"),
+        ((), "Give a MODEL and at least one RECORD of it, --history"),
         (("--history", "none.sqlite"), "There is no file none.sqlite"),
         (("--history", "h.csv", "--twin", "a.b"), "holds one history: leave --twin out"),
         (("h.csv", "--history", "h.csv"), "takes no MODEL and no RECORD"),

@@ -142,7 +142,7 @@ def test_a_broker_that_is_not_there_is_a_problem(port):
 
 
 def test_a_missing_library_names_the_line_that_installs_it(monkeypatch):
-    known = importlib.metadata.version
+    known = installation.installed_version
     monkeypatch.setattr(
         installation, "installed_version", lambda name: None if name == "numba" else known(name)
     )

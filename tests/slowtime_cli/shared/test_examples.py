@@ -52,7 +52,7 @@ def of_help(name: str) -> list[list[str]]:
 def parse(arguments: list[str]) -> None:
     """Let click parse, with all files and folders named in place, and run nothing."""
     for before, word in itertools.pairwise(arguments):
-        if before == "--credentials":
+        if before in ("--credentials", "--batch"):
             os.makedirs(word, exist_ok=True)
     for word in arguments:
         if FILE.fullmatch(word):
