@@ -231,6 +231,8 @@ def test_one_twin_alone_and_a_site_without_twins(house):
     assert violations(one["digitalTwinsModels"]) == []
     none = house.get("/api/v1/dtdl", site="nowhere").json()
     assert none["digitalTwinsGraph"] == {"digitalTwins": [], "relationships": []}
+    lab = house.get("/api/v1/dtdl", site="lab").json()["digitalTwinsGraph"]["digitalTwins"]
+    assert {"lab", "lab.beam", "lab.frame"} <= {twin["$dtId"] for twin in lab}
     assert house.get("/api/v1/twins/lab.nobody/dtdl").status_code == 404
     # The file is called by the site: no header may be made of anything.
     for site in ("\u4e0a", 'a"; x="b', "a\r\nSet-Cookie: b", ""):
