@@ -1,11 +1,11 @@
 """Section `geometry` of a reduced model file: what is drawn of the full model."""
 
 import base64
-import binascii
 from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
+from .base64_text import checked_base64
 from .finite_elements import FrameNode, Vector
 from .model import Id, Part
 
@@ -49,13 +49,7 @@ class Geometry(Part):
     @field_validator("motions")
     @classmethod
     def _is_base64(cls, value: str) -> str:
-        try:
-            base64.b64decode(value, validate=True)
-        except (binascii.Error, ValueError) as error:
-            raise ValueError(
-                f"`motions` is no base64 ({error}). Write the file by `slowtime reduce --out`."
-            ) from None
-        return value
+        return checked_base64(value)
 
     @model_validator(mode="after")
     def _is_consistent(self) -> "Geometry":

@@ -4,7 +4,6 @@ A file of version 1 is one of version 2; `migrated` says so in its text.
 """
 
 import base64
-import binascii
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -20,6 +19,7 @@ from pydantic import (
 
 from slowtime_schemas.quantities import Plain, PlainText
 
+from .base64_text import checked_base64
 from .finite_elements import FrameModel, Joint, Matrices, SpatialInput, SpatialSensor
 from .geometry import Geometry
 from .model import (
@@ -69,13 +69,7 @@ class MatrixElement(Part):
     @field_validator("stiffness", "mass", "damping")
     @classmethod
     def _is_base64(cls, value: str) -> str:
-        try:
-            base64.b64decode(value, validate=True)
-        except (binascii.Error, ValueError) as error:
-            raise ValueError(
-                f"This is no base64 ({error}). Write the file by `slowtime reduce --out`."
-            ) from None
-        return value
+        return checked_base64(value)
 
     @model_validator(mode="after")
     def _has_triangles(self) -> "MatrixElement":

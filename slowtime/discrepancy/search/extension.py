@@ -255,7 +255,7 @@ def _from_proposals(
     hypothesis = dataclasses.replace(
         given.hypothesis, fitted=tuple(fitted), tried=given.tried, nested=fitting.nested
     )
-    first = beginnings_first(given, fitted)
+    first = those_of_beginnings(given, fitted)
     return accept_best(hypothesis, given.before, first, how, given.trials, pulled=pulled)
 
 
@@ -374,7 +374,7 @@ def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[
     return alone or first_of_each(opened, given.first_batch)
 
 
-def beginnings_first(
+def those_of_beginnings(
     given: Round, fitted: Sequence[FittedCandidate]
 ) -> Sequence[FittedCandidate]:
     """Keep what explains how records begin, where the best leaves much of the whole.

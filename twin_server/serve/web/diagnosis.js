@@ -22,7 +22,7 @@ function gapPicture({ readings, limit, expected }) {
   const x = (i) => 2 + (WIDTH - 4) * i / Math.max(shown.length - 1, 1);
   const picture = draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "gap", role: "img" });
   const last = shown.at(-1);
-  picture.setAttribute("aria-label", `Gap over the last ${shown.length} records: as given ${percent(last.nominal)}, as it is now ${percent(last.in_use)}`);
+  picture.setAttribute("aria-label", `Gap over the last ${shown.length} records: as given ${percent(last.nominal)}, in use now ${percent(last.in_use)}`);
   if (limit) picture.append(draw("line", { x1: 0, x2: WIDTH, y1: y(limit), y2: y(limit), class: "limit" }));
   for (const name of ["nominal", "in_use"]) {
     const points = shown.map((one, i) => `${x(i).toFixed(1)},${y(one[name]).toFixed(1)}`).join(" ");

@@ -14,12 +14,13 @@ from slowtime.discrepancy.search import SearchOptions, SearchSettings
 from slowtime.discrepancy.search.extension import (
     UNTRACKED_CHI2,
     accept_best,
-    beginnings_first,
     extend,
     fit_later_segments,
+    those_of_beginnings,
     worth_shooting,
 )
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.protocol import (
     StubProposer,
@@ -180,18 +181,29 @@ def test_the_law_of_segments_or_beginnings_comes_first_where_the_best_leaves_muc
     much, little = LIMITS.far_off_chi2 + 1, LIMITS.far_off_chi2 - 1
     for given in (told, proposed(told, source)):
         best, law = law_of(CUBIC, much, asked.before), law_of(DRAG, 50.0, asked.before)
-        assert beginnings_first(given, [best, law]) == [law]
-        assert beginnings_first(given, [best]) == [best]
+        assert those_of_beginnings(given, [best, law]) == [law]
+        assert those_of_beginnings(given, [best]) == [best]
         near = law_of(CUBIC, little, asked.before)
-        assert beginnings_first(given, [near, law]) == [near, law]
-    assert beginnings_first(told, []) == []
-    assert beginnings_first(asked, [best, law]) == [best, law]
+        assert those_of_beginnings(given, [near, law]) == [near, law]
+    assert those_of_beginnings(told, []) == []
+    assert those_of_beginnings(asked, [best, law]) == [best, law]
+
+
+def test_the_simpler_law_stays_beside_the_one_of_the_beginnings(asked):
+    friction = Effect("coulomb", DRAG.place, {"friction_n": 1.0})
+    stribeck = Effect("stribeck", DRAG.place, {**friction.parameters, "static_n": 2.0})
+    told = proposed(asked, "segments", asked.shortlist[1], begins=label_of(stribeck))
+    best, general, simple = (
+        law_of(effect, LIMITS.far_off_chi2 + more, asked.before)
+        for effect, more in ((CUBIC, 1), (stribeck, 2), (friction, 3))
+    )
+    assert those_of_beginnings(told, [best, general, simple]) == [general, simple]
 
 
 def test_a_law_of_the_beginnings_that_explains_nothing_of_the_rest_does_not_come_first(asked):
     told = proposed(asked, "initial segments", asked.shortlist[1], begins=label_of(DRAG))
     best, worse = law_of(CUBIC, 20.0, asked.before), law_of(DRAG, 200.0, asked.before)
-    assert beginnings_first(told, [best, worse]) == [best, worse]
+    assert those_of_beginnings(told, [best, worse]) == [best, worse]
 
 
 @pytest.mark.parametrize(
