@@ -88,9 +88,11 @@ def _facts_of(aux: Arrays) -> Facts:
             continue
         bare, number = name.rpartition(".")[2].casefold(), float(value)
         if bare in _RATE_NAMES:
-            found.append(Fact("rate", (number,), f"{name} = {number:g}", 0))
+            unit = bare.endswith("hz")
+            found.append(Fact("rate", (number,), f"{name} = {number:g}", 0, exact=unit))
         elif bare in _INTERVAL_NAMES:
-            found.append(Fact("interval", (number,), f"{name} = {number:g}", 0))
+            unit = bare.endswith("_s")
+            found.append(Fact("interval", (number,), f"{name} = {number:g}", 0, exact=unit))
     return Facts(tuple(found))
 
 

@@ -126,7 +126,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     notes: tuple[str, ...] = ()
     if rate is None:
         rate, said = _computed_rate(name, facts, chosen.samples + measured.missing)
-    elif facts.found:
+    elif facts.found and not all(fact.exact for fact in facts.found):
         said = (f"{rate:g} Hz by the heading ({_quoted(facts, 'rate', 'interval')})",)
         if all(fact.rank == 0 for fact in facts.of("rate")) and facts.of("rate"):
             notes = (
@@ -305,7 +305,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
         fit = [_Reading(wrapped, samples, rate) for wrapped, samples in _layouts(measured)]
     chosen = _without_doubtful(name, fit, facts, measured)[0]
     overruled = [
-        f"{fact.text!r} (line {fact.line})"
+        f"{fact.text!r}" + (f" (line {fact.line})" if fact.line else "")
         for fact in (*facts.of("rate"), *facts.of("interval"))
         if not any(_near(rate, other, NOMINAL_RATE_TOLERANCE) for other in _rates_of(fact))
     ]
@@ -406,7 +406,7 @@ def _quoting(facts: Facts, kind: Literal["count"]) -> str:
 
 def _quoted(facts: Facts, *kinds: str) -> str:
     found = [
-        f"{fact.text!r} (line {fact.line})"
+        f"{fact.text!r}" + (f" (line {fact.line})" if fact.line else "")
         for kind in ("rate", "interval", "count", "duration")
         if kind in kinds
         for fact in facts.of(kind)

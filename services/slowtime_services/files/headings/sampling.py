@@ -80,11 +80,13 @@ class Fact:
     text
         The figure and its words, as the heading has them.
     line
-        Line of the file, from 1.
+        Line of the file, from 1; 0 in files that have no lines.
     rank
         2 for what a file says of itself after thinning, 1 as usual, 0 for what holds before.
     tolerance
         Half a step of the figure's last digit, in its unit.
+    exact
+        Whether quantity and unit are in the figure's name (`rate_hz`), so that nothing is assumed.
     """
 
     kind: Kind
@@ -93,6 +95,7 @@ class Fact:
     line: int
     rank: int = 1
     tolerance: float = 0.0
+    exact: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
