@@ -35,6 +35,12 @@ class CoreLoader(yaml.SafeLoader):  # type: ignore[misc]  # yaml is untyped
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
 
+class FastCoreLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Reads the same by LibYAML, where PyYAML was built with it: ten times faster."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+
 class CoreDumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml is untyped
     """Writes plain values, and in quotes each text that `CoreLoader` would read as a number."""
 
@@ -72,7 +78,7 @@ def real_number(text: str) -> float:
 
 
 def _scalar(pattern: re.Pattern[str], read: Any) -> Any:
-    def construct(loader: CoreLoader, node: yaml.ScalarNode) -> Any:
+    def construct(loader: Any, node: yaml.ScalarNode) -> Any:
         text = loader.construct_scalar(node)
         if not pattern.fullmatch(text):  # under an explicit tag, such as !!int
             raise ValueError(f"{text[:40]!r} is no number of YAML 1.2")
@@ -81,9 +87,10 @@ def _scalar(pattern: re.Pattern[str], read: Any) -> Any:
     return construct
 
 
-for _class in (CoreLoader, CoreDumper):
+for _class in (CoreLoader, FastCoreLoader, CoreDumper):
     for _tag, _pattern, _first in RESOLVED:
         # PyYAML calls match(), which does not ask for the whole.
         _class.add_implicit_resolver(_tag, re.compile(f"(?:{_pattern.pattern})$(?!\n)"), _first)
-CoreLoader.add_constructor("tag:yaml.org,2002:int", _scalar(WHOLE, whole_number))
-CoreLoader.add_constructor("tag:yaml.org,2002:float", _scalar(REAL, real_number))
+for _class in (CoreLoader, FastCoreLoader):
+    _class.add_constructor("tag:yaml.org,2002:int", _scalar(WHOLE, whole_number))
+    _class.add_constructor("tag:yaml.org,2002:float", _scalar(REAL, real_number))

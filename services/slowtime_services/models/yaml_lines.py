@@ -4,12 +4,13 @@ Only what JSON could also say: no objects, no aliases (which a few lines can mak
 size), no key twice. JSON is YAML, and read alike.
 """
 
+import contextlib
 from collections.abc import Collection, Mapping
 from typing import Any
 
 import yaml
 
-from .core_schema import CoreLoader
+from .core_schema import CoreLoader, FastCoreLoader
 
 Path = tuple[str | int, ...]
 DEPTH = 16
@@ -44,15 +45,24 @@ def read_with_lines(text: str, names: Collection[str] = ()) -> tuple[Any, Mappin
     >>> values, lines["nodes", 0, "id"]
     ({'name': 'rig', 'nodes': [{'id': 'm1'}]}, 3)
     """
+    # Only PyYAML's own parser says in plain words what is wrong, and where.
+    with contextlib.suppress(YamlError):
+        return _read(text, frozenset(names), FastCoreLoader)
+    return _read(text, frozenset(names), CoreLoader)
+
+
+def _read(
+    text: str, names: frozenset[str], loading: type[CoreLoader | FastCoreLoader]
+) -> tuple[Any, Mapping[Path, int]]:
     loader = None
     lines: dict[Path, int] = {}
     try:
-        _refuse_aliases(text)
-        loader = CoreLoader(text)
+        _refuse_aliases(text, loading)
+        loader = loading(text)
         root = loader.get_single_node()
         if root is None:
             raise YamlError(1, "The file is empty. Begin it with `slowtime_model: 1`.")
-        return _values(loader, root, (), lines, frozenset(names)), lines
+        return _values(loader, root, (), lines, names), lines
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -68,9 +78,9 @@ def read_with_lines(text: str, names: Collection[str] = ()) -> tuple[Any, Mappin
             loader.dispose()
 
 
-def _refuse_aliases(text: str) -> None:
+def _refuse_aliases(text: str, loading: type[CoreLoader | FastCoreLoader]) -> None:
     depth = 0
-    for event in yaml.parse(text, Loader=CoreLoader):
+    for event in yaml.parse(text, Loader=loading):
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(line, f"`*{event.anchor}` is an alias. Write the value out.")

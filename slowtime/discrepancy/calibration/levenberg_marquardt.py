@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Friction, Law
 from slowtime.dynamics.plant import Plant
 
+from .bounded_least_squares import solve_within
 from .measured_friction import MeasuredFrictionPlant
 from .prior import Prior
 from .spectral_weights import SpectralWeights
@@ -443,11 +443,7 @@ def _bounded_step(
     down = scale * normal.gradient
     least, most = (np.full(len(scale), far) for far in (-np.inf, np.inf))
     least[: len(low)], most[: len(high)] = low / scale[: len(low)], high / scale[: len(high)]
-    factor = scipy.linalg.cholesky(inner, lower=True)
-    right = scipy.linalg.solve_triangular(factor, down, lower=True)
-    step = scipy.linalg.solve_triangular(factor.T, right)
-    if ((step < least) | (step > most)).any():
-        step = scipy.optimize.lsq_linear(factor.T, right, (least, most), method="bvls").x
+    step = solve_within(inner, down, least, most)
     return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
 
 
