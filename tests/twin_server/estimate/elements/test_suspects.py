@@ -30,9 +30,7 @@ def test_of_two_that_explain_the_same_both_are_named_with_their_sizes():
 
 
 def test_what_all_hypotheses_share_is_certain_and_told_first():
-    told = sentences(
-        hypothesis(0.5, j2=0.05, j4=-0.12), hypothesis(0.4, j2=0.05, m1_mass=0.08)
-    )
+    told = sentences(hypothesis(0.5, j2=0.05, j4=-0.12), hypothesis(0.4, j2=0.05, m1_mass=0.08))
     assert told == [
         "j2 has gained 5 % ± 1 % of its stiffness.",
         "j4 or m1.mass has changed, the readings cannot tell which: either j4 has lost 12 % ± "
