@@ -11,7 +11,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from edge_agent.acquire.live import SCHEMES, importing
-from edge_agent.acquire.live.table import filled
+from edge_agent.acquire.live.table import counters, filled, main, schemes
 from edge_agent.inputs import LAYOUT_WORDS, LIMIT_WORDS, LiveInput
 from edge_agent.layouts import Layout, PackedLayout
 from edge_agent.settings import EdgeSettings
@@ -25,6 +25,21 @@ TOML = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
 
 def test_its_tables_are_those_of_the_registry():
     assert filled(TEXT) == TEXT
+
+
+def test_its_tables_can_be_written_anew_and_printed(tmp_path, capsys):
+    page = tmp_path / "live.md"
+    page.write_text(
+        re.sub(
+            r"(<!-- (?:table|counters) -->\n).*?(<!-- end -->)", r"\1old\2", TEXT, flags=re.S
+        )
+    )
+    assert page.read_text() != TEXT
+    assert main(["--write", str(page)]) == 0
+    assert page.read_text() == TEXT
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert printed == f"{schemes()}\n\n{counters()}\n"
 
 
 def test_every_link_leads_somewhere():

@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from edge_agent.__main__ import run
 from edge_agent.assess import Assess
+from edge_agent.assess.fatigue import CycleCount, Point
 from edge_agent.publish.fatigue_store import FatigueStore
-from edge_agent.settings import EdgeSettings, Origin
+from edge_agent.settings import EdgeSettings, Origin, PointSettings
 from slowtime.fatigue.counter import Count, Counter
 from slowtime.fatigue.curves import Curve
 from slowtime.signals.block import Block
@@ -112,6 +113,23 @@ def test_a_channel_of_stress_is_counted_as_the_library_counts_it(model):
     assert (point.source, point.unit, point.seconds) == ("channel", "MPa", 120.0)
     assert point.damage == pytest.approx(total.median)
     assert point.ln_sd == pytest.approx(total.ln_sd)
+
+
+def test_a_virtual_stress_that_lacks_variance_adds_as_much_to_closed_cycles_as_to_all():
+    """Damage goes with the power of the slope of whatever the stress lacks."""
+    point = Point(PointSettings.model_validate({"at": "s", "detail_category": 71.0}))
+    stress = 60.0 * np.random.default_rng(6).standard_normal(4000)
+    counted = point.step(CycleCount(), stress, 100.0, "MPa", missing=0.2 * 60.0**2)
+    plain, virtual = (point.told(counted, virtual=known) for known in (False, True))
+    assert virtual.damage > 1.1 * plain.damage > 0.0
+    assert plain.closed_damage > 0.0
+    assert virtual.closed_damage / plain.closed_damage == pytest.approx(
+        virtual.damage / plain.damage
+    )
+    lacking = 0.2 * 60.0**2 / np.mean(stress**2)
+    assert virtual.damage / plain.damage == pytest.approx(
+        (1.0 + lacking) ** (plain.slope / 2.0)
+    )
 
 
 def test_sums_only_grow_and_sequences_count(model):

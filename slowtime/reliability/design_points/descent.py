@@ -33,6 +33,9 @@ HALVINGS = 8
 SECOND_TRY = 40
 """Iterations of SLSQP."""
 
+FAR = 1e6
+"""Largest size of g, over its scale, that SLSQP is told."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Descent:
@@ -129,15 +132,21 @@ def _shortened(
 
 
 def _second_try(g: G, start: np.ndarray, scale: float) -> Descent | None:
+    # SLSQP steps to NaN where it finds no slope: the limit state is not to be asked there.
     def of(u: np.ndarray) -> float:
-        return float(np.clip(g(u[None])[0] / scale, -1e6, 1e6))
+        if not np.isfinite(u).all():
+            return FAR
+        return float(np.clip(g(u[None])[0] / scale, -FAR, FAR))
+
+    def slope_of(u: np.ndarray) -> np.ndarray:
+        return gradient(g, u)[1] / scale if np.isfinite(u).all() else np.zeros(len(u))
 
     found: Any = minimize(  # type: ignore[call-overload]  # stubs want exact array ranks
         lambda u: 0.5 * float(u @ u),
         start,
         jac=lambda u: u,
         constraints=[
-            {"type": "eq", "fun": of, "jac": lambda u: gradient(g, u)[1] / scale},
+            {"type": "eq", "fun": of, "jac": slope_of},
         ],
         method="SLSQP",
         options={"maxiter": SECOND_TRY, "ftol": 1e-8},

@@ -67,6 +67,10 @@ EVEN = 0.02
 HEAVY = 0.05
 """Share of one weight in the whole estimate at which it is not to be trusted."""
 
+REACH = 36.0
+"""Distance from the origin from which a design point is left out: the probability beyond it,
+1e-283, is near the least that double precision holds."""
+
 
 class Sample:
     """All points drawn so far, with the ratio of each component at each."""
@@ -206,7 +210,7 @@ def explore(
     Shares are learnt from points that are not counted: a mixture that has seen its own points
     underestimates what lies between them.
     """
-    points = list(found.points)
+    points = [point for point in found.points if abs(point.beta) < REACH]
     components = [c for point in points for c in about(point)] + broad(g.problem.size)
     learning = Sample(g.problem.size, components)
     share = first_shares(components)
@@ -239,8 +243,7 @@ def _needed(learning: Sample, share: np.ndarray, stopping: Stopping) -> int:
         return FIRST_ROUND
     theirs = learning.ratios()[failed]
     logs = np.log(share / share.sum()) + learning.log_ratios[failed]
-    square = float(np.sum(theirs * np.exp(-np.logaddexp.reduce(logs, axis=1))))
-    spread = square * len(learning.u) / float(np.sum(theirs)) ** 2 - 1.0
+    spread = _spread(theirs, np.exp(-np.logaddexp.reduce(logs, axis=1)), len(learning.u))
     return int(np.clip(spread / stopping.variation**2, FIRST_ROUND, MOST_PLANNED))
 
 
@@ -256,10 +259,21 @@ def _foreseen(counted: Sample, learning: Sample) -> float:
     if not value > 0.0 or not failed.any():
         return variation
     theirs = learning.ratios()[failed]
-    square = float(np.sum(theirs * counted.ratios_at(learning, failed)))
-    # Means over all points, of which those that did not fail add nothing.
-    spread = max(square * len(failed) / float(np.sum(theirs)) ** 2 - 1.0, 0.0)
+    spread = max(_spread(theirs, counted.ratios_at(learning, failed), len(failed)), 0.0)
     return max(variation, float(np.sqrt(spread / len(counted.u))) * LENIENT)
+
+
+def _spread(
+    drawn: Float[np.ndarray, " failed"], counted: Float[np.ndarray, " failed"], count: int
+) -> float:
+    """Variance of the weights over their squared mean, by ratios at the points that failed.
+
+    Over all `count` points, of which those that did not fail add nothing. Ratios are scaled
+    first, since the squares of very small ones would vanish.
+    """
+    most = float(drawn.max())
+    square = float(np.sum(drawn / most * (counted / most)))
+    return square * count / float(np.sum(drawn / most)) ** 2 - 1.0
 
 
 def _even(counted: Sample, learning: Sample) -> bool:
@@ -316,7 +330,8 @@ def _estimate(sample: Sample) -> tuple[float, float]:
     value = float(weight.mean()) if len(weight) else 0.0
     if value <= 0.0:
         return 0.0, np.inf
-    return value, float(weight.std(ddof=1) / np.sqrt(len(weight)) / value)
+    # Scaled, since the squares of very small weights would vanish.
+    return value, float((weight / value).std(ddof=1) / np.sqrt(len(weight)))
 
 
 def _learnt(sample: Sample, before: np.ndarray, points: list[DesignPoint]) -> np.ndarray:

@@ -269,6 +269,42 @@ def test_outcrossing_of_a_gaussian_process_is_rices_rate():
     assert np.all(found.poisson <= found.upper + 1e-12)
 
 
+def bowl(inputs=2):
+    """A limit state that rises in every direction and never fails."""
+    return Problem(unknowns(inputs), lambda u: 3.0 + 0.1 * np.sum(u**2, axis=1))
+
+
+@pytest.mark.parametrize("method", ["form", "sorm-breitung", "system"])
+def test_where_nothing_fails_the_search_says_so_and_asks_for_no_point_that_is_none(method):
+    with pytest.raises(ValueError, match=r"[Nn]o (part|design point).*Use a sampling method"):
+        estimate(bowl(), method)
+
+
+@pytest.mark.parametrize(
+    ("problem", "method", "calls"),
+    [
+        pytest.param(bowl(), "importance", 5_000, id="never fails"),
+        pytest.param(plane(45.0, 2), "importance", 5_000, id="below the least number"),
+        pytest.param(plane(45.0, 2), "active", 8, id="below the least number, by a process"),
+    ],
+)
+def test_where_nothing_fails_a_sampling_method_gives_no_interval(problem, method, calls):
+    found = estimate(problem, method, calls=calls)
+    assert found.probability == 0.0
+    assert found.variation == np.inf
+    assert (found.interval, found.no_interval) == (None, "nothing failed")
+    assert "no failure" in found.warnings[-1] or "No sampled point" in found.warnings[-1]
+
+
+@pytest.mark.parametrize("beta", [8.0, 20.0, 30.0, 35.0])
+def test_importance_sampling_holds_a_plane_however_improbable(beta):
+    """The squares of these probabilities are below the least number of double precision."""
+    found = estimate(plane(beta, 2), "importance", seed=2)
+    exact = float(stats.norm.sf(beta))
+    assert 0.01 < error(found) < 0.05
+    assert found.probability == pytest.approx(exact, rel=4.0 * error(found))
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["four-branch 6", "parabola 3 -0.3"])
 def test_active_learning_needs_few_runs(name):

@@ -76,6 +76,10 @@ def test_the_hold_by_which_a_record_was_made_is_found(hold, band):
     assert found == (None if hold == "band_limited" else (hold,))
 
 
+def test_a_short_record_of_a_force_that_a_converter_held_tells_the_hold():
+    assert asked(recorded("zero").part(0, 300)) == ("zero",)
+
+
 @pytest.mark.parametrize(
     "fault",
     [

@@ -18,6 +18,8 @@ from slowtime.discrepancy.localization.perturbed_reference import (
 from slowtime.discrepancy.localization.spectral_lines import TrialLines, trial_lines
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.proposers.base_motion import _grows, base_motion
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Description, Input, Node, Sensor
 from slowtime.dynamics.effects import Place, catalogue
 from slowtime.dynamics.effects.library.sensors import timed
@@ -113,6 +115,37 @@ def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
     assert Place("base", "base") in behind.with_base_first().groups[0].places
     _, (_, _, whole) = found["cubic"]
     assert whole.with_base_first() is whole
+
+
+def test_only_the_base_comes_before_a_place_with_a_parallel_transfer():
+    rig = chain([2.0, 1.0], [800.0, 600.0], dampings_n_s_per_m=[1.6, 1.0])
+    rig = dataclasses.replace(
+        rig,
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m2", unit="m"),),
+    )
+    plant, rng = Plant.of(rig), np.random.default_rng(5)
+    push = rng.standard_normal((200, 1))
+    seen = plant.simulate(plant.values, push, 64.0) + 1e-5 * rng.standard_normal((200, 1))
+    trials = (Trial(inputs=push, outputs=seen, rate_hz=64.0),)
+    result = locate(refit(plant, trials, horizons=(1.0,)), trials)
+    own, base = Place("element", rig.elements[0].id), Place("base", "base")
+    other, beyond = Place("node", "m2"), Place("element", rig.elements[1].id)
+
+    def order(*twins):
+        """Groups of `own`, whose transfer is parallel to those of `twins`, then of others."""
+        groups = tuple(
+            dataclasses.replace(result.groups[0], places=(place,), twins=alike)
+            for place, alike in ((own, twins), (beyond, ()), (other, (own,)), (base, (own,)))
+        )
+        moved = dataclasses.replace(result, groups=groups).with_base_first()
+        return [group.places[0] for group in moved.groups]
+
+    assert order(base) == [base, own, beyond, other]
+    assert order(other, base) == [base, own, beyond, other]
+    assert order(other) == [own, beyond, other, base]
+    assert order(other, beyond) == [own, beyond, other, base]
+    assert order() == [own, beyond, other, base]
 
 
 @pytest.mark.long

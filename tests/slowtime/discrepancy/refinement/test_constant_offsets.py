@@ -77,6 +77,20 @@ def test_inputs_of_a_floating_structure_have_offsets_and_others_have_none():
     assert with_offsets(drive(stiffness=100.0), KINDS, decays=False).effects == ()
 
 
+def test_a_sensor_of_a_free_decay_has_one_offset_whatever_else_is_wrong_with_it():
+    own = {"effect": "sensor_bias", "sensor": "x", "bias": 0.01}
+    gain = {"effect": "sensor_gain", "sensor": "x", "gain": 1.1}
+    held = drive(stiffness=100.0)
+    for given, all_of_them in (
+        ((), ({**own, "bias": 0.0},)),
+        ((own,), (own,)),
+        ((gain,), (gain, {**own, "bias": 0.0})),
+        ((gain, own), (gain, own)),
+    ):
+        model = dataclasses.replace(held, effects=given)
+        assert with_offsets(model, KINDS, decays=True).effects == all_of_them
+
+
 def test_drift_is_the_response_to_errors_of_the_force():
     trial = recorded(5.0, 1)
     drift = rigid_body_drift(drive(), (trial,))

@@ -80,6 +80,18 @@ def test_no_record_gets_one_where_one_law_shifts_all(factors, bent):
     assert refit_with_offsets(ONE, trials, KINDS, decays=False).plant.effects == ()
 
 
+@pytest.mark.parametrize("kept", [0, 3])
+def test_a_record_in_which_a_sensor_says_nothing_shows_no_offset_of_it(kept):
+    trials = tuple(recorded(factor, seed)[0] for seed, factor in enumerate((-0.5, 0.3)))
+    fit = refit(Plant.of(ONE, kinds=KINDS), trials)
+    channel = ONE.sensors[0].channel
+    assert differing_sensors(fit, trials) == (channel,)
+    use = np.zeros((len(trials[1].outputs), 1), dtype=bool)
+    use[:kept] = True
+    silent = dataclasses.replace(trials[1], use=use)
+    assert differing_sensors(fit, (trials[0], silent)) == ()
+
+
 def test_a_held_out_record_estimates_its_own():
     trials = tuple(recorded(factor, seed)[0] for seed, factor in enumerate((-0.5, 0.3)))
     fit = refit_with_offsets(ONE, trials, KINDS, decays=False)

@@ -242,6 +242,9 @@ def test_an_effect_that_leaves_far_more_than_noise_is_not_named_out_of_budget(
     told = report(Campaign(description=rig, trials=trials), trials, (), found, KINDS)
     assert told.verdict == verdict
     assert (HURRIED in told.notes) == exhausted
+    if chi2 == 1.0:
+        # One law that leaves noise is no patchwork of many.
+        assert [effect.probability for effect in told.effects] == [1.0]
 
 
 def test_samples_of_a_fast_clock_after_the_end_of_a_record_are_no_error():

@@ -287,6 +287,23 @@ def test_the_law_is_chosen_by_evidence(law):
     assert np.std(removed) / 5.0 < 0.0012
 
 
+def test_normal_frequencies_without_their_covariates_are_the_one_of_the_reference():
+    rng, count = np.random.default_rng(5), 120
+    time = np.arange(count) / 2.0
+    covariates = np.column_stack([10 * np.cos(time / 9), rng.gamma(2.0, 1.0, count)])
+    log = covariates @ [-0.002, -0.001] + 1e-3 * rng.normal(size=count)
+    normal = learn_normal(time, 3 * np.exp(log), np.full(count, 0.003), covariates)
+    reference = np.array([4.0, 2.0])
+    (there,), _ = normal.expected(reference[None, :])
+    expected, _ = normal.expected(covariates)
+    assert np.ptp(expected) > 0.05
+    removed = normal.removed(expected, covariates, reference)
+    np.testing.assert_allclose(removed, there, rtol=1e-12)
+    # What a reading departs from normal by, it keeps.
+    halved = normal.removed(0.5 * expected, covariates, reference)
+    np.testing.assert_allclose(halved, 0.5 * there, rtol=1e-12)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("where", [0, 300, 599])
 def test_wrong_readings_are_not_learnt_from_wherever_they_are(where):

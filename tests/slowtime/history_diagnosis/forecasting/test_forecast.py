@@ -1,7 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from slowtime import history_diagnosis as slow
+from slowtime.history_diagnosis.data.history import FeatureHistory
+from slowtime.history_diagnosis.laws.terms import ScreenedHistory
 
 DAY = np.arange(230.0)
 PAST_EPOCHS = 160
@@ -43,6 +47,18 @@ def test_what_is_adopted_foretells_better_and_undone_it_does_not(adopted):
     held = np.mean((value >= after.lo) & (value <= after.hi))
     assert 0.88 <= held <= 1.0
     with pytest.raises(ValueError, match="nothing was adopted"):
+        slow.undo(nominal)
+
+
+def test_undoing_goes_back_one_adoption_at_a_time_and_not_beyond_the_nominal_model():
+    # `undo` reads nothing of a model but the one before it.
+    past, readings = object.__new__(FeatureHistory), object.__new__(ScreenedHistory)
+    nominal = slow.MixtureModel(past, readings, ())
+    first = dataclasses.replace(nominal, names=("step",), before=nominal)
+    second = dataclasses.replace(first, names=("step", "drift_linear"), before=first)
+    assert slow.undo(second) is first
+    assert slow.undo(slow.undo(second)) is nominal
+    with pytest.raises(ValueError, match=r"nothing was adopted.*Undo a model that `adopt`"):
         slow.undo(nominal)
 
 

@@ -9,7 +9,13 @@ from slowtime.dynamics.damping import modal_damping, rayleigh_coefficients
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.simulation import ambient_structure
-from slowtime.identification.automatic.estimation import identify_modes
+from slowtime.identification.automatic.estimation import (
+    _judged,
+    _spectrum,
+    identify_modes,
+)
+from slowtime.identification.estimates import Measured
+from slowtime.identification.harmonics.narrowband import fourier_spectra
 from slowtime.identification.mode_shapes.criteria import mac
 
 RATE = 12.0
@@ -84,6 +90,28 @@ def test_the_line_of_a_machine_is_told_as_such_and_called_no_mode(result):
     assert [mode.frequency_hz.value for mode in result.modes] == sorted(
         mode.frequency_hz.value for mode in result.modes
     )
+
+
+def test_what_is_too_steady_for_a_structure_is_called_a_harmonic(result):
+    """Whatever found it: here a line that was not taken out of the record before."""
+    motion = heard(row(1), 800.0, np.random.default_rng(4))
+    spectra = fourier_spectra(motion + motion.std() * line(1.9, len(motion))[:, None], RATE)
+    mode, steady = (
+        dataclasses.replace(result.structural[0], frequency_hz=Measured(at, 1e-3))
+        for at in (1.0, 1.9)
+    )
+    assert [one.kind for one in _judged([mode, steady], spectra)] == ["structural", "harmonic"]
+    assert _judged([], spectra) == []
+
+
+@pytest.mark.parametrize(("at", "sd"), [(1.9, 0.0), (1.9, 0.013), (0.004, 0.02), (3.99, 0.02)])
+def test_ordinates_within_two_standard_deviations_of_a_line_are_spared_and_few_more(at, sd):
+    spacing = 0.005
+    frequency = spacing * np.arange(800)
+    spared = _spectrum(np.ones((800, 2), complex), spacing, (Measured(at, sd),)).spared
+    away = np.abs(frequency - at)
+    assert spared[away <= 2 * sd + spacing].all()
+    assert not spared[away > 2 * sd + 4 * spacing].any()
 
 
 @pytest.mark.long

@@ -41,6 +41,40 @@ def _in_band(samples):
     return np.linalg.norm(np.fft.rfft(samples, axis=0)[inside], axis=0)
 
 
+def clock(seconds, start_s=0.0, rate_sd=0.0, start_sd_s=0.0):
+    """A board of one channel at rest, sampled once a second."""
+    return Board(
+        samples=np.zeros((seconds + 1, 1)),
+        channels=("a",),
+        rate_hz=1.0,
+        rate_sd=rate_sd,
+        start_s=start_s,
+        start_sd_s=start_sd_s,
+    )
+
+
+@pytest.mark.parametrize(("begins", "swapped"), [(0.0, False), (0.0, True), (-40.0, False)])
+def test_the_clocks_say_of_the_offset_what_drawn_clocks_scatter_by(begins, swapped):
+    """An error of the rate adds up from a board's own first sample to the common middle."""
+    boards = (
+        clock(100, begins, rate_sd=2e-3, start_sd_s=0.05),
+        clock(160, 20.0, rate_sd=5e-3, start_sd_s=0.02),
+    )
+    prior = ClockPrior.of(*(reversed(boards) if swapped else boards))
+    assert prior is not None
+    middle = (20.0 + begins + 100.0) / 2
+    assert prior.middle_s == pytest.approx(middle)
+    rng = np.random.default_rng(4)
+    read = [
+        board.start_s
+        + board.start_sd_s * rng.standard_normal(40_000)
+        + (middle - board.start_s) * (1 + board.rate_sd * rng.standard_normal(40_000))
+        for board in boards
+    ]
+    assert prior.offset_sd_s == pytest.approx(np.std(read[1] - read[0]), rel=0.02)
+    assert prior.drift_sd == pytest.approx(np.hypot(2e-3, 5e-3))
+
+
 def test_offset_and_drift_are_found_within_their_errors():
     found = align(*two_boards(0), band_hz=BAND_HZ)
     assert found.merged is not None, found.sentence

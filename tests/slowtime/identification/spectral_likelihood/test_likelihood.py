@@ -3,7 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.identification.spectral_likelihood.fisher_information import fisher_information
+from slowtime.identification.spectral_likelihood.fisher_information import (
+    add_prior,
+    fisher_information,
+)
 from slowtime.identification.spectral_likelihood.likelihood import (
     band_log_likelihood,
     fit_band_model,
@@ -62,6 +65,29 @@ def test_the_score_is_the_slope_of_the_likelihood(length):
         )
         slopes[k] = (forth - back) / (2 * step)
     np.testing.assert_allclose(score, slopes, atol=1e-5 * np.abs(slopes).max())
+
+
+def test_the_prior_adds_the_curvature_of_its_own_logarithm():
+    start = dataclasses.replace(model(), expected=POLES * 1.1)
+    data, size, step = data_of(start, start.density(OMEGA)), 2 * len(POLES), 1e-4
+    information, score = add_prior(start, np.zeros((size, size)), np.zeros(size))
+    _, of_all = fisher_information(data, start, start.density(OMEGA))
+    along = step * np.eye(size, len(of_all))
+
+    def log_prior(way):
+        return -0.5 * np.sum(np.square(np.divide(*step_parameters(start, way).ties())))
+
+    slopes = [(log_prior(way) - log_prior(-way)) / (2 * step) for way in along]
+    np.testing.assert_allclose(score, slopes, rtol=1e-5)
+    curvature = [
+        [
+            (log_prior(a + b) - log_prior(a - b) - log_prior(b - a) + log_prior(-a - b))
+            / (2 * step) ** 2
+            for a in along
+        ]
+        for b in along
+    ]
+    np.testing.assert_allclose(information, -np.array(curvature), rtol=1e-4, atol=1e-4)
 
 
 def test_the_mean_response_is_that_of_a_finite_record():

@@ -179,6 +179,20 @@ def test_shapes_are_allowed_and_make_a_force():
             assert found.any()
 
 
+def test_a_fit_of_general_hysteresis_starts_at_loops_of_every_kind():
+    """They dissipate, and level off or stiffen; gamma outweighs beta with either sign."""
+    shapes = catalogue()["bouc_wen_general"].shapes(SEEN)
+    beta, gamma = (
+        np.array([shape[name] for shape in shapes]) for name in ("beta_per_mn", "gamma_per_mn")
+    )
+    assert (beta > 0).all()
+    for sign in (-1, 1):
+        assert (sign * (beta + gamma) > 0).any()
+        assert (sign * (beta - gamma) > 0).any()
+        assert (sign * gamma >= 2 * beta).any()
+    assert (gamma == 0).any()
+
+
 def test_what_is_no_force_says_so():
     with pytest.raises(ValueError, match=r"sensor_bias sits on the sensor: it is no force"):
         force_along(catalogue()["sensor_bias"], {"bias": 1.0}, SEEN)
