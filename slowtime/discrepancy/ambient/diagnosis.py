@@ -23,6 +23,9 @@ from slowtime.dynamics.plant import Plant
 
 from .spectra import AmbientFit, fit_ambient_spectra
 
+TOLD_BANDS = 4
+"""[bands] That a sentence names at most. Source: judgement; more cannot be taken in."""
+
 MEASURE_INPUT = Experiment(
     "Measure what drives the structure, a force or the motion of its base, and put it among "
     "the model's inputs: without it nothing can be run, and no effect can be named."
@@ -111,12 +114,23 @@ def _moved_constants(seen: AmbientFit, plant: Plant) -> dict[str, Number]:
     }
 
 
+def _bands_text(bands: tuple[tuple[float, float], ...]) -> str:
+    """Name bands; of many the widest, and the range of all."""
+    if not bands:
+        return ""
+    widest = sorted(sorted(bands, key=lambda one: one[0] - one[1])[:TOLD_BANDS])
+    told = " at " + ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in widest)
+    if len(bands) > TOLD_BANDS:
+        more = len(bands) - TOLD_BANDS
+        told += f" and in {more} more bands from {bands[0][0]:.3g} to {bands[-1][1]:.3g} Hz"
+    return told
+
+
 def _verdict(seen: AmbientFit, moved: dict[str, Number], missed: bool) -> tuple[Verdict, str]:
     if missed:
-        bands = ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in seen.failed_bands())
         return (
             "unknown_effect",
-            f"The spectra are not those of the model{' at ' + bands if bands else ''}.",
+            f"The spectra are not those of the model{_bands_text(seen.failed_bands())}.",
         )
     if moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())

@@ -16,6 +16,7 @@ References
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -101,9 +102,14 @@ class AmbientFit:
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     def failed_bands(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
-        """Bands [Hz] in which the test fails, at a level with Bonferroni's correction."""
+        """Bands [Hz] in which the test fails, at a level with Bonferroni's correction.
+
+        Neighbours that fail are one band.
+        """
         level = chance / len(self.bands)
-        return tuple((b.low_hz, b.high_hz) for b in self.bands if b.p_value < level)
+        runs = itertools.groupby(self.bands, lambda one: one.p_value < level)
+        failed = [list(run) for fails, run in runs if fails]
+        return tuple((run[0].low_hz, run[-1].high_hz) for run in failed)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

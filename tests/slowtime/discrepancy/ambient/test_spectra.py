@@ -91,6 +91,21 @@ def test_a_line_that_is_no_mode_is_noticed_in_its_band():
     assert len(result.failed_bands()) < len(result.bands) / 4
 
 
+def test_bands_that_fail_side_by_side_are_one():
+    result = compared(shaken(3, tone=0.1))
+    values = [0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    bands = tuple(
+        dataclasses.replace(one, p_value=p)
+        for one, p in zip(result.bands, values, strict=False)
+    )
+    failed = dataclasses.replace(result, bands=bands).failed_bands()
+    assert failed == (
+        (bands[0].low_hz, bands[1].high_hz),
+        (bands[3].low_hz, bands[3].high_hz),
+        (bands[6].low_hz, bands[8].high_hz),
+    )
+
+
 def test_a_stiffness_beyond_its_tolerance_is_pulled_out_of_it():
     result = compared(shaken(4, (1.0, 0.8)))
     assert result.pulls["stiffness", "j1"] < -5
