@@ -50,6 +50,38 @@ def read_grids(path: Path) -> dict[str, tuple[float, float, float]]:
     return found  # type: ignore[return-value]  # three fields each
 
 
+def has_dmig(path: Path) -> bool:
+    """Whether bulk data hold DMIG cards."""
+    return next(_cards(path, ("DMIG",)), None) is not None
+
+
+def read_points(path: Path) -> list[Place]:
+    """List the rows of matrices over all points (g-set), such as KGG and MGG.
+
+    Nastran orders them by the number of the point; a GRID has six rows, an SPOINT one.
+
+    Parameters
+    ----------
+    path
+        Bulk data file.
+
+    Returns
+    -------
+    Node and direction of each row.
+    """
+    rows = {number: 6 for number in read_grids(path)}
+    for card in _cards(path, ("SPOINT",)):
+        given = [field for field in card.fields[1:] if field]
+        if len(given) == 3 and given[1].upper() == "THRU":
+            given = [str(k) for k in range(int(given[0]), int(given[2]) + 1)]
+        rows |= dict.fromkeys(given, 1)
+    if not rows:
+        raise MatrixFileError(
+            f"{path.name} has neither DMIG nor GRID cards. Give the bulk data with the points."
+        )
+    return [(number, k) for number in sorted(rows, key=int) for k in range(rows[number])]
+
+
 def read_dmig(path: Path, name: str | None = None) -> tuple[sparse.csr_array, list[Place]]:
     """Matrix of DMIG cards, and what its rows are.
 
