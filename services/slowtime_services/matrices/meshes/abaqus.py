@@ -18,6 +18,7 @@ BEAMS = {
 """Types of beams → theory. A B32 becomes two beams that meet at its middle node."""
 
 TRUSSES = ("T3D2", "T3D2H")
+SHELLS = ("S4", "S4R")
 OTHERS = ("MASS", "ROTARYI", "SPRING1", "SPRING2")
 
 NAMED_SUPPORTS = {
@@ -67,7 +68,7 @@ def read_input(mesh: Mesh) -> None:
     mesh.check_understood()
     for block in reader.later:
         _second(reader, block)
-    sectioned = {one["id"] for one in (*mesh.elements, *mesh.masses)}
+    sectioned = {one["id"] for one in (*mesh.elements, *mesh.masses, *mesh.shells)}
     for name, (kind, _, line) in reader.kinds.items():
         if f"{kind} {name}" not in sectioned and f"{kind} {name} a" not in sectioned:
             raise mesh.error(
@@ -117,7 +118,7 @@ def _add_nodes(reader: _Reader, block: Block) -> None:
 
 def _add_elements(reader: _Reader, block: Block) -> None:
     kind = block.parameter("TYPE")
-    if kind not in (*BEAMS, *TRUSSES, *OTHERS):
+    if kind not in (*BEAMS, *TRUSSES, *SHELLS, *OTHERS):
         reader.mesh.refuse(f"*ELEMENT, TYPE={kind}", block.line)
         return
     names = []
@@ -175,7 +176,7 @@ def _sectioned(reader: _Reader, block: Block) -> None:
             raise block.error(f"element {number} of {group} does not exist.")
         kind, nodes, line = reader.kinds[number]
         bar = kind in TRUSSES
-        if bar == (block.keyword != "SOLID SECTION") or kind in OTHERS:
+        if bar == (block.keyword != "SOLID SECTION") or kind in (*OTHERS, *SHELLS):
             raise mesh.error(line, f"element {number} of type {kind} has *{block.keyword}.")
         thick = BEAMS.get(kind) == "timoshenko" and (
             "shape" in section or "shear_y_m2" in section
@@ -196,6 +197,27 @@ def _sectioned(reader: _Reader, block: Block) -> None:
                     "group": group,
                 }
             )
+
+
+def _add_shells(reader: _Reader, block: Block) -> None:
+    mesh, group, name = reader.mesh, block.parameter("ELSET"), block.parameter("MATERIAL")
+    if "young_pa" not in mesh.materials.get(name, {}):
+        raise block.error(f"names the material {name}. Allowed is one with *ELASTIC.")
+    if float(block.parameters.get("OFFSET", "0") or 0.0):
+        raise block.error("has an offset. Allowed is the midsurface at the nodes.")
+    for number in _members(block, reader.element_sets, group):
+        kind, nodes, line = reader.kinds[number]
+        if kind not in SHELLS:
+            raise mesh.error(line, f"element {number} of type {kind} has *{block.keyword}.")
+        mesh.shells.append(
+            {
+                "id": f"{kind} {number}",
+                "corners": nodes,
+                "thickness_m": block.numbers(0, 1)[0] * mesh.units.length_m,
+                "material": name,
+                "group": group,
+            }
+        )
 
 
 def _add_masses(reader: _Reader, block: Block) -> None:
@@ -274,6 +296,7 @@ _LATER = {
     "BEAM SECTION": _sectioned,
     "BEAM GENERAL SECTION": _sectioned,
     "SOLID SECTION": _sectioned,
+    "SHELL SECTION": _add_shells,
     "MASS": _add_masses,
     "ROTARY INERTIA": _add_masses,
     "SPRING": _add_springs,

@@ -40,7 +40,7 @@ class Converted:
 
 
 def convert_mesh(path: Path, *, unit: str = "m", parameters: bool = False) -> Converted:
-    """Convert a mesh of beams, bars, springs and masses to a frame.
+    """Convert a mesh of beams, bars, springs, masses and flat shells to a frame.
 
     Parameters
     ----------
@@ -77,10 +77,10 @@ def convert_mesh(path: Path, *, unit: str = "m", parameters: bool = False) -> Co
         raise MatrixFileError(
             f"{path.name} cannot be read ({error}). Write it again."
         ) from error
-    if not mesh.elements:
+    if not mesh.elements and not mesh.shells:
         raise MatrixFileError(
-            f"{path.name} has no beam, bar or spring. Export the matrices of models of other "
-            "elements, and name them under `matrices`."
+            f"{path.name} has no beam, bar, spring or shell. Export the matrices of models "
+            "of other elements, and name them under `matrices`."
         )
     body = {
         "slowtime_model": 2,
@@ -125,14 +125,16 @@ def _flow(value: Any) -> str:
 
 def _frame(mesh: Mesh, *, parameters: bool) -> dict[str, Any]:
     used = Counter(one["section"] for one in mesh.elements if "section" in one)
-    made = Counter(one["material"] for one in mesh.elements if "material" in one)
-    groups = dict.fromkeys(one["group"] for one in mesh.elements)
+    every = [*mesh.elements, *mesh.shells]
+    made = Counter(one["material"] for one in every if "material" in one)
+    groups = dict.fromkeys(one["group"] for one in every)
     frame = {
         "nodes": [{"id": name, "at": at} for name, at in mesh.nodes.items()],
         "materials": [{"id": k, **one} for k, one in mesh.materials.items() if k in made],
         "sections": [{"id": k, **one} for k, one in mesh.sections.items() if k in used],
         "elements": mesh.elements,
         "masses": mesh.masses,
+        "shells": mesh.shells,
         "supports": [
             {"node": node, "directions": [d for d in DIRECTIONS if d in held]}
             for node, held in mesh.supports.items()

@@ -32,6 +32,7 @@ class Mesh:
     sections: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     elements: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     masses: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    shells: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     supports: dict[str, set[str]] = dataclasses.field(default_factory=dict)
     links: list[dict[str, str]] = dataclasses.field(default_factory=list)
     constraints: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -115,9 +116,10 @@ class Mesh:
         )
         more = f", and {len(kinds) - SHOWN} further kinds" if len(kinds) > SHOWN else ""
         raise MatrixFileError(
-            f"{self.path.name} has entries that are not understood: {said}{more}. Frames and "
-            "trusses are converted; docs/matrices.md lists what is read. Export the matrices "
-            "of other models (`matrices`), or take out the entries if they do not matter."
+            f"{self.path.name} has entries that are not understood: {said}{more}. Frames, "
+            "trusses and flat shells are converted; docs/matrices.md lists what is read. "
+            "Export the matrices of other models (`matrices`), or take out the entries if "
+            "they do not matter."
         )
 
 

@@ -6,6 +6,7 @@ from .nastran_deck import Deck, Fields, read_deck
 from .nastran_properties import (
     add_materials,
     add_properties,
+    add_shell_properties,
     mass_factor,
     rod_section,
     with_extra_mass,
@@ -21,8 +22,8 @@ WITHOUT_EFFECT = frozenset(
 effect because points that use them are refused."""
 
 READ = frozenset(
-    "GRID CROD CONROD CBAR CBEAM CELAS1 CELAS2 CBUSH CONM2 PROD PBAR PBARL PBEAM PBEAML PELAS "
-    "PBUSH MAT1 SPC SPC1 SPCADD MPC MPCADD RBE2 RBAR".split()
+    "GRID CROD CONROD CBAR CBEAM CELAS1 CELAS2 CBUSH CQUAD4 CONM2 PROD PBAR PBARL PBEAM PBEAML "
+    "PELAS PBUSH PSHELL MAT1 SPC SPC1 SPCADD MPC MPCADD RBE2 RBAR".split()
 )
 """Cards that are read."""
 
@@ -55,6 +56,9 @@ def read_bulk(mesh: Mesh) -> None:
     for card in deck.of("CBAR", "CBEAM"):
         _add_beam(mesh, card, properties)
     _add_springs(mesh, deck)
+    shells = add_shell_properties(mesh, deck)
+    for card in deck.of("CQUAD4"):
+        _add_shell(mesh, card, shells)
     for card in deck.of("CONM2"):
         _add_mass(mesh, card, mass_factor(deck))
     add_conditions(mesh, deck)
@@ -151,6 +155,27 @@ def _add_beam(mesh: Mesh, card: Fields, properties: dict[str, tuple[str, str]]) 
             "theory": "timoshenko" if thick else "euler",
             "orientation": orientation,
             "group": section,
+        }
+    )
+
+
+def _add_shell(mesh: Mesh, card: Fields, properties: dict[str, tuple[str, float]]) -> None:
+    number = card.whole(2, card.text(1))
+    if number not in properties:
+        raise card.error(f"names the property {number}. Allowed is a PSHELL.")
+    if card.real(8) or any(card.text(k) for k in range(9, 15)):
+        raise card.error("has an offset or thicknesses of its own. Leave fields 9 to 15 empty.")
+    corners = [card.whole(k) for k in range(3, 7)]
+    for corner in corners:
+        mesh.place(corner, card.line)
+    material, thickness = properties[number]
+    mesh.shells.append(
+        {
+            "id": f"CQUAD4 {card.whole(1)}",
+            "corners": corners,
+            "thickness_m": thickness,
+            "material": material,
+            "group": f"PSHELL {number}",
         }
     )
 

@@ -88,6 +88,36 @@ def add_properties(mesh: Mesh, deck: Deck) -> dict[str, tuple[str, str]]:
     return found
 
 
+def add_shell_properties(mesh: Mesh, deck: Deck) -> dict[str, tuple[str, float]]:
+    """Read PSHELL of one material, with nonstructural mass in a material of their own.
+
+    Returns
+    -------
+    Material and thickness [m] by the number of the property.
+    """
+    found = {}
+    for card in deck.of("PSHELL"):
+        number, first = card.whole(1), card.whole(2)
+        thickness = card.real(3) * mesh.units.length_m
+        others = {card.text(4), card.text(6, first)}
+        if others != {first} or card.text(11) or not thickness > 0.0:
+            raise card.error(
+                "is not of one material from membrane to bending. Give a thickness, and MID1 "
+                "again as MID2 (and as MID3, or leave it empty)."
+            )
+        if card.real(5, 1.0) != 1.0 or abs(card.real(7, 0.833333) - 5 / 6) > 1e-3:
+            raise card.error("is not solid. Allowed are 12I/T**3 = 1 and TS/T = 0.833333.")
+        if f"MAT1 {first}" not in mesh.materials:
+            raise card.error(f"names MAT1 {first}, which does not exist. Allowed is a MAT1.")
+        if not card.text(6):
+            mesh.note("Shells deform by shear, also where PSHELL leaves MID3 empty.")
+        extra = card.real(8) * mesh.units.mass_kg / mesh.units.length_m**2
+        name = f"PSHELL {number}"
+        material = with_extra_mass(mesh, name, f"MAT1 {first}", {"area_m2": thickness}, extra)
+        found[number] = material, thickness
+    return found
+
+
 def with_extra_mass(
     mesh: Mesh, name: str, material: str, section: dict[str, Any], extra: float
 ) -> str:

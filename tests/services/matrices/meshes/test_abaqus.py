@@ -59,7 +59,29 @@ def truss(bays=6, area=0.04):
     )
 
 
+def panel(n=16, thickness=0.02):
+    """A clamped square of shells, which CalculiX expands to solids."""
+    number = {(i, j): i * (n + 1) + j + 1 for i in range(n + 1) for j in range(n + 1)}
+    elements = [
+        [number[c] for c in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))]
+        for i in range(n)
+        for j in range(n)
+    ]
+    rim = [str(v) for k, v in number.items() if {0, n} & set(k)]
+    return (
+        "*NODE\n"
+        + "".join(f"{v}, {i / n:.12g}, {j / n:.12g}, 0\n" for (i, j), v in number.items())
+        + "*ELEMENT, TYPE=S4, ELSET=SKIN\n"
+        + "".join(f"{k}, " + ", ".join(map(str, e)) + "\n" for k, e in enumerate(elements, 1))
+        + "*NSET, NSET=RIM\n"
+        + ",\n".join(rim)
+        + f"\n{STEEL}*SHELL SECTION, ELSET=SKIN, MATERIAL=STEEL\n{thickness}\n"
+        + f"*BOUNDARY\nRIM, 1, 6\n{STEP}"
+    )
+
+
 CASES = {
+    "panel": (panel(), (179.9184, 368.3758, 368.3758), 0.012),
     "rect31": (cantilever("B31", "RECT", "0.06, 0.10"), (12.53198, 20.86382, 78.56334), 0.006),
     "rect32": (cantilever("B32R", "RECT", "0.06, 0.10"), (12.65339, 20.98453, 79.02478), 0.012),
     "pipe32": (cantilever("B32R", "PIPE", "0.05, 0.006"), (24.22836, 24.22836, 149.7018), 0.02),
@@ -92,7 +114,7 @@ def test_frequencies_are_those_that_calculix_prints(tmp_path, name):
 
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="calculix-ccx is not installed")
-@pytest.mark.parametrize("name", ["rect31", "truss"])
+@pytest.mark.parametrize("name", ["rect31", "truss", "panel"])
 def test_the_installed_calculix_prints_what_is_kept(tmp_path, name):
     text, kept, _ = CASES[name]
     (tmp_path / "m.inp").write_text(text)
