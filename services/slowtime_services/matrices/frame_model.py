@@ -101,7 +101,8 @@ def _own(parameter: str) -> str:
 def _groups(section: FrameModel) -> dict[str, str]:
     """Group of every element and mass, by its own word or by that of a parameter."""
     found = {one.id: one.group or "" for one in section.elements}
-    found |= {one.id: one.group or "" for one in (*section.masses, *section.shells)}
+    found |= {one.id: one.group or "" for one in section.masses}
+    found |= {one.id: one.group or "" for one in section.shells}
     for parameter in section.parameters:
         for name in parameter.elements:
             if name not in found:

@@ -21,7 +21,7 @@ _Run = tuple[int, np.ndarray]
 
 def write_output4(
     path: Path,
-    matrices: Mapping[str, sparse.sparray],
+    matrices: Mapping[str, sparse.csr_array],
     *,
     layout: Layout = "bigmat",
     binary: bool = True,
