@@ -161,7 +161,7 @@ def _of_records(file: BinaryIO, order: str) -> Iterator[tuple[_Head, Iterator[_R
         if not word:
             raise ValueError(f"a record of {len(body)} bytes where a matrix should begin")
         whole = order + ("4i" if word == 4 else "4q")
-        numbers: tuple[int, int, int, int] = struct.unpack_from(whole, body)  # type: ignore[assignment]  # by the format
+        numbers: tuple[int, int, int, int] = struct.unpack_from(whole, body)
         # A name has two words of four letters, whatever the size of a word.
         name = body[4 * word : 4 * word + 4] + body[5 * word : 5 * word + 4]
         head = _checked(*numbers, name.decode("latin-1").strip("\0"))

@@ -41,7 +41,7 @@ LAYOUTS = ("dense", "bigmat", "nonbigmat")
 
 
 def write_with_pyyeti(folder: Path) -> None:
-    from pyyeti.nastran import op4
+    from pyyeti.nastran import op4  # type: ignore[import-not-found]
 
     matrices = {"KAA": STIFFNESS, "ROWS": RECTANGLE, "H": RECEPTANCE, "MAA": np.eye(5)}
     for layout in LAYOUTS:

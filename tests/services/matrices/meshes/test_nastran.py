@@ -4,6 +4,7 @@ No Nastran was at hand; the cards follow its Quick Reference Guide.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,7 +112,7 @@ def test_a_slender_cantilever_bends_in_its_planes_as_in_the_textbook(
     speed = np.sqrt(2.1e11 / 7850.0)
     expected = 1.8751040687**2 / (2 * np.pi) * speed * np.sqrt(planes) / length**2
     np.testing.assert_allclose(modes.frequency_hz, np.sort(expected), rtol=2e-4)
-    model = assemble(frame_of(found.file.frame))
+    model: Any = assemble(frame_of(found.file.frame))
     moved = model.expand(modes.shapes)
     stiff = int(np.argmax(expected)) if planes[0] != planes[1] else None
     if stiff is not None:  # plane 1 is that of the orientation, the global x-y plane
