@@ -174,6 +174,9 @@ VERBS = {
         "Count stress cycles and sum fatigue damage, with its scatter.",
     ),
     "virtual": Verb("models.virtual:virtual", "Estimate unmeasured drift, force or stress."),
+    "convert": Verb(
+        "models.convert:convert", "Convert a mesh of beams and bars to a model file."
+    ),
     "reduce": Verb(
         "models.reduce:reduce", "Reduce finite-element matrices to a small model and verify it."
     ),

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from . import line_elements as lines
+from . import shell_elements as plates
 from .constraints import (
     carried_by,
     constrain,
@@ -17,7 +18,7 @@ from .constraints import (
     support_equations,
 )
 from .degrees_of_freedom import DofMap, full_map
-from .frame import Bar, Beam, Frame, Parameter, PointMass, Spring
+from .frame import Bar, Beam, Frame, Parameter, PointMass, Shell, Spring
 from .parametric_matrices import ParametricMatrices
 
 
@@ -28,16 +29,16 @@ class ElementMatrices:
     Parameters
     ----------
     nodes
-        Numbers of both nodes of each element; -1 for the ground.
+        Numbers of the nodes of each element; -1 for the ground.
     stiffness, mass
-        Over the twelve degrees of freedom of both nodes.
+        Over six degrees of freedom of each of its nodes.
     groups
         Group of each element.
     """
 
-    nodes: Int[np.ndarray, "element 2"]
-    stiffness: Float[np.ndarray, "element 12 12"]
-    mass: Float[np.ndarray, "element 12 12"]
+    nodes: Int[np.ndarray, "element corner"]
+    stiffness: Float[np.ndarray, "element own own"]
+    mass: Float[np.ndarray, "element own own"]
     groups: tuple[str, ...]
 
 
@@ -109,6 +110,7 @@ def element_matrices(frame: Frame) -> list[ElementMatrices]:
         (frame.beams, _beams),
         (frame.springs, _springs),
         (frame.masses, _masses),
+        (frame.shells, _shells),
     ]
     return [make(given, number, frame.coordinates) for given, make in makers if given]
 
@@ -147,7 +149,7 @@ def _scattered(
     for kind in kinds:
         chosen = np.array([groups is None or group in groups for group in kind.groups])
         matrices, nodes = getattr(kind, what)[chosen], kind.nodes[chosen]
-        where = (6 * nodes[:, :, None] + np.arange(6)).reshape(-1, 12)
+        where = (6 * nodes[:, :, None] + np.arange(6)).reshape(len(nodes), 6 * nodes.shape[1])
         where[np.repeat(nodes < 0, 6, axis=1)] = -1
         row, column = np.broadcast_arrays(where[:, :, None], where[:, None, :])
         held = (row >= 0) & (column >= 0) & (matrices != 0.0)
@@ -255,3 +257,21 @@ def _masses(
     nodes = np.array([[-1, number[one.node]] for one in elements])
     groups = tuple(one.group for one in elements)
     return ElementMatrices(nodes, np.zeros_like(mass), mass, groups)
+
+
+def _shells(
+    elements: Sequence[Shell], number: dict[str, int], coordinates: np.ndarray
+) -> ElementMatrices:
+    nodes = np.array([[number[node] for node in one.corners] for one in elements])
+    places = coordinates[nodes]
+    axes = plates.shell_axes(places)
+    young = np.array([one.material.young_pa for one in elements])
+    poisson = np.array([one.material.poisson for one in elements])
+    density = np.array([one.material.density_kg_m3 for one in elements])
+    thickness = np.array([one.thickness_m for one in elements])
+    stiffness = plates.shell_stiffness(places, axes, (young, poisson), thickness)
+    mass = plates.shell_mass(places, axes, density, thickness)
+    groups = tuple(one.group for one in elements)
+    return ElementMatrices(
+        nodes, lines.to_global(stiffness, axes), lines.to_global(mass, axes), groups
+    )

@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import math
 import operator
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -110,30 +111,80 @@ def check_definite(
             f"The stiffness matrix has {factor.negative} negative eigenvalues. Check the signs "
             "of stiffnesses and springs."
         )
-    tried = ", ".join(
-        f"{name} {value:+.3g}" for name, value in zip(model.names, theta.tolist(), strict=True)
-    )
     raise IndefiniteStiffnessError(
-        f"The stiffness matrix has negative eigenvalues at the parameters {tried:.200}. "
-        f"{_reason(model)}"
+        "The stiffness matrix has negative eigenvalues at the parameters "
+        f"{_tried(model.names, theta):.200}. {_reason(model)}"
+    )
+
+
+def indefinite_reduced_stiffness(
+    names: tuple[str, ...],
+    stiffness: Float[np.ndarray, "coordinate coordinate"],
+    parts: Float[np.ndarray, "parameter coordinate coordinate"],
+    theta: Float[np.ndarray, " parameter"],
+) -> IndefiniteStiffnessError:
+    """Make the error of a reduced model whose stiffness has negative eigenvalues.
+
+    Parameters
+    ----------
+    names
+        Of the parameters.
+    stiffness
+        Of the reduced model at zero parameters [N/m].
+    parts
+        What a unit of each parameter adds [N/m].
+    theta
+        Relative changes of the parts [1].
+
+    Returns
+    -------
+    Error that names the groups whose stiffness exceeds that of the model, and their ranges over
+    the motions that the reduced model has; those of the full model are as wide or narrower.
+    """
+    floor = GROUNDED * float(np.trace(stiffness)) / len(stiffness)
+    whole = stiffness + max(floor - float(np.linalg.eigvalsh(stiffness)[0]), 0.0) * np.eye(
+        len(stiffness)
+    )
+
+    def range_of(name: str, part: np.ndarray) -> ParameterRange:
+        values = scipy.linalg.eigh(part, whole, eigvals_only=True)
+        return _between(name, float(values[0]), float(values[-1]))
+
+    ranges = [range_of(name, part) for name, part in zip(names, parts, strict=True)]
+    together = range_of("all groups together", parts.sum(axis=0))
+    return IndefiniteStiffnessError(
+        "The stiffness of the reduced model has negative eigenvalues at the parameters "
+        f"{_tried(names, theta):.200}. {_reason_of(ranges, lambda: together)}"
+    )
+
+
+def _tried(names: tuple[str, ...], theta: np.ndarray) -> str:
+    return ", ".join(
+        f"{name} {value:+.3g}" for name, value in zip(names, theta.tolist(), strict=True)
     )
 
 
 def _reason(model: ParametricMatrices) -> str:
-    wrong = [one for one in parameter_ranges(model) if not one.is_part]
+    def together() -> ParameterRange:
+        whole, factor = _held(model)
+        parts = [part for part in model.stiffness_parts if part is not None]
+        every = sparse.csr_array(functools.reduce(operator.add, parts))
+        return _range("all groups together", every, whole, factor)
+
+    return _reason_of(parameter_ranges(model), together)
+
+
+def _reason_of(ranges: Sequence[ParameterRange], together: Callable[[], ParameterRange]) -> str:
+    wrong = [one for one in ranges if not one.is_part]
     if wrong:
         return (
             f"Allowed alone: {'; '.join(one.words for one in wrong)}. A group whose stiffness "
             "is contained in that of the model may lose all of it (-1) and gain without bound: "
             "check the file of this group and its `change`, or try smaller parameters (--span)."
         )
-    whole, factor = _held(model)
-    parts = [part for part in model.stiffness_parts if part is not None]
-    every = sparse.csr_array(functools.reduce(operator.add, parts))
-    total = _range("all groups together", every, whole, factor)
     return (
-        f"Each group alone is part of the whole, but {total.words} only: they overlap. Check "
-        "that no element is in two groups, or try smaller parameters (--span)."
+        f"Each group alone is part of the whole, but {together().words} only: they overlap. "
+        "Check that no element is in two groups, or try smaller parameters (--span)."
     )
 
 
@@ -151,7 +202,10 @@ def _held(model: ParametricMatrices) -> tuple[sparse.csr_array, SymmetricFactor]
 def _range(
     name: str, part: sparse.csr_array, whole: sparse.csr_array, factor: SymmetricFactor
 ) -> ParameterRange:
-    least, most = _extremes(part, whole, factor)
+    return _between(name, *_extremes(part, whole, factor))
+
+
+def _between(name: str, least: float, most: float) -> ParameterRange:
     lower = -1.0 / most if most > ROUNDING else -math.inf
     upper = -1.0 / least if least < -ROUNDING else math.inf
     return ParameterRange(name, lower, upper)

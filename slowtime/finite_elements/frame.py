@@ -1,4 +1,4 @@
-"""Description of a three-dimensional frame or truss: nodes, elements, supports, parameters."""
+"""Description of a frame, truss or shell in space: nodes, elements, supports, parameters."""
 
 import dataclasses
 from typing import Literal
@@ -112,6 +112,29 @@ class PointMass:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Shell:
+    """A flat, uniform shell of four corners, with bending, shear deformation and membrane.
+
+    Parameters
+    ----------
+    name, corners
+        Name of the element and of its four nodes, in order around it.
+    thickness_m
+        Thickness [m].
+    material
+        Material.
+    group
+        Name under which a parameter scales it; empty for none.
+    """
+
+    name: str
+    corners: tuple[str, str, str, str]
+    thickness_m: float
+    material: Material
+    group: str = ""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Support:
     """Directions in which a node is held."""
 
@@ -154,7 +177,7 @@ class Frame:
     ----------
     node_names, coordinates
         Name and position of each node [m].
-    bars, beams, springs, masses
+    bars, beams, springs, masses, shells
         Elements.
     supports, links, constraints
         Conditions on the displacements.
@@ -168,6 +191,7 @@ class Frame:
     beams: tuple[Beam, ...] = ()
     springs: tuple[Spring, ...] = ()
     masses: tuple[PointMass, ...] = ()
+    shells: tuple[Shell, ...] = ()
     supports: tuple[Support, ...] = ()
     links: tuple[RigidLink, ...] = ()
     constraints: tuple[MultiPointConstraint, ...] = ()
@@ -176,7 +200,11 @@ class Frame:
     def __post_init__(self) -> None:
         """Refuse names that occur twice or do not exist."""
         lines: tuple[Bar | Beam | Spring, ...] = (*self.bars, *self.beams, *self.springs)
-        elements: tuple[Bar | Beam | Spring | PointMass, ...] = (*lines, *self.masses)
+        elements: tuple[Bar | Beam | Spring | PointMass | Shell, ...] = (
+            *lines,
+            *self.masses,
+            *self.shells,
+        )
         _check_unique("node", self.node_names)
         _check_unique("element", tuple(element.name for element in elements))
         known = set(self.node_names)
@@ -186,6 +214,8 @@ class Frame:
             )
         for mass in self.masses:
             _check_known(mass.name, [mass.node], known, "node")
+        for shell in self.shells:
+            _check_known(shell.name, list(shell.corners), known, "node")
         groups = {element.group for element in elements} - {""}
         for parameter in self.parameters:
             _check_known(parameter.name, list(parameter.groups), groups, "group")

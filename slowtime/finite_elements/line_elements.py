@@ -269,8 +269,8 @@ def bar_mass(
 
 
 def to_global(
-    local: Float[np.ndarray, "element 12 12"], axes: Float[np.ndarray, "element 3 3"]
-) -> Float[np.ndarray, "element 12 12"]:
+    local: Float[np.ndarray, "element own own"], axes: Float[np.ndarray, "element 3 3"]
+) -> Float[np.ndarray, "element own own"]:
     """Matrices in global directions.
 
     Parameters
@@ -282,8 +282,9 @@ def to_global(
 
     Returns
     -------
-    Matrices over the same twelve degrees of freedom in global directions.
+    Matrices over the same degrees of freedom, three by three, in global directions.
     """
-    blocks = local.reshape(-1, 4, 3, 4, 3)
+    count = local.shape[1] // 3
+    blocks = local.reshape(-1, count, 3, count, 3)
     turned = np.einsum("eki,eakbl,elj->eaibj", axes, blocks, axes, optimize=True)
-    return np.asarray(turned.reshape(-1, 12, 12))
+    return np.asarray(turned.reshape(local.shape))

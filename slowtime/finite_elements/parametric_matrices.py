@@ -8,6 +8,7 @@ tenth of its stiffness.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -256,7 +257,7 @@ class MatrixFamily:
         )
 
     def _summed(self, terms: np.ndarray) -> np.ndarray:
-        flat = self._sums @ terms.reshape(len(terms), -1)
+        flat = self._sums @ terms.reshape(len(terms), math.prod(terms.shape[1:]))
         return np.asarray(flat).reshape(self.count, *terms.shape[1:])
 
     @property

@@ -14,7 +14,7 @@ from slowtime.evolution.structures import (
     SparseStructure,
     StructurePosterior,
     UpdatableModel,
-    estimate,
+    estimate_with_scatter,
     identifiability_limits,
 )
 from slowtime.evolution.structures.fit import total_misfit
@@ -54,7 +54,7 @@ def update(
         modes, read, frequency_error=frequency_error, shape_error=shape_error
     )
     structure = _structure(read, len(measured.frequency_hz))
-    found = estimate(structure, measured, read.prior_sd)
+    found, scatter = estimate_with_scatter(structure, measured, read.prior_sd)
     pairs = total_misfit(structure, (measured,), found.theta, found.prior_sd).pairs
     count = int(pairs.max()) + 1
     rows = np.zeros((1, structure.size))
@@ -65,8 +65,9 @@ def update(
     parameters = _parameters(found)
     frequencies = _frequencies(measured, before, after)
     limits = [limit.sentence for limit in identifiability_limits(structure, found)]
+    warnings = [sentence for sentence in (scatter.sentence, *_misfit(found)) if sentence]
     if report is not None:
-        notes = [*limits, *_misfit(found)]
+        notes = [*limits, *warnings]
         tables = [
             Table(PARAMETER_HEADINGS, _parameter_rows(parameters)),
             Table(MODE_HEADINGS, _mode_rows(frequencies)),
@@ -80,12 +81,17 @@ def update(
             "modes": frequencies,
             "not_determined": limits,
             "p_value": found.p_value,
+            "shapes": {
+                "chi_square": scatter.chi_square,
+                "numbers": scatter.count,
+                "sd_factor": scatter.factor,
+            },
         }
         click.echo(json.dumps(body, indent=2))
         return
     show("Parameters", PARAMETER_HEADINGS, _parameter_rows(parameters), plain=parameters)
     show("Modes", MODE_HEADINGS, _mode_rows(frequencies), plain=frequencies)
-    for sentence in [*limits, *_misfit(found)]:
+    for sentence in [*limits, *warnings]:
         note(sentence)
 
 

@@ -112,6 +112,10 @@ EXAMPLES |= {
     """"shape": null, "kind": "structural", "quality": 1, "snr_db": null, """
     """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
     "slowtime update chain.yaml modes.json",
+    "convert": "printf 'GRID,1,,0.,0.,0.\\nGRID,2,,2.,0.,0.\\nCBAR,1,1,1,2,0.,1.,0.\\n"
+    "PBAR,1,1,.01,8.3-6,8.3-6,1.4-5\\nMAT1,1,2.1+11,,.3,7850.\\nSPC1,1,123456,1\\n' > "
+    "beam.bdf && slowtime convert beam.bdf --out beam.yaml && "
+    "slowtime reduce beam.yaml --modes 3",
     "reduce": f"{_CHAIN} && slowtime reduce chain.yaml --modes 3",
     "orders": """awk 'BEGIN {print "t_s,pulse,a"; for (i = 0; i < 20000; i++) {t = i / 1000; """
     """n = 10 * t + t * t / 4; p = cos(6.2831853 * n); print t "," (p > 0.9) "," """

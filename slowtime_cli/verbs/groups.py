@@ -8,7 +8,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "identify", "merge", "scale", "orders", "distortion", "track", "virtual", "fatigue",
     ),
     "Models and diagnosis": (
-        "diagnose", "effects", "simulate", "reduce", "update", "place", "surrogate",
+        "diagnose", "effects", "simulate", "convert", "reduce", "update", "place", "surrogate",
         "reliability", "design",
     ),
     "Run a twin": (
@@ -33,7 +33,6 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "analyze": ("identify", "diagnose"),
     "broker": ("router",),
     "certificates": ("keys",),
-    "convert": ("import", "export"),
     "damage": ("fatigue", "diagnose"),
     "health": ("doctor", "status"),
     "help": ("--help",),

@@ -187,6 +187,16 @@ class FrameElement(Part):
         return self
 
 
+class FrameShell(Part):
+    """A flat shell of four corners: a plate that bends, shears and stretches."""
+
+    id: Id
+    corners: tuple[Id, Id, Id, Id] = Field(description="Nodes in order around it.")
+    thickness_m: Positive
+    material: Id
+    group: Id | None = None
+
+
 class FrameMass(Part):
     """A rigid body at a node."""
 
@@ -241,13 +251,14 @@ class FrameParameter(Part):
 
 
 class FrameModel(Part):
-    """A frame or a truss in space."""
+    """A frame, a truss or shells in space."""
 
     nodes: tuple[FrameNode, ...] = Field(min_length=1)
     materials: tuple[FrameMaterial, ...] = ()
     sections: tuple[FrameSection, ...] = ()
     elements: tuple[FrameElement, ...] = ()
     masses: tuple[FrameMass, ...] = ()
+    shells: tuple[FrameShell, ...] = ()
     supports: tuple[Held, ...] = ()
     links: tuple[FrameLink, ...] = ()
     constraints: tuple[FrameConstraint, ...] = ()

@@ -9,6 +9,7 @@ from .matrix_model import (
     read_matrix_model,
     read_model_of_matrices,
 )
+from .nastran_output4_writing import write_output4
 from .reduced_description import ReducedDescription, describe_reduced
 from .reduced_files import read_reduced, write_reduced
 from .sparse_files import read_matrix, write_matrix
@@ -27,5 +28,6 @@ __all__ = [
     "read_reduced",
     "write_dof_map",
     "write_matrix",
+    "write_output4",
     "write_reduced",
 ]

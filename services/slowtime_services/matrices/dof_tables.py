@@ -10,7 +10,7 @@ import numpy as np
 from slowtime.finite_elements.degrees_of_freedom import DIRECTIONS, DofMap
 
 from .errors import MatrixFileError
-from .nastran_bulk import BULK, read_dmig, read_grids
+from .nastran_bulk import BULK, has_dmig, read_dmig, read_grids, read_points
 
 COLUMNS = ("node", "direction")
 PLACES = ("x", "y", "z")
@@ -29,7 +29,8 @@ def read_dof_map(path: Path, positions: Path | None = None) -> DofMap:
     path
         CSV with the columns `node`, `direction` (ux, uy, uz, rx, ry, rz, or 1 to 6) and, where
         known, `x`, `y` and `z` [m], one row for each row of the matrices; or a CalculiX .dof
-        file, with a line `node.direction` each; or Nastran bulk data with DMIG cards.
+        file, with a line `node.direction` each; or Nastran bulk data, with DMIG cards or, for
+        matrices over all points (KGG, MGG), with GRID cards.
     positions
         CSV with the columns `node`, `x`, `y`, `z`, bulk data with GRID cards, or input of
         Abaqus or CalculiX (.inp) with *NODE, where the positions are in a file of their own.
@@ -50,7 +51,7 @@ def read_dof_map(path: Path, positions: Path | None = None) -> DofMap:
     if suffix == ".dof":
         places = _from_calculix(path)
     elif suffix in BULK:
-        places = read_dmig(path)[1]
+        places = read_dmig(path)[1] if has_dmig(path) else read_points(path)
         where |= read_grids(path)
     else:
         places, where = _from_table(path)

@@ -13,6 +13,7 @@ from slowtime.finite_elements.frame import (
     Parameter,
     PointMass,
     RigidLink,
+    Shell,
     Spring,
     Support,
 )
@@ -21,6 +22,7 @@ from slowtime_schemas.files.finite_elements import (
     FrameElement,
     FrameModel,
     FrameSection,
+    FrameShell,
 )
 
 from .errors import MatrixFileError
@@ -67,6 +69,7 @@ def frame_of(section: FrameModel) -> Frame:
             beams=tuple(one for one in elements if isinstance(one, Beam)),
             springs=tuple(one for one in elements if isinstance(one, Spring)),
             masses=tuple(masses),
+            shells=tuple(_shell(one, section, groups) for one in section.shells),
             supports=tuple(
                 Support(node=one.node, directions=one.directions) for one in section.supports
             ),
@@ -99,12 +102,14 @@ def _groups(section: FrameModel) -> dict[str, str]:
     """Group of every element and mass, by its own word or by that of a parameter."""
     found = {one.id: one.group or "" for one in section.elements}
     found |= {one.id: one.group or "" for one in section.masses}
+    found |= {one.id: one.group or "" for one in section.shells}
     for parameter in section.parameters:
         for name in parameter.elements:
             if name not in found:
                 raise MatrixFileError(
                     f"Parameter {parameter.name!r} names the element {name!r}, which does not "
-                    f"exist. Allowed are the {len(found)} elements and masses of `frame`."
+                    f"exist. Allowed are the {len(found)} elements, masses and shells of "
+                    "`frame`."
                 )
             if found[name]:
                 raise MatrixFileError(
@@ -166,6 +171,22 @@ def _element(
         theory=one.theory,
         orientation=one.orientation,
         group=group,
+    )
+
+
+def _shell(one: FrameShell, section: FrameModel, groups: Mapping[str, str]) -> Shell:
+    materials = {given.id: given for given in section.materials}
+    if one.material not in materials:
+        raise MatrixFileError(
+            f"Shell {one.id!r} names the material {one.material!r}. Allowed are "
+            f"{', '.join(materials) or 'none'}, those under `materials`."
+        )
+    return Shell(
+        name=one.id,
+        corners=one.corners,
+        thickness_m=one.thickness_m,
+        material=Material(**materials[one.material].model_dump(exclude={"id"})),
+        group=groups[one.id],
     )
 
 

@@ -21,7 +21,9 @@ SCALAR_POINT = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class _Card:
+class Card:
+    """A card with its continuations: number of its first line, and its name and fields."""
+
     line: int
     fields: tuple[str, ...]
 
@@ -39,15 +41,47 @@ def read_grids(path: Path) -> dict[str, tuple[float, float, float]]:
     Position by the number of the point [m or the unit of the file].
     """
     found = {}
-    for card in _cards(path, ("GRID",)):
+    for card in read_cards(path, ("GRID",)):
         fields = [*card.fields, *[""] * 6]
         if fields[2] not in ("", "0"):
             raise MatrixFileError(
                 f"Line {card.line} of {path.name} gives a GRID in coordinate system "
                 f"{fields[2]}. Export the positions in the basic system."
             )
-        found[fields[1]] = tuple(_real(path, card, fields[k]) for k in (3, 4, 5))
+        found[fields[1]] = tuple(real_field(path, card, fields[k]) for k in (3, 4, 5))
     return found  # type: ignore[return-value]  # three fields each
+
+
+def has_dmig(path: Path) -> bool:
+    """Whether bulk data hold DMIG cards."""
+    return next(read_cards(path, ("DMIG",)), None) is not None
+
+
+def read_points(path: Path) -> list[Place]:
+    """List the rows of matrices over all points (g-set), such as KGG and MGG.
+
+    Nastran orders them by the number of the point; a GRID has six rows, an SPOINT one.
+
+    Parameters
+    ----------
+    path
+        Bulk data file.
+
+    Returns
+    -------
+    Node and direction of each row.
+    """
+    rows = {number: 6 for number in read_grids(path)}
+    for card in read_cards(path, ("SPOINT",)):
+        given = [field for field in card.fields[1:] if field]
+        if len(given) == 3 and given[1].upper() == "THRU":
+            given = [str(k) for k in range(int(given[0]), int(given[2]) + 1)]
+        rows |= dict.fromkeys(given, 1)
+    if not rows:
+        raise MatrixFileError(
+            f"{path.name} has neither DMIG nor GRID cards. Give the bulk data with the points."
+        )
+    return [(number, k) for number in sorted(rows, key=int) for k in range(rows[number])]
 
 
 def read_dmig(path: Path, name: str | None = None) -> tuple[sparse.csr_array, list[Place]]:
@@ -128,10 +162,10 @@ def _order(place: Place) -> tuple[int, int]:
     return int(place[0]), place[1]
 
 
-def _dmig_cards(path: Path) -> tuple[dict[str, _Card], dict[str, list[_Card]]]:
-    heads: dict[str, _Card] = {}
-    entries: dict[str, list[_Card]] = {}
-    for card in _cards(path, ("DMIG",)):
+def _dmig_cards(path: Path) -> tuple[dict[str, Card], dict[str, list[Card]]]:
+    heads: dict[str, Card] = {}
+    entries: dict[str, list[Card]] = {}
+    for card in read_cards(path, ("DMIG",)):
         if card.fields[2] == "0":
             heads[card.fields[1]] = card
         else:
@@ -139,17 +173,17 @@ def _dmig_cards(path: Path) -> tuple[dict[str, _Card], dict[str, list[_Card]]]:
     return heads, entries
 
 
-def _entries(path: Path, cards: list[_Card]) -> Iterator[tuple[Place, Place, float]]:
+def _entries(path: Path, cards: list[Card]) -> Iterator[tuple[Place, Place, float]]:
     for card in cards:
         column = _place(path, card, card.fields[2], card.fields[3])
         rest = [text for text in card.fields[5:]]
         for k in range(0, len(rest) - 2, 4):
             if rest[k]:
                 row = _place(path, card, rest[k], rest[k + 1])
-                yield row, column, _real(path, card, rest[k + 2])
+                yield row, column, real_field(path, card, rest[k + 2])
 
 
-def _place(path: Path, card: _Card, node: str, component: str) -> Place:
+def _place(path: Path, card: Card, node: str, component: str) -> Place:
     if not node.isdecimal() or component not in "0123456":
         raise MatrixFileError(
             f"Line {card.line} of {path.name} names node {node!r}, component {component!r}. "
@@ -158,7 +192,7 @@ def _place(path: Path, card: _Card, node: str, component: str) -> Place:
     return node, max(int(component or SCALAR_POINT) - 1, 0)
 
 
-def _real(path: Path, card: _Card, text: str) -> float:
+def real_field(path: Path, card: Card, text: str) -> float:
     """Parse a number as Nastran writes it: `1.5-3` is 1.5e-3, and empty is 0."""
     plain = text.upper().replace("D", "E")
     for k in range(1, len(plain)):
@@ -173,8 +207,20 @@ def _real(path: Path, card: _Card, text: str) -> float:
         ) from None
 
 
-def _cards(path: Path, kinds: tuple[str, ...]) -> Iterator[_Card]:
-    """Cards of some kinds with their continuations, fields stripped, continuation marks out."""
+def read_cards(path: Path, kinds: tuple[str, ...] | None = None) -> Iterator[Card]:
+    """Read cards with their continuations, fields stripped, continuation marks out.
+
+    Parameters
+    ----------
+    path
+        Bulk data file.
+    kinds
+        Names of the cards; all where not given.
+
+    Yields
+    ------
+    Cards in the order of the file.
+    """
     first, fields = 0, list[str]()
     wanted = False
     for number, raw in enumerate(path.read_text(encoding="latin-1").splitlines(), 1):
@@ -188,11 +234,11 @@ def _cards(path: Path, kinds: tuple[str, ...]) -> Iterator[_Card]:
                 fields += parts[1:]
             continue
         if wanted:
-            yield _Card(first, tuple(fields))
-        wanted = kind in kinds
+            yield Card(first, tuple(fields))
+        wanted = kinds is None or kind in kinds
         first, fields = number, [kind, *parts[1:]]
     if wanted:
-        yield _Card(first, tuple(fields))
+        yield Card(first, tuple(fields))
 
 
 def _fields(line: str) -> list[str]:

@@ -10,6 +10,8 @@ from scipy import sparse
 from .coordinate_text import is_coordinate_text, read_coordinate_text, read_dense_text
 from .errors import MatrixFileError
 from .nastran_bulk import BULK, read_dmig
+from .nastran_output4 import OUTPUT4, read_output4
+from .nastran_output4_writing import write_output4
 
 HARWELL = (".rb", ".rua", ".rsa", ".hb", ".psa", ".pua")
 HDF5 = (".h5", ".hdf5", ".hdf")
@@ -18,7 +20,8 @@ TEXT = (".sti", ".mas", ".dam", ".txt", ".coo", ".mtx")
 DENSE_TEXT = ".out"
 FORMATS = (
     "Matrix Market (.mtx), SciPy (.npz), MATLAB (.mat), HDF5 (.h5), Harwell-Boeing (.rb, .hb), "
-    "CalculiX (.sti, .mas), Abaqus (.mtx), Nastran DMIG (.bdf, .dat, .pch), OpenSees (.out)"
+    "CalculiX (.sti, .mas), Abaqus (.mtx), Nastran DMIG (.bdf, .dat, .pch) and OUTPUT4 (.op4), "
+    "OpenSees (.out)"
 )
 MOST_BYTES = 4 << 30
 """Largest file [bytes]: a matrix of 1e6 degrees of freedom of solids has about 1e8 entries."""
@@ -111,6 +114,8 @@ def _read(path: Path, name: str | None) -> Any:
         return scipy.io.hb_read(path, spmatrix=False)
     if suffix in BULK:
         return read_dmig(path, name)[0]
+    if suffix in OUTPUT4:
+        return read_output4(path, name)
     raise MatrixFileError(
         f"{path.name} ends in {suffix or 'nothing'}, which names no format of matrices. "
         f"Formats are {FORMATS}."
@@ -175,11 +180,11 @@ def write_matrix(path: Path, matrix: sparse.csr_array, name: str = "matrix") -> 
     Parameters
     ----------
     path
-        File that ends in .mtx, .npz, .mat or .h5.
+        File that ends in .mtx, .npz, .mat, .h5 or .op4 (binary, sparse).
     matrix
         The matrix.
     name
-        Of the variable or group, in MATLAB and HDF5 files.
+        Of the variable, group or matrix, in MATLAB, HDF5 and OUTPUT4 files.
 
     Raises
     ------
@@ -195,10 +200,12 @@ def write_matrix(path: Path, matrix: sparse.csr_array, name: str = "matrix") -> 
         scipy.io.savemat(path, {name: sparse.csc_matrix(matrix)}, do_compression=True)
     elif suffix in HDF5:
         _to_hdf5(path, matrix, name)
+    elif suffix in OUTPUT4:
+        write_output4(path, {name: matrix})
     else:
         raise MatrixFileError(
             f"{path.name} ends in {suffix or 'nothing'}. Matrices are written to .mtx, .npz, "
-            ".mat or .h5."
+            ".mat, .h5 or .op4."
         )
 
 

@@ -214,6 +214,15 @@ def _lines_of_frame(
         if first in number and second in number and first != second:
             lines.append((number[first], number[second]))
             groups.append(owner.get(element.group or element.id, ""))
+    sides = dict[tuple[int, int], str]()
+    for shell in frame.shells:
+        if all(corner in number for corner in shell.corners):
+            ring = [number[corner] for corner in shell.corners]
+            for one, other in zip(ring, [*ring[1:], ring[0]], strict=True):
+                side = (min(one, other), max(one, other))
+                sides.setdefault(side, owner.get(shell.group or shell.id, ""))
+    lines += sides
+    groups += sides.values()
     for link in frame.links:
         lines.append((number[link.leading], number[link.following]))
         groups.append("")

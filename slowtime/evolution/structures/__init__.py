@@ -10,6 +10,7 @@ from .identifiability import Limit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
 from .sensor_placement import ModePrecision, Placement, PlacementProblem, place_sensors
+from .shape_scatter import ShapeScatter, estimate_with_scatter, shape_scatter
 from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
 
 __all__ = [
@@ -24,12 +25,15 @@ __all__ = [
     "PlacementProblem",
     "ReducedStructure",
     "Remedy",
+    "ShapeScatter",
     "SparseStructure",
     "StructurePosterior",
     "UpdatableModel",
     "estimate",
+    "estimate_with_scatter",
     "identifiability_limits",
     "name_changes",
     "place_sensors",
     "propose_measurements",
+    "shape_scatter",
 ]

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import sparse
 
+from slowtime.finite_elements.definiteness import indefinite_reduced_stiffness
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 from slowtime.finite_elements.reduction import AdaptiveModel, ReducedModel
 from slowtime.finite_elements.sensitivities import ModeSlopes
@@ -186,7 +187,14 @@ class ReducedStructure:
         if added_mass is not None:
             over = model.sense(np.eye(self.size))
             model = dataclasses.replace(model, mass=model.mass + over.T @ added_mass @ over)
-        modes, slopes = model.slopes(np.expm1(theta), rows, count)
+        try:
+            modes, slopes = model.slopes(np.expm1(theta), rows, count)
+        except np.linalg.LinAlgError:
+            if not _is_indefinite(model.modes(np.expm1(theta), count).eigenvalue):
+                raise
+            raise _indefinite(model, theta) from None
+        if _is_indefinite(modes.eigenvalue):
+            raise _indefinite(model, theta)
         bent = modes.eigenvalue > _RIGID * modes.eigenvalue[-1]
         slopes = ModeSlopes(slopes.eigenvalue[bent], slopes.sensed[:, bent])
         sensed = rows @ modes.shapes[:, bent]
@@ -195,6 +203,21 @@ class ReducedStructure:
 
 _RIGID = 1e-9
 """Eigenvalue over the highest used [1] of a motion that strains nothing."""
+
+_NEGATIVE = -1e-6
+"""Eigenvalue over the largest used [1] below which rounding does not explain its sign: bases
+of 100 coordinates leave some 1e-12, matrices of six digits 1e-6."""
+
+
+def _is_indefinite(eigenvalue: np.ndarray) -> bool:
+    return bool(eigenvalue[0] < _NEGATIVE * np.abs(eigenvalue).max())
+
+
+def _indefinite(model: ReducedModel | AdaptiveModel, theta: np.ndarray) -> ValueError:
+    """Make the error that names the groups by which the stiffness is negative."""
+    parts = model.stiffness_parts
+    dense = parts if isinstance(parts, np.ndarray) else parts.dense()
+    return indefinite_reduced_stiffness(model.names, model.stiffness, dense, np.expm1(theta))
 
 
 def _by_logarithms(

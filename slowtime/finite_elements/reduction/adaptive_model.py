@@ -24,6 +24,7 @@ References
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 import scipy.linalg
@@ -137,9 +138,9 @@ class FactoredParts:
         right: Float[np.ndarray, "coordinate vector"],
     ) -> Float[np.ndarray, "parameter left vector"]:
         r"""Compute :math:`L_j^T K_p r_j` of every part."""
-        inside = self.columns.T @ left.reshape(len(left), -1)
+        inside = self.columns.T @ left.reshape(len(left), math.prod(left.shape[1:]))
         other = self.sign[:, None] * (self.columns.T @ right)
-        terms = inside.reshape(-1, *left.shape[1:]) * other[:, None, :]
+        terms = inside.reshape(len(inside), *left.shape[1:]) * other[:, None, :]
         edges = np.searchsorted(self.owner, np.arange(self.count + 1))
         return np.array([terms[edges[p] : edges[p + 1]].sum(axis=0) for p in range(self.count)])
 
@@ -217,7 +218,8 @@ class AdaptiveModel:
         """Products that do not depend on the parameters, made once."""
         fixed = np.linalg.qr(self.fixed)[0]
         unity = np.allclose(self.stiffness, np.eye(len(fixed)), atol=1e-8)
-        responses = _across(fixed, self.responses).reshape(len(self.names), -1)
+        across = _across(fixed, self.responses)
+        responses = across.reshape(len(self.names), math.prod(across.shape[1:]))
         inside = self.stiffness_parts.columns.T @ fixed
         moved = _across(fixed, self.mass_responses)
         return _Prepared(fixed, responses, moved, inside, unity)
@@ -335,7 +337,7 @@ class AdaptiveModel:
         The modes over the candidates, and slopes of those modes.
         """
         found = self.modes(theta, int(np.ceil(SLOPE_MODES * count)))
-        flat = self._dense[0].reshape(len(theta), -1)
+        flat = self._dense[0].reshape(len(theta), self.stiffness.size)
         stiffness = self.stiffness + (theta @ flat).reshape(self.stiffness.shape)
         mass = self.mass
         if self._weighs:

@@ -146,3 +146,36 @@ def test_a_model_without_positions_says_what_to_give(tower, tmp_path):
     read = matrix_model_of(FiniteElementFile.model_validate(file), tmp_path)
     with pytest.raises(MatrixFileError, match=r"Give `dofs` with x, y, z, or `positions`\."):
         wireframe_of(read)
+
+
+def test_shells_are_drawn_by_their_sides_each_of_them_once():
+    names = ["a", "b", "c", "d", "e", "f"]
+    frame = {
+        "nodes": [{"id": n, "at": [k // 2, k % 2, 0.0]} for k, n in enumerate(names)],
+        "materials": [{"id": "steel", "young_pa": 2.1e11, "density_kg_m3": 7850.0}],
+        "shells": [
+            {
+                "id": f"s{k}",
+                "corners": corners,
+                "thickness_m": 0.01,
+                "material": "steel",
+                "group": f"g{k}",
+            }
+            for k, corners in enumerate((["a", "c", "d", "b"], ["c", "e", "f", "d"]))
+        ],
+        "supports": [{"node": "a"}, {"node": "b"}],
+        "parameters": [{"name": "far", "elements": [], "groups": ["g1"]}],
+    }
+    file = FiniteElementFile.model_validate({"slowtime_model": 2, "frame": frame})
+    model = matrix_model_of(file, Path())
+    wire = wireframe_of(model)
+    sides = {
+        tuple(names[k] for k in line): g
+        for line, g in zip(wire.lines, wire.groups, strict=True)
+    }
+    assert len(sides) == 7
+    assert sides["c", "d"] == ""
+    assert sides["e", "f"] == "far"
+    (part,) = model.matrices.stiffness_parts
+    assert part is not None
+    assert part.nnz > 0

@@ -89,6 +89,8 @@ def test_groups_are_updated_from_a_modes_file(run, portal, tmp_path):
     model = read_matrix_model(portal)
     modes = modes_file(tmp_path / "modes.json", model, CHANGE)
     body = json.loads(run("update", portal, modes, "--json").out)
+    assert body["shapes"]["sd_factor"] == 1.0
+    assert body["shapes"]["chi_square"] < body["shapes"]["numbers"]
     found = np.array([one["change"] for one in body["parameters"]])
     sd = np.array([one["sd"] for one in body["parameters"]])
     np.testing.assert_allclose(found, CHANGE, atol=0.002)
