@@ -109,7 +109,7 @@ export class Elements {
       body.append(row);
     }
     top.append(head);
-    this.table.replaceChildren(make("caption", "Elements"), top, body);
+    this.table.replaceChildren(make("caption", t("elements.caption")), top, body);
     this.table.hidden = !body.childElementCount;
   }
 

@@ -1,6 +1,6 @@
 // What would the twin do under a load? A form, and the response with its bands.
 import { plotly, quiet } from "./charts.js";
-import { t } from "./language.js";
+import { parts, t } from "./language.js";
 import { send } from "./link.js";
 import { colour, faded } from "./traces.js";
 import { english, explain, interval95, make, number, range } from "./words.js";
@@ -124,7 +124,8 @@ export class WhatIf {
       `${t("load.peak")} `, make("strong", `${peak}${NARROW}${unit}`),
       make("span", ` ${interval95(`${around}${NARROW}${unit}`)} \u00b7 ${t("load.rms", { value: `${rms}${NARROW}${unit}` })}`, "interval"),
     );
-    english(this.assumed).textContent = [...answer.reasons, ...answer.assumed.map((each) => `Assumed: ${each}`)].join(". ");
+    const said = [...answer.reasons.map((each) => [english(make("span", each))]), ...answer.assumed.map((each) => parts("load.assumed", { what: english(make("span", each)) }))];
+    this.assumed.replaceChildren(...said.flatMap((words, i) => i ? [". ", ...words] : words));
     this.plot.setAttribute("aria-label", t("load.chart", { quantity: t(`response.${answer.quantity}`), node: this.node.value, n: answer.t_s.at(-1), peak: `${peak} ${unit}`, interval: around }));
     const times = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
     const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };
