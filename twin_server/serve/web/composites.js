@@ -2,7 +2,7 @@
 import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { toTwin } from "./route.js";
-import { button, digits, english, explain, interval95, make, number, powered, range, say } from "./words.js";
+import { button, digits, english, explain, interval95, make, number, powered, range, say, unitOf } from "./words.js";
 
 const LIST_MS = 10000, MOST_ROWS = 50;
 const IMPORTANCE = [t("composites.twin"), t("composites.probability"), t("composites.birnbaum"), t("composites.criticality"), t("composites.fussell_vesely")];
@@ -90,7 +90,7 @@ class Composite {
 
   show(told) {
     const { failure, health, pooled } = told, { lo, hi } = failure.any_dependence;
-    const horizon = failure.horizon === null ? null : `${digits(failure.horizon, 4)} ${failure.slow_time_unit ?? ""}`;
+    const horizon = failure.horizon === null ? null : `${digits(failure.horizon, 4)} ${unitOf(failure) ?? ""}`;
     const risk = horizon === null ? t("composites.risk", { probability: band(failure) }) : t("composites.risk_within", { probability: band(failure), horizon });
     const worst = health.worst && make("p", undefined, "worst");
     if (worst) worst.append(...parts("composites.worst", { member: this.link(health.worst) }));

@@ -3,7 +3,7 @@ import { plotly, quiet } from "./charts.js";
 import { t } from "./language.js";
 import { ask } from "./link.js";
 import { colour } from "./traces.js";
-import { atTime, describeRow, digits, english, make, number, powered, range, slowTime } from "./words.js";
+import { atTime, describeRow, digits, english, make, number, powered, range, slowTime, unitOf } from "./words.js";
 
 const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000, LEAST = 1e-9;
 const HEADS = [
@@ -97,7 +97,7 @@ export class Risk {
     await Plotly.react(this.plot, traces, {
       width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: t("axis.time", { unit: this.risk.slow_time_unit }), standoff: 6 } },
+      xaxis: { ...axis, title: { text: t("axis.time", { unit: unitOf(this.risk) }), standoff: 6 } },
       yaxis: { ...axis, type: "log", exponentformat: "power", title: { text: t("axis.failure_probability"), standoff: 4 } },
       shapes: [{ type: "line", x0: since, x1: since, yref: "paper", y0: 0, y1: 1, line: { color: grid, dash: "dot" } }],
       legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
