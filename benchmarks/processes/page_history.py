@@ -37,13 +37,14 @@ SEEN = """() => new Promise((tell) => {
     if (paint) seen.first_paint_ms ??= paint.startTime;
     const words = document.querySelector('.twin .state .facts')?.textContent;
     if (words) seen.words_ms ??= performance.now();
-    const chart = document.querySelector('.plot[data-drawn] .main-svg');
+    const drawn = document.querySelector('.plot[data-drawn]');
+    const chart = +drawn?.dataset.points > 1;
     if (paint && words && chart) tell({ ...seen, chart_ms: performance.now() });
     else requestAnimationFrame(look);
   };
   look();
 })"""
-"""When a reader sees something, words on the twin, and the first chart, from the navigation on."""
+"""When something, words on the twin and the first chart are seen, from the navigation on."""
 
 DRAWN = """() => Object.fromEntries([...document.querySelectorAll('.plot[data-drawn]')].map(
   (plot) => [plot.dataset.quantity, +plot.dataset.drawn]))"""
@@ -112,7 +113,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         seen = measure(given.readings, given.visits, Path(folder))
     print(json.dumps(seen, indent=1))
-    drawn = [n for charts in seen["points"].values() for one in charts.values() for n in one.values()]
+    drawn = [
+        n for charts in seen["points"].values() for one in charts.values() for n in one.values()
+    ]
     slow = seen["ratio"]["first_paint_ms"] > MOST_RATIO
     return 1 if slow or max(drawn) > MOST_DRAWN else 0
 

@@ -1,6 +1,6 @@
 // One view at a time: the fleet, a twin, recordings. The list of twins is asked for again and again and
 // tells whether the server is there; the twin on screen follows its live stream, unless the tab is hidden.
-import { plotly } from "./charts.js";
+import { loadPlotly, plotly } from "./charts.js";
 import { Fleet } from "./fleet.js";
 import { language, locale, offerLanguages, parts, t, translate } from "./language.js";
 import { ask } from "./link.js";
@@ -98,6 +98,7 @@ async function refresh() {
   } finally { asking = false; }
   $("lost").hidden = !lostAt;
   enter();
+  requestAnimationFrame(() => setTimeout(loadPlotly));
 }
 
 /** A server with many twins takes a while to list them, and is left in peace for longer. */

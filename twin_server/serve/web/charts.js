@@ -15,6 +15,7 @@ export const quiet = { displayModeBar: false, locale: language };
 
 /** Names of months and days, and signs of numbers, from the browser. */
 function localizedPlotly(Plotly) {
+  if (language === "en") return Plotly;
   const named = (style, days, count) => Array.from({ length: count }, (_, i) => (
     new Date(Date.UTC(2023, days ? 0 : i, days ? 1 + i : 1)).toLocaleDateString(locale, { timeZone: "UTC", ...style })
   ));
@@ -24,18 +25,22 @@ function localizedPlotly(Plotly) {
     months: named({ month: "long" }, false, 12), shortMonths: named({ month: "short" }, false, 12),
     date: t("date.plotly"), decimal: sign("decimal"), thousands: sign("group"),
   };
-  if (language !== "en") Plotly.register({ moduleType: "locale", name: language, dictionary: {}, format });
+  Plotly.register({ moduleType: "locale", name: language, dictionary: {}, format });
   return Plotly;
 }
 
 /** Plotly is large: the page speaks before it can draw. */
-export const plotly = new Promise((resolve, reject) => {
+let begin = null;
+export const plotly = new Promise((begun) => { begin = begun; }).then(() => new Promise((resolve, reject) => {
   const script = document.createElement("script");
   script.src = "/assets/plotly.min.js";
   script.onload = () => resolve(localizedPlotly(window.Plotly));
   script.onerror = () => reject(new Error(t("error.no_plotly")));
   document.head.append(script);
-});
+}));
+
+/** Running its code takes a second or more, in which nothing else is done: words come first. */
+export const loadPlotly = () => begin();
 
 /** Ticks follow where somebody zooms to, as the next drawing finds it. */
 export function zoomOf(plot, twin) {

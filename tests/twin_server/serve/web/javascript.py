@@ -6,7 +6,8 @@ from typing import NamedTuple
 _TOKEN = re.compile(
     r"""(?P<comment>//[^\n]*|/\*.*?\*/)
       | (?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
-      | (?P<regex>(?<=[(,=:\[!&|?{;>\s])/(?![/*\s])(?:\\.|\[(?:\\.|[^\]\\\n])*\]|[^/\\\n\[])+/[gimsuy]*)
+      | (?P<regex>(?<=[(,=:\[!&|?{;>\s])/(?![/*\s])
+          (?:\\.|\[(?:\\.|[^\]\\\n])*\]|[^/\\\n\[])+/[gimsuy]*)
       | (?P<template>`)""",
     re.DOTALL | re.VERBOSE,
 )

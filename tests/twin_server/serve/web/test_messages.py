@@ -37,7 +37,7 @@ NO_KEYS = {
     "xaxis.range",
     "xaxis.autorange",
 }
-"""Files of a diagnosis, the name under which the browser remembers the language, and Plotly's."""
+"""Files of a diagnosis, the browser's name of the language chosen, and names of Plotly."""
 
 NO_WORDS = {
     "Bearer {}", "Escape", "Hz", "({})²/Hz", "{}/shapes{}", "{}cc",
@@ -140,7 +140,8 @@ def test_german_is_not_english():
     }
     assert words == {
         "composites.birnbaum", "composites.fussell_vesely", "composites.rate", "form.name",
-        "record.text", "sign_in.token", "wireframe.amplitude", "wireframe.chosen", "wireframe.mode",
+        "record.text", "sign_in.token", "wireframe.amplitude", "wireframe.chosen",
+        "wireframe.mode",
     }  # fmt: skip
 
 
@@ -168,7 +169,8 @@ def test_no_words_stand_in_the_code():
 
 
 SHOWN = {
-    r"\bmake\(": 1, r"\bbutton\(": 0, r"\bsay\(": 2, r"\bfield\(": 0, r"\blabelled\((?!text)": 0,
+    r"\bmake\(": 1, r"\bbutton\(": 0, r"\bsay\(": 2, r"\bfield\(": 0,
+    r"\blabelled\((?!text)": 0,
     r"new Option\(": 0, r"\.append\(": None, r"new Error\(": 0,
 }  # fmt: skip
 """Calls that show a text, and which argument of them it is."""
@@ -181,7 +183,8 @@ SETTING = re.compile(
 NAMES = {
     "slowtime", "{} \u00b7 slowtime", "No repair: it is a real change.", "note", "repair",
     # Elements, classes and attributes.
-    "col", "row", "td", "th", "polygon", "polyline", "title", "facts", "limit", "line", "line {}",
+    "col", "row", "td", "th", "polygon", "polyline", "title", "facts", "limit", "line",
+    "line {}",
     "interval", "severity", "band", "rest", "shape", "card", "off",
     # What Plotly and the REST interface call things.
     "left", "top", "bottom", "paper", "%{text}<extra></extra>", "damping_ratio", "frequency_hz",
