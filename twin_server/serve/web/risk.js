@@ -51,7 +51,8 @@ export class Risk {
     this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
     this.root.append(make("h3", t("risk.title")), this.table, this.plot, this.trouble);
-    this.root.hidden = true;
+    // No empty panels: what there is to see is shown once it is known.
+    this.root.hidden = this.table.hidden = this.plot.hidden = true;
   }
 
   /** Ask anew when a reading has come, at most every half minute; only where limit states are registered. */
@@ -61,6 +62,7 @@ export class Risk {
     const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.limit_states)}`;
     if (of === this.of || (this.risk && Date.now() - this.askedAt < RISK_MS)) return;
     this.asking = true;
+    if (!this.risk) this.trouble.textContent = t("risk.computing");
     const { risk, trouble } = await ask(`${this.twin.base}/risk`, PATIENCE_MS).then((told) => ({ risk: told }), ({ message }) => ({ trouble: message }));
     [this.asking, this.askedAt] = [false, Date.now()];
     if (risk) [this.risk, this.of] = [risk, of];
