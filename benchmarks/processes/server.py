@@ -395,7 +395,7 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     print(
         f"{given.readings:,} readings written in {time.monotonic() - began_s:.0f} s", flush=True
     )
-    with _running(database) as (url, pid, endpoint):
+    with running(database) as (url, pid, endpoint):
         wrong = compare(Client(url), given.readings)
         with ZenohBus("client", [endpoint], open_timeout_s=30.0) as bus:
             senders = Senders(bus, 4, 2)
@@ -414,7 +414,8 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
 
 
 @contextlib.contextmanager
-def _running(database: Path) -> Iterator[tuple[str, int, str]]:
+def running(database: Path) -> Iterator[tuple[str, int, str]]:
+    """Run a router and a server on a history: URL, process and endpoint."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     context = multiprocessing.get_context("spawn")
     urls: Any = context.Queue()

@@ -5,7 +5,7 @@ const MARGIN_PX = 14, LEAST_HEIGHT_PX = 260, MOST_HEIGHT_PX = 560;
 // Height of the drawing over its width: higher for towers than for decks.
 const LOWEST = 0.6, HIGHEST = 1.25;
 const TURN_PER_PX = 0.01, TURN_PER_KEY = Math.PI / 24;
-const VIEWS = { "Corner": [0.6, 0.35], "Front": [0, 0], "Side": [-Math.PI / 2, 0], "Above": [0, Math.PI / 2] };
+const VIEWS = { corner: [0.6, 0.35], front: [0, 0], side: [-Math.PI / 2, 0], above: [0, Math.PI / 2] };
 const MINUS = "\u2212", NARROW = "\u202f";
 
 const make = (tag, text, name) => {
@@ -20,18 +20,34 @@ const button = (text, act) => {
   made.addEventListener("click", act);
   return made;
 };
-const number = (x, digits = 4) => (+x.toPrecision(digits)).toString().replace("-", MINUS);
+const plain = (x, many) => (+x.toPrecision(many)).toString().replace("-", MINUS);
+
+// Of a report, which is English; a page in another language gives words of its own.
+const ENGLISH = {
+  corner: "Corner", front: "Front", side: "Side", above: "Above", mode: "Mode", amplitude: "Amplitude", start: "Let it move", stop: "Hold still",
+  measured: "{frequency} measured", in_model: "{frequency} in the model", no_shape: "no shape to compare", only_model: "{title} (model)", only_measured: "{title} (measured)",
+  chosen: "Mode {title}. {values}.", none: "No modes yet.", nodes: "A structure of {n} nodes in space.",
+  legend_both: "Blue lines: model; orange dots: measured at sensors, on a stalk from the model.", legend_rest: "Pale lines: at rest.",
+  legend_changed: "Thick orange lines: {elements}, suspected to have changed.",
+  legend_turn: "Drag sideways, or press the arrow keys, to turn it. Displacements are drawn far larger than they are.",
+};
+const english = (key, values = {}) => ENGLISH[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
+const SPOKEN = { words: english, digits: plain, fixed: (x, places) => x.toFixed(places) };
 
 /** "2.31 Hz measured, 2.29 Hz in the model, MAC 0.98". */
-export function said({ measured_hz: seen, measured_sd_hz: sd, model_hz: own, mac }) {
+export function said({ measured_hz: seen, measured_sd_hz: sd, model_hz: own, mac }, { words, digits, fixed } = SPOKEN) {
   const parts = [];
-  if (seen !== null) parts.push(`${number(seen)}${sd ? ` ± ${number(sd, 2)}` : ""}${NARROW}Hz measured`);
-  if (own !== null) parts.push(`${number(own)}${NARROW}Hz in the model`);
-  if (seen !== null && own !== null) parts.push(mac === null ? "no shape to compare" : `MAC ${mac.toFixed(3)}`);
+  if (seen !== null) parts.push(words("measured", { frequency: `${digits(seen, 4)}${sd ? ` ± ${digits(sd, 2)}` : ""}${NARROW}Hz` }));
+  if (own !== null) parts.push(words("in_model", { frequency: `${digits(own, 4)}${NARROW}Hz` }));
+  if (seen !== null && own !== null) parts.push(mac === null ? words("no_shape") : `MAC ${fixed(mac, 3)}`);
   return parts.join(", ");
 }
 
-const titleOf = (mode, place) => `${place + 1}: ${number(mode.measured_hz ?? mode.model_hz)}${NARROW}Hz${mode.measured_hz === null ? " (model)" : mode.model_hz === null ? " (measured)" : ""}`;
+function titleOf(mode, place, { words, digits }) {
+  const title = `${place + 1}: ${digits(mode.measured_hz ?? mode.model_hz, 4)}${NARROW}Hz`;
+  if (mode.measured_hz === null) return words("only_model", { title });
+  return mode.model_hz === null ? words("only_measured", { title }) : title;
+}
 
 /** Colours of the page or of the report around it, in its light or dark form. */
 function colours(root) {
@@ -44,8 +60,10 @@ function colours(root) {
 }
 
 export class WireframeView {
-  constructor(scene, { still = matchMedia("(prefers-reduced-motion: reduce)").matches } = {}) {
-    Object.assign(this, { turn: VIEWS.Corner.slice(), cycles: 0, amplitude: 0.12, frame: 0, before: null, seen: true });
+  /** `spoken` gives the words of `ENGLISH` and numbers in another language, as `SPOKEN` does. */
+  constructor(scene, { still = matchMedia("(prefers-reduced-motion: reduce)").matches, spoken = SPOKEN } = {}) {
+    this.spoken = spoken;
+    Object.assign(this, { turn: VIEWS.corner.slice(), cycles: 0, amplitude: 0.12, frame: 0, before: null, seen: true });
     this.root = make("div", undefined, "wireframe");
     this.canvas = make("canvas");
     this.canvas.tabIndex = 0;
@@ -63,18 +81,19 @@ export class WireframeView {
   }
 
   controls() {
+    const { words } = this.spoken;
     this.bar = make("p", undefined, "viewing");
     Object.assign(this.bar.style, { display: "flex", flexWrap: "wrap", gap: ".4rem", alignItems: "center" });
     this.choice = make("select");
-    this.choice.setAttribute("aria-label", "Mode");
+    this.choice.setAttribute("aria-label", words("mode"));
     this.choice.addEventListener("change", () => this.choose(Number(this.choice.value)));
     this.holder = button("", () => this.run(!this.running));
     const size = make("input");
     Object.assign(size, { type: "range", min: "0", max: "0.3", step: "0.01", value: String(this.amplitude) });
     Object.assign(size.style, { width: "7rem" });
     size.addEventListener("input", () => { this.amplitude = Number(size.value); this.draw(); });
-    const views = Object.entries(VIEWS).map(([name, turn]) => button(name, () => { this.turn = turn.slice(); this.draw(); }));
-    const label = make("label", "Amplitude ");
+    const views = Object.entries(VIEWS).map(([name, turn]) => button(words(name), () => { this.turn = turn.slice(); this.draw(); }));
+    const label = make("label", `${words("amplitude")} `);
     label.append(size);
     Object.assign(label.style, { display: "flex", alignItems: "center", gap: ".3rem" });
     this.bar.append(this.choice, this.holder, ...views, label);
@@ -123,7 +142,7 @@ export class WireframeView {
     this.flat = rows.reduce((a, row) => Math.max(a, Math.hypot(row[0] - this.centre[0], row[1] - this.centre[1])), 0);
     this.tall = (high[2] - low[2]) / 2;
     this.length = 2 * Math.hypot(this.flat, this.tall) || 1;
-    const titles = scene.modes.map(titleOf);
+    const titles = scene.modes.map((mode, place) => titleOf(mode, place, this.spoken));
     if (titles.join() !== this.titles?.join()) {
       this.titles = titles;
       this.choice.replaceChildren(...titles.map((title, place) => Object.assign(make("option", title), { value: String(place) })));
@@ -135,16 +154,16 @@ export class WireframeView {
   choose(place) {
     this.place = place;
     this.choice.value = String(place);
-    const mode = this.scene.modes[place], { changed, modes } = this.scene;
-    const text = mode ? `Mode ${titleOf(mode, place)}. ${said(mode)}.` : "No modes yet.";
+    const mode = this.scene.modes[place], { changed, modes } = this.scene, { words } = this.spoken;
+    const text = mode ? words("chosen", { title: titleOf(mode, place, this.spoken), values: said(mode, this.spoken) }) : words("none");
     if (this.told.textContent !== text) this.told.textContent = text;
     const both = modes.some((one) => one.points);
     this.legend.textContent = [
-      both ? "Blue lines: model; orange dots: measured at sensors, on a stalk from the model." : "Pale lines: at rest.",
-      changed.length ? `Thick orange lines: ${changed.join(", ")}, suspected to have changed.` : "",
-      "Drag sideways, or press the arrow keys, to turn it. Displacements are drawn far larger than they are.",
+      both ? words("legend_both") : words("legend_rest"),
+      changed.length ? words("legend_changed", { elements: changed.join(", ") }) : "",
+      words("legend_turn"),
     ].filter(Boolean).join(" ");
-    this.canvas.setAttribute("aria-label", `${text} A structure of ${this.scene.nodes.length} nodes in space.`);
+    this.canvas.setAttribute("aria-label", `${text} ${words("nodes", { n: this.scene.nodes.length })}`);
     Object.assign(this.canvas.dataset, { mode: place, nodes: this.scene.nodes.length, lines: this.scene.lines.length, points: mode?.points?.nodes.length ?? 0, changed: changed.join(" ") });
     this.draw();
   }
@@ -152,7 +171,7 @@ export class WireframeView {
   run(running) {
     this.running = running;
     this.before = null;
-    this.holder.textContent = running ? "Hold still" : "Let it move";
+    this.holder.textContent = this.spoken.words(running ? "stop" : "start");
     cancelAnimationFrame(this.frame);
     if (running) this.frame = requestAnimationFrame((now) => this.step(now));
   }

@@ -1,13 +1,14 @@
 // Beside an alarm: a button by which somebody says that they have seen it, and who has.
+import { t } from "./language.js";
 import { send } from "./link.js";
-import { button, make, say } from "./words.js";
+import { button, explain, make, say } from "./words.js";
 
 export class Acknowledging {
   constructor(base, event) {
     this.path = `${base}/alarms/${event.event_id}/acknowledge`;
     this.root = make("span", undefined, "acknowledging");
-    this.open = button("Acknowledge", () => this.ask());
-    this.open.setAttribute("aria-label", `Acknowledge: ${event.message}`);
+    this.open = button(t("acknowledging.acknowledge"), () => this.ask());
+    this.open.setAttribute("aria-label", t("acknowledging.of", { event: event.message }));
     this.seen = make("span", "", "seen");
     this.seen.tabIndex = -1;
     this.root.append(this.open, this.seen);
@@ -16,23 +17,23 @@ export class Acknowledging {
   /** Who has acknowledged it, if somebody has; at a past instant nothing can be done. */
   tell(by, past) {
     const note = by?.note ? `: ${by.note}` : "";
-    say(this.seen, by ? "good" : "", by ? `\u2713 Acknowledged by ${by.by}${note}` : "");
+    say(this.seen, by ? "good" : "", by ? `\u2713 ${t("acknowledging.by", { person: by.by })}${note}` : "");
     this.open.hidden = Boolean(by) || past || Boolean(this.form);
     if (by && this.form) this.close(this.seen);
   }
 
   ask() {
     this.form = make("form");
-    const [name, note] = [["Name", "name", 100], ["Note", "off", 1000]].map(([text, complete, longest]) => {
+    const [name, note] = [[t("form.name"), "name", 100], [t("acknowledging.note"), "off", 1000]].map(([text, complete, longest]) => {
       const label = make("label", `${text} `), input = make("input");
       Object.assign(input, { type: "text", autocomplete: complete, maxLength: longest });
       label.append(input);
       this.form.append(label);
       return input;
     });
-    const give = make("button", "Acknowledge", "act"), problem = make("span", "", "alarm");
+    const give = make("button", t("acknowledging.acknowledge"), "act"), problem = make("span", "", "alarm");
     problem.setAttribute("role", "alert");
-    this.form.append(give, button("Cancel", () => this.close(this.open)), problem);
+    this.form.append(give, button(t("form.cancel"), () => this.close(this.open)), problem);
     this.form.addEventListener("keydown", (event) => { if (event.key === "Escape") this.close(this.open); });
     this.form.addEventListener("submit", async (event) => {
       event.preventDefault();
@@ -41,7 +42,8 @@ export class Acknowledging {
         const seen = await send(this.path, "POST", { by: name.value.trim() || null, note: note.value.trim() });
         this.tell(seen, false);
       } catch (error) {
-        say(problem, "bad", error.message);
+        problem.dataset.state = "bad";
+        explain(problem, error);
         give.disabled = false;
       }
     });

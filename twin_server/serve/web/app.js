@@ -1,13 +1,14 @@
 // One view at a time: the fleet, a twin, recordings. The list of twins is asked for again and again and
 // tells whether the server is there; the twin on screen follows its live stream, unless the tab is hidden.
-import { plotly } from "./charts.js";
+import { loadPlotly, plotly } from "./charts.js";
 import { Fleet } from "./fleet.js";
+import { language, locale, offerLanguages, parts, t, translate } from "./language.js";
 import { ask } from "./link.js";
 import { Panel } from "./panel.js";
 import { Recordings } from "./recordings.js";
 import { where } from "./route.js";
 import { Twin } from "./twin.js";
-import { say } from "./words.js";
+import { english, explain, make, say } from "./words.js";
 
 const LIST_MS = 2000, DRAW_MS = 500, REST = 2;
 const $ = (id) => document.getElementById(id);
@@ -45,7 +46,7 @@ function enter(arrived = false) {
   $("empty").hidden = place.view !== "fleet" || known === null || known.length > 0;
   $("legend").hidden = !panel || place.view !== "state";
   $("unknown").hidden = !ofTwin || Boolean(state) || known === null;
-  $("unknown").textContent = `No twin is called ${place.id}. Choose one in the fleet, or register it with PUT /api/v1/twins/${place.id}.`;
+  $("unknown").textContent = t("app.unknown_twin", { id: place.id });
   for (const link of document.querySelectorAll("header nav a")) {
     link.dataset.view === place.view ? link.setAttribute("aria-current", "page") : link.removeAttribute("aria-current");
   }
@@ -67,14 +68,15 @@ async function identify(event) {
   const headers = { Authorization: `Bearer ${$("token").value.trim()}` };
   $("token").value = "";
   const answer = await fetch("/api/v1/session", { method: "POST", headers }).catch(() => null);
-  $("not-admitted").textContent = answer?.ok ? "" : (await answer?.json())?.detail ?? "The server does not answer.";
+  const { detail } = answer?.ok ? { detail: "" } : await answer?.json().catch(() => ({})) ?? {};
+  explain($("not-admitted"), { message: detail ?? t("app.no_answer"), status: detail && answer.status });
   if (answer?.ok) refresh();
 }
 
 function whoAsks() {
   panel?.twin.unwatch();
   $("who").hidden = false;
-  say($("connection"), "waiting", "token needed");
+  say($("connection"), "waiting", t("app.token_needed"));
 }
 
 async function refresh() {
@@ -84,21 +86,19 @@ async function refresh() {
     known = (await ask("/api/v1/twins")).twins;
     if (lostAt) panel?.twin.unwatch();
     lostAt = null;
-    say($("connection"), "good", "live");
+    say($("connection"), "good", t("app.live"));
     $("who").hidden = true;
   } catch (error) {
     if (error.status === 401) return whoAsks();
     lostAt ??= new Date();
-    const said = [
-      error.status ? `The server answers with an error: ${error.message}` : "Connection lost, trying again.",
-      known ? `What you see was known at ${lostAt.toLocaleTimeString()}.` : "",
-      "If this lasts, look whether the twin server runs: slowtime twin",
-    ];
-    $("lost").textContent = said.filter(Boolean).join(" ");
-    say($("connection"), "bad", "connection lost, trying again");
+    const why = error.status ? parts("app.server_error", { why: english(make("span", error.message)) }) : [t("app.connection_lost")];
+    const since = known ? [" ", t("app.known_at", { time: lostAt.toLocaleTimeString(locale) })] : [];
+    $("lost").replaceChildren(...why, ...since, " ", t("app.look_at_server"));
+    say($("connection"), "bad", t("app.reconnecting"));
   } finally { asking = false; }
   $("lost").hidden = !lostAt;
   enter();
+  requestAnimationFrame(() => setTimeout(loadPlotly));
 }
 
 /** A server with many twins takes a while to list them, and is left in peace for longer. */
@@ -119,6 +119,9 @@ async function draw() {
   drawing = false;
 }
 
+document.documentElement.lang = language;
+translate(document.body);
+offerLanguages($("language"));
 $("view").append(fleet.root, recordings.root);
 plotly.catch((error) => { $("undrawn").textContent = error.message; $("undrawn").hidden = false; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => panel?.twin.touch());

@@ -1,12 +1,15 @@
 // Fatigue damage of each point with its band and the time to failure; the last window of virtual quantities.
+import { t } from "./language.js";
 import { ask } from "./link.js";
 import { sparkline } from "./sparkline.js";
-import { make, number } from "./words.js";
+import { digits, make, number, powered, range } from "./words.js";
 
 const EVERY_MS = 30_000, NARROW = "\u202f", YEAR_S = 365.25 * 86_400, MOST_POINTS = 400;
-const COLUMNS = ["fatigue", "Miner's sum", "95\u202f% interval", "a year", "time to failure: 5\u202f%", "50\u202f%", "95\u202f%", "course"];
-const few = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e-3 && Math.abs(x) < 1e4 ? `${+x.toPrecision(3)}` : x.toExponential(1).replace("-", "\u2212"));
-const years = (seconds) => (seconds === null ? "never" : `${few(seconds / YEAR_S)}${NARROW}years`);
+const COLUMNS = [
+  t("fatigue.point"), t("fatigue.sum"), t("number.interval_95"), t("fatigue.rate"), t("fatigue.time_to_failure"), "50\u202f%", "95\u202f%", t("fatigue.course"),
+];
+const few = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e-3 && Math.abs(x) < 1e4 ? digits(x, 3) : powered(x));
+const years = (seconds) => (seconds === null ? t("fatigue.never") : `${few(seconds / YEAR_S)}${NARROW}${t("unit.years")}`);
 
 function header(titles) {
   const row = make("tr");
@@ -24,12 +27,12 @@ function rowOf({ name, damage, damage_per_year, time_to_failure_s, course, count
   row.dataset.point = name;
   const step = Math.ceil(course.length / MOST_POINTS);
   const points = course.filter((_, i) => i % step === 0).map(({ t_ns, damage: value, lo, hi }) => ({ x: t_ns, value, lo, hi }));
-  drawn.append(sparkline(points, `Damage of ${name}, now ${few(damage.value)}`));
+  drawn.append(sparkline(points, t("fatigue.damage_of", { point: name, value: few(damage.value) })));
   const times = Object.values(time_to_failure_s).map((time) => make("td", years(time)));
-  const interval = make("td", `${few(damage.lo)} to ${few(damage.hi)}`);
+  const interval = make("td", range(few(damage.lo), few(damage.hi)));
   row.append(title, make("td", few(damage.value)), interval, make("td", few(damage_per_year)), ...times, drawn);
-  const missed = uncounted_s > 0 ? `, ${number(uncounted_s / 3600, 1)} h not counted` : "";
-  row.title = [`${number(counted_s / 3600, 1)} h counted${missed}`, ...reasons].join("; ");
+  const missed = uncounted_s > 0 ? `, ${t("fatigue.not_counted", { hours: number(uncounted_s / 3600, 1) })}` : "";
+  row.title = [`${t("fatigue.counted", { hours: number(counted_s / 3600, 1) })}${missed}`, ...reasons].join("; ");
   return row;
 }
 
@@ -37,7 +40,7 @@ function figureOf({ name, unit, values, sd }, { start_ns, rate_hz, lowest_hz, va
   const figure = make("figure"), largest = values.reduce((most, value, i) => (Math.abs(value) > Math.abs(values[most]) ? i : most), 0);
   figure.dataset.quantity = name;
   const points = values.map((value, i) => ({ x: start_ns / 1e9 + i / rate_hz, value, lo: value - 1.96 * sd[i], hi: value + 1.96 * sd[i] }));
-  const said = `${name}: largest ${few(values[largest])} \u00b1 ${few(1.96 * sd[largest])} ${unit} in the last window, above ${few(lowest_hz)} Hz`;
+  const said = t("virtual.largest", { name, value: few(values[largest]), error: few(1.96 * sd[largest]), unit, lowest: few(lowest_hz) });
   figure.append(make("figcaption", valid ? said : `${said} (${reasons.join(", ")})`), sparkline(points, said));
   return figure;
 }
@@ -49,7 +52,7 @@ export class Assessed {
     this.body = make("tbody");
     const head = make("thead");
     head.append(header(COLUMNS));
-    this.table.append(make("caption", "Fatigue damage"), head, this.body);
+    this.table.append(make("caption", t("fatigue.caption")), head, this.body);
     this.virtual = make("div", undefined, "charts");
     this.root.append(this.table, this.virtual);
     this.root.hidden = true;

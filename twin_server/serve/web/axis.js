@@ -1,4 +1,5 @@
 // The axis of time: in the unit of the structure with the calendar below it, or the calendar alone where that is the unit.
+import { localized, locale, t } from "./language.js";
 import { colour, placeOf, spanOf } from "./traces.js";
 import { atTime, isClock, unitOf } from "./words.js";
 
@@ -34,27 +35,27 @@ function stepOf(span, ticks) {
 
 function dateOf(ms, span, isFirst) {
   const date = new Date(ms), year = isFirst || span > 2 * 365 * DAY_MS ? { year: "numeric" } : {};
-  if (span > 4 * DAY_MS) return date.toLocaleDateString(undefined, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
-  const time = date.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", ...(span < 600e3 ? { second: "2-digit" } : {}) });
-  return isFirst ? `${date.toLocaleDateString(undefined, { day: "numeric", month: "short" })}, ${time}` : time;
+  if (span > 4 * DAY_MS) return date.toLocaleDateString(locale, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
+  const time = date.toLocaleTimeString(locale, { hour: "2-digit", minute: "2-digit", ...(span < 600e3 ? { second: "2-digit" } : {}) });
+  return isFirst ? `${date.toLocaleDateString(locale, { day: "numeric", month: "short" })}, ${time}` : time;
 }
 
 /** What Plotly is told of the axis; `shown` is the range that somebody zoomed to. */
 export function timeAxis(twin, shown, width) {
   const last = twin.points.at(-1), range = spanOf(twin);
-  if (!last || isClock(last)) return { nticks: 7, range, title: { text: "date and time", standoff: 6 } };
-  const title = { text: `time [${unitOf(last)}]`, standoff: 6 }, at = calendarOf(twin.points), [from, to] = shown ?? range;
+  if (!last || isClock(last)) return { nticks: 7, range, title: { text: t("axis.date_and_time"), standoff: 6 } };
+  const title = { text: t("axis.time", { unit: unitOf(last) }), standoff: 6 }, at = calendarOf(twin.points), [from, to] = shown ?? range;
   if (!at || !(to > from)) return { nticks: 7, range, title };
   const step = stepOf(to - from, Math.max(2, Math.min(6, width / PX_A_TICK))), values = [], span = at(to) - at(from);
   for (let i = Math.ceil(from / step); i * step <= to; i += 1) values.push(+(i * step).toPrecision(12));
-  const texts = values.map((value, i) => `${value}<br>${dateOf(at(value), span, i === 0)}`);
+  const texts = values.map((value, i) => `${localized(`${value}`)}<br>${dateOf(at(value), span, i === 0)}`);
   return { range, title, tickmode: "array", tickangle: 0, tickvals: values, ticktext: texts };
 }
 
 export const MARKS = {
-  renewed: { tint: "good", dash: "solid", text: "renewed" },
-  told: { tint: "ink", dash: "longdash", text: "recorded" },
-  sudden: { tint: "inseparable", dash: "dashdot", text: "sudden change" },
+  renewed: { tint: "good", dash: "solid", text: t("mark.renewed") },
+  told: { tint: "ink", dash: "longdash", text: t("mark.recorded") },
+  sudden: { tint: "inseparable", dash: "dashdot", text: t("mark.sudden") },
 };
 
 /** What happened to the structure, as lines across the chart, with a word each where there is room. */

@@ -1,5 +1,6 @@
 // One quantity of one twin over slow time, with axes, in a drawing and in words.
 import { marksOf, timeAxis } from "./axis.js";
+import { language, locale, t } from "./language.js";
 import { colour, placeOf, rangeOf, sorted, tracesOf, widened } from "./traces.js";
 import { QUANTITIES, slowTime, spoken } from "./words.js";
 
@@ -9,14 +10,37 @@ const NOTHING = { fine: [], buckets: [], readings: 0, apart: { inseparable: [], 
 // A finger on a chart scrolls the page; it does not zoom.
 const touched = matchMedia("(pointer: coarse)");
 
+/** What every chart is told besides its layout; Plotly writes numbers and dates by its locale. */
+export const quiet = { displayModeBar: false, locale: language };
+
+/** Names of months and days, and signs of numbers, from the browser. */
+function localizedPlotly(Plotly) {
+  if (language === "en") return Plotly;
+  const named = (style, days, count) => Array.from({ length: count }, (_, i) => (
+    new Date(Date.UTC(2023, days ? 0 : i, days ? 1 + i : 1)).toLocaleDateString(locale, { timeZone: "UTC", ...style })
+  ));
+  const sign = (type) => new Intl.NumberFormat(language).formatToParts(12345.6).find((part) => part.type === type)?.value ?? "";
+  const format = {
+    days: named({ weekday: "long" }, true, 7), shortDays: named({ weekday: "short" }, true, 7),
+    months: named({ month: "long" }, false, 12), shortMonths: named({ month: "short" }, false, 12),
+    date: t("date.plotly"), decimal: sign("decimal"), thousands: sign("group"),
+  };
+  Plotly.register({ moduleType: "locale", name: language, dictionary: {}, format });
+  return Plotly;
+}
+
 /** Plotly is large: the page speaks before it can draw. */
-export const plotly = new Promise((resolve, reject) => {
+let begin = null;
+export const plotly = new Promise((begun) => { begin = begun; }).then(() => new Promise((resolve, reject) => {
   const script = document.createElement("script");
   script.src = "/assets/plotly.min.js";
-  script.onload = () => resolve(window.Plotly);
-  script.onerror = () => reject(new Error("The charts cannot be drawn: their library did not load. Reload the page."));
+  script.onload = () => resolve(localizedPlotly(window.Plotly));
+  script.onerror = () => reject(new Error(t("error.no_plotly")));
   document.head.append(script);
-});
+}));
+
+/** Running its code takes a second or more, in which nothing else is done: words come first. */
+export const loadPlotly = () => begin();
 
 /** Ticks follow where somebody zooms to, as the next drawing finds it. */
 export function zoomOf(plot, twin) {
@@ -33,12 +57,14 @@ export function zoomOf(plot, twin) {
   return plot.zoomed ?? null;
 }
 
+const saidLast = ([value, interval]) => t("chart.last", { value, interval });
+
 function described({ points }, quantity, assumed, readings) {
   const { title } = QUANTITIES[quantity], first = points[0], last = points.at(-1);
-  if (!last) return `${title}: no readings yet`;
-  const now = last[quantity] && spoken(last[quantity], quantity).join(", 95 % interval ");
-  const said = assumed ? "assumed not to change" : now ? `last ${now}` : "not estimated at the last";
-  return `${title}, ${Math.max(readings, points.length)} readings from ${slowTime(first)} to ${slowTime(last)}: ${said}`;
+  if (!last) return t("chart.none", { title });
+  const now = last[quantity] && saidLast(spoken(last[quantity], quantity));
+  const said = assumed ? t("chart.assumed") : now ? now : t("chart.not_estimated");
+  return t("chart.described", { title, n: Math.max(readings, points.length), from: slowTime(first), to: slowTime(last), said });
 }
 
 /** A line across all charts at the instant that is looked at. */
@@ -68,7 +94,7 @@ function layoutOf(twin, quantity, { width, range, assumed, wide, zoomed }) {
     fixedrange: touched.matches,
   };
   const note = {
-    text: "assumed not to change, not estimated", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
+    text: t("chart.note_assumed"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
     font: { color: colour("faint") },
   };
   return {
@@ -90,7 +116,7 @@ export async function draw(plot, twin, quantity, wide) {
   const range = widened(rangeOf(all, quantity, assumed || !twin.at ? parts : sorted(twin, all, quantity, width)), twin, quantity);
   const traces = tracesOf(twin, quantity, parts, range, width);
   const layout = layoutOf(twin, quantity, { width, range, assumed, wide, zoomed: zoomOf(plot, twin) });
-  await Plotly.react(plot, traces, layout, { displayModeBar: false });
+  await Plotly.react(plot, traces, layout, quiet);
   const { fine, buckets, readings, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
   plot.setAttribute("aria-label", described(twin, quantity, assumed, readings));
   Object.assign(plot.dataset, {

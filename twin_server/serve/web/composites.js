@@ -1,24 +1,26 @@
 // Twins made of twins, under the fleet: health of each, and when opened its failure probability, tree and members.
+import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { toTwin } from "./route.js";
-import { button, make, number, say } from "./words.js";
+import { button, digits, english, explain, interval95, make, number, powered, range, say, unitOf } from "./words.js";
 
 const LIST_MS = 10000, MOST_ROWS = 50;
-const KIND = { site: "site", line: "line of like assets", structure: "structure of parts" };
+const IMPORTANCE = [t("composites.twin"), t("composites.probability"), t("composites.birnbaum"), t("composites.criticality"), t("composites.fussell_vesely")];
+const RATES = [t("composites.of"), t("composites.rate"), t("number.interval_95"), t("composites.weight")];
 
 /** A probability in two digits: 0.00013, 0.42. */
 export function chance(p) {
-  if (p === null || p === undefined) return "not known";
+  if (p === null || p === undefined) return t("composites.not_known");
   if (p === 0 || p === 1) return `${p}`;
-  return p < 1e-4 ? p.toExponential(1).replace("-", "\u2212") : number(p, Math.max(2, 1 - Math.floor(Math.log10(p))));
+  return p < 1e-4 ? powered(p) : number(p, Math.max(2, 1 - Math.floor(Math.log10(p))));
 }
 
-const band = ({ value, lo, hi }) => `${chance(value)} (95\u202f%: ${chance(lo)} to ${chance(hi)})`;
+const band = ({ value, lo, hi }) => `${chance(value)} (${interval95(range(chance(lo), chance(hi)))})`;
 
 function gateOf(gate) {
-  if (gate.series) return ["Series: fails as soon as one fails", gate.series];
-  if (gate.parallel) return ["Parallel: fails once all have failed", gate.parallel];
-  return [`${gate.k} out of ${gate.of.length}: works while ${gate.k} work`, gate.of];
+  if (gate.series) return [t("composites.series"), gate.series];
+  if (gate.parallel) return [t("composites.parallel"), gate.parallel];
+  return [t("composites.k_of_n", { k: gate.k, all: gate.of.length }), gate.of];
 }
 
 /** A table whose cells are texts or elements; the first of a row is its heading. */
@@ -50,7 +52,7 @@ class Composite {
     this.health = make("p", "", "alarm");
     this.detail = make("div", undefined, "detail");
     this.detail.hidden = true;
-    this.opener = button("Show failure probability", () => this.toggle());
+    this.opener = button(t("composites.show"), () => this.toggle());
     this.opener.setAttribute("aria-expanded", "false");
     this.root.append(this.title, this.health, this.opener, this.detail);
   }
@@ -60,8 +62,8 @@ class Composite {
     const { twins, valid_twins: valid, alive, alarms } = brief.health;
     this.title.textContent = brief.name === this.id ? this.id : `${brief.name} (${this.id})`;
     const words = [
-      KIND[brief.kind], `${twins} ${twins === 1 ? "twin" : "twins"}`, `${valid} valid`, `${alive} online`,
-      alarms ? `\u25b2 ${alarms} ${alarms === 1 ? "alarm" : "alarms"}` : "no alarm",
+      t(`composites.kind.${brief.kind}`), t("fleet.twins", { n: twins }), t("fleet.valid", { n: valid }), t("composites.online", { n: alive }),
+      alarms ? `\u25b2 ${t("composites.alarms", { n: alarms })}` : t("fleet.no_alarm"),
     ];
     say(this.health, alarms ? "bad" : valid < twins ? "waiting" : "good", words.join(" \u00b7 "));
   }
@@ -70,31 +72,34 @@ class Composite {
     const open = this.detail.hidden;
     this.detail.hidden = !open;
     this.opener.setAttribute("aria-expanded", `${open}`);
-    this.opener.textContent = open ? "Hide failure probability" : "Show failure probability";
+    this.opener.textContent = open ? t("composites.hide") : t("composites.show");
     if (open) await this.load();
   }
 
   async load() {
-    this.detail.replaceChildren(make("p", "Computing the forecasts of the members \u2026", "facts"));
+    this.detail.replaceChildren(make("p", t("composites.computing"), "facts"));
     try {
       this.show(await ask(`/api/v1/composites/${encodeURIComponent(this.id)}`));
     } catch (error) {
-      const problem = make("p", error.message, "alarm");
+      const problem = make("p", undefined, "alarm");
       problem.dataset.state = "bad";
+      explain(problem, error);
       this.detail.replaceChildren(problem);
     }
   }
 
   show(told) {
-    const { failure, health, pooled } = told, ahead = failure.horizon === null ? "" : ` within ${+failure.horizon.toPrecision(4)} ${failure.slow_time_unit ?? ""}`;
-    const { lo, hi } = failure.any_dependence, worst = health.worst && make("p", "Most failures are due to ", "worst");
-    if (worst) worst.append(this.link(health.worst), ".");
-    const parts = [
-      make("p", `Probability of failure${ahead}: ${band(failure)}.`, "told"),
-      make("p", `For any dependence of the members: ${chance(lo)} to ${chance(hi)}.`, "facts"),
+    const { failure, health, pooled } = told, { lo, hi } = failure.any_dependence;
+    const horizon = failure.horizon === null ? null : `${digits(failure.horizon, 4)} ${unitOf(failure) ?? ""}`;
+    const risk = horizon === null ? t("composites.risk", { probability: band(failure) }) : t("composites.risk_within", { probability: band(failure), horizon });
+    const worst = health.worst && make("p", undefined, "worst");
+    if (worst) worst.append(...parts("composites.worst", { member: this.link(health.worst) }));
+    const told_of = [
+      make("p", risk, "told"),
+      make("p", t("composites.any_dependence", { range: range(chance(lo), chance(hi)) }), "facts"),
       worst, this.tree(told), this.twins(told.twins), ...pooled.map((pool) => this.rates(pool)), this.reasons([...failure.reasons, ...health.reasons]),
     ];
-    this.detail.replaceChildren(...parts.filter(Boolean));
+    this.detail.replaceChildren(...told_of.filter(Boolean));
   }
 
   /** Gates as nested lists, which are read as such; each member with its own probability. */
@@ -129,22 +134,22 @@ class Composite {
     const rows = twins.toSorted((a, b) => weight(b) - weight(a) || (b.failure.value ?? 0) - (a.failure.value ?? 0)).slice(0, MOST_ROWS).map(({ id, failure, importance }) => [
       this.link(id), band(failure), share(importance?.birnbaum), share(importance?.criticality), share(importance?.fussell_vesely),
     ]);
-    const caption = twins.length > MOST_ROWS ? `The ${MOST_ROWS} of ${twins.length} twins that matter most` : "Twins, the most important first";
-    return table(caption, ["Twin", "Probability of failure", "Birnbaum", "Criticality", "Fussell\u2013Vesely"], rows);
+    const caption = twins.length > MOST_ROWS ? t("composites.most_important", { n: MOST_ROWS, all: twins.length }) : t("composites.by_importance");
+    return table(caption, IMPORTANCE, rows);
   }
 
   rates({ quantity, slow_time_unit: unit, fleet, another, members }) {
-    const text = (x) => (x === null ? "none" : `${+x.toPrecision(3)}`.replace("-", "\u2212"));
-    const said = ({ value, lo, hi }) => [text(value), `${text(lo)} to ${text(hi)}`];
-    const rows = [["Fleet", ...said(fleet), ""], ["Another such asset", ...said(another), ""], ...members.map((one) => [
+    const text = (x) => (x === null ? t("composites.none") : digits(x, 3));
+    const said = ({ value, lo, hi }) => [text(value), range(text(lo), text(hi))];
+    const rows = [[t("composites.fleet"), ...said(fleet), ""], [t("composites.another"), ...said(another), ""], ...members.map((one) => [
       this.link(one.id), ...said(one), `${Math.round(100 * one.shrinkage)}\u202f%`,
     ])];
-    return table(`Pooled drift of ${quantity} per ${unit ?? "slow time"}`, ["Of", "Rate", "95 % interval", "Weight of the fleet"], rows);
+    return table(t("composites.pooled", { quantity, unit: unit ?? t("unit.slow_time") }), RATES, rows);
   }
 
   reasons(reasons) {
     if (!reasons.length) return null;
-    const list = make("ul", undefined, "facts reasons");
+    const list = english(make("ul", undefined, "facts reasons"));
     list.append(...reasons.map((reason) => make("li", reason)));
     return list;
   }
@@ -154,9 +159,9 @@ export class Composites {
   constructor() {
     Object.assign(this, { known: new Map(), askedAt: -Infinity, asking: false });
     this.root = make("section", undefined, "composites");
-    this.root.setAttribute("aria-label", "Sites, lines and structures");
+    this.root.setAttribute("aria-label", t("composites.title"));
     this.list = make("ul");
-    this.root.append(make("h3", "Sites, lines and structures"), this.list);
+    this.root.append(make("h3", t("composites.title")), this.list);
     this.root.hidden = true;
   }
 

@@ -1,15 +1,15 @@
 // What the twin's model lacks: the gap while nobody asks, jobs under way, what they found, adopted and undone.
 import { findingOf } from "./finding.js";
+import { t } from "./language.js";
 import { ask, send } from "./link.js";
 import { Overlay } from "./overlay.js";
 import { draw } from "./svg.js";
-import { button, make, number, say } from "./words.js";
+import { button, english, explain, make, number, say } from "./words.js";
 
 const WIDTH = 320, HEIGHT = 64, SHOWN = 60, EVERY_MS = 1500, UNDER_WAY_MS = 400;
 const UNDER_WAY = ["queued", "running"];
 const STATES = { queued: "waiting", running: "waiting", done: "good", failed: "bad", cancelled: "away" };
 const GAP_STATES = { waiting: "waiting", learning: "waiting", watching: "good", disagreeing: "bad" };
-const CLOCKS = { fast: "model against samples", slow: "history against temperature and load" };
 
 const percent = (x) => `${number(100 * x, x < 0.1 ? 1 : 0)}\u202f%`;
 
@@ -22,7 +22,7 @@ function gapPicture({ readings, limit, expected }) {
   const x = (i) => 2 + (WIDTH - 4) * i / Math.max(shown.length - 1, 1);
   const picture = draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "gap", role: "img" });
   const last = shown.at(-1);
-  picture.setAttribute("aria-label", `Gap over the last ${shown.length} records: as given ${percent(last.nominal)}, in use now ${percent(last.in_use)}`);
+  picture.setAttribute("aria-label", t("diagnosis.gap_chart", { n: shown.length, nominal: percent(last.nominal), in_use: percent(last.in_use) }));
   if (limit) picture.append(draw("line", { x1: 0, x2: WIDTH, y1: y(limit), y2: y(limit), class: "limit" }));
   for (const name of ["nominal", "in_use"]) {
     const points = shown.map((one, i) => `${x(i).toFixed(1)},${y(one[name]).toFixed(1)}`).join(" ");
@@ -35,14 +35,14 @@ function gapPicture({ readings, limit, expected }) {
 function gapBars(report) {
   const { gap } = report, slow = report.clock === "slow";
   const rows = slow
-    ? [["as it was", gap.nominal, "nominal"], ["with the effects", gap.augmented, "augmented"]]
+    ? [[t("diagnosis.as_it_was"), gap.nominal, "nominal"], [t("diagnosis.with_effects"), gap.augmented, "augmented"]]
     : [
-      ["as given", gap.nominal, "nominal"], ["refitted", gap.refitted_nominal, "refitted"],
-      ...gap.steps.map((step) => [`with ${step.effect.replaceAll("_", " ")}`, step.nrmse, "augmented"]),
+      [t("diagnosis.as_given"), gap.nominal, "nominal"], [t("diagnosis.refitted"), gap.refitted_nominal, "refitted"],
+      ...gap.steps.map((step) => [t("diagnosis.with_effect", { effect: step.effect.replaceAll("_", " ") }), step.nrmse, "augmented"]),
     ];
-  rows.push(["noise alone", gap.noise_floor, "floor"]);
+  rows.push([t("diagnosis.noise_alone"), gap.noise_floor, "floor"]);
   const most = Math.max(...rows.map(([, value]) => value)), table = make("table", undefined, "bars");
-  table.append(make("caption", slow ? "Remaining scatter of the readings" : "Error of the free run on data that were not fitted"));
+  table.append(make("caption", slow ? t("diagnosis.scatter") : t("diagnosis.free_run")));
   for (const [name, value, kind] of rows) {
     const row = make("tr"), cell = make("td"), bar = make("span", undefined, `bar ${kind}`);
     bar.style.width = `${Math.max(100 * value / most, 0.5)}%`;
@@ -69,18 +69,18 @@ export class Diagnosis {
   }
 
   tools() {
-    const tools = make("p", undefined, "orders"), label = make("label", "samples "), quick = make("label");
+    const tools = make("p", undefined, "orders"), label = make("label", `${t("diagnosis.samples")} `), quick = make("label");
     this.seconds = make("input");
     Object.assign(this.seconds, { type: "number", min: 5, max: 3600, value: 40, step: 5 });
     label.append(this.seconds, " s");
     this.quick = make("input");
     this.quick.type = "checkbox";
-    quick.append(this.quick, " quick");
+    quick.append(this.quick, ` ${t("diagnosis.quick")}`);
     this.fast = make("span", undefined, "fast");
-    this.fast.append(button("Find what the model lacks", () => this.start({
+    this.fast.append(button(t("diagnosis.find_effect"), () => this.start({
       raw: { duration_s: Number(this.seconds.value) }, quick: this.quick.checked,
     })), label, quick);
-    this.slow = button("Find what drives the slow change (temperature, load, time)", () => this.start({ clock: "slow" }));
+    this.slow = button(t("diagnosis.find_driver"), () => this.start({ clock: "slow" }));
     tools.append(this.fast, this.slow);
     return tools;
   }
@@ -90,7 +90,7 @@ export class Diagnosis {
   async attempt(act) {
     this.problem.hidden = true;
     try { await act(); } catch (error) {
-      this.problem.textContent = error.message;
+      explain(this.problem, error);
       this.problem.hidden = false;
     }
     await this.refresh(true);
@@ -106,7 +106,7 @@ export class Diagnosis {
       this.list((await ask(`${this.twin.base}/diagnoses`)).diagnoses);
     } catch (error) {
       // A server that diagnoses nothing, or is away: the page says the latter elsewhere.
-      if (error.status === 404) this.sentence.textContent = "This server makes no diagnoses.";
+      if (error.status === 404) this.sentence.textContent = t("diagnosis.unavailable");
     } finally { this.asking = false; }
     clearTimeout(this.again);
     if (this.underWay && !this.root.hidden) this.again = setTimeout(() => this.refresh(true), UNDER_WAY_MS);
@@ -116,9 +116,9 @@ export class Diagnosis {
     const off = gap.state === "off";
     this.root.dataset.gap = gap.state;
     this.fast.hidden = off && !this.twin.latest?.registration?.model;
-    say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : gap.state);
-    const usual = gap.expected ? ` Usual: ${percent(gap.expected)}; beyond ${percent(gap.limit)} it is a disagreement.` : "";
-    this.sentence.textContent = gap.sentence + usual;
+    say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : t(`gap.${gap.state}`));
+    const usual = gap.expected ? [` ${t("diagnosis.usual", { expected: percent(gap.expected), limit: percent(gap.limit) })}`] : [];
+    this.sentence.replaceChildren(english(make("span", gap.sentence)), ...usual);
     const last = gap.readings.at(-1);
     if (last) [this.root.dataset.nominal, this.root.dataset.inUse] = [last.nominal, last.in_use];
     const key = `${last?.t_ns} ${gap.state}`;
@@ -129,7 +129,7 @@ export class Diagnosis {
 
   legend() {
     const legend = make("p", undefined, "facts keys");
-    for (const [name, text] of [["nominal", "model as given"], ["in_use", "with what was adopted"], ["limit", "limit"]]) {
+    for (const [name, text] of [["nominal", t("diagnosis.line_nominal")], ["in_use", t("diagnosis.line_in_use")], ["limit", t("diagnosis.line_limit")]]) {
       const entry = make("span");
       entry.append(make("span", undefined, `line ${name}`), text);
       legend.append(entry);
@@ -151,10 +151,10 @@ export class Diagnosis {
 
   row(one) {
     const item = make("li"), head = make("p", undefined, "head"), bar = make("progress"), found = make("div", undefined, "found");
-    const [pill, stage, acts] = [make("span", "", "pill"), make("span", "", "stage"), make("span", undefined, "acts")];
+    const [pill, stage, acts] = [make("span", "", "pill"), english(make("span", "", "stage")), make("span", undefined, "acts")];
     bar.max = 1;
     item.dataset.number = one.number;
-    const what = one.request.clock === "fast" && one.request.quick ? `${CLOCKS.fast}, quick` : CLOCKS[one.request.clock];
+    const what = one.request.clock === "fast" && one.request.quick ? t("diagnosis.fast_quick") : t(`diagnosis.clock.${one.request.clock}`);
     head.append(make("strong", `${one.number}`), pill, make("span", what, "facts"), stage, bar, acts);
     item.append(head, found);
     this.jobs.prepend(item);
@@ -162,7 +162,7 @@ export class Diagnosis {
   }
 
   fill(row, one, adopted) {
-    say(row.pill, STATES[one.state], one.state);
+    say(row.pill, STATES[one.state], t(`job.${one.state}`));
     const under = UNDER_WAY.includes(one.state);
     row.bar.hidden = !under;
     row.bar.value = one.progress;
@@ -172,12 +172,12 @@ export class Diagnosis {
     row.state = state;
     const base = `${this.twin.base}/diagnoses/${one.number}`, post = (word) => () => this.attempt(() => send(`${base}/${word}`, "POST"));
     const acts = [];
-    if (under) acts.push(button("Cancel", () => this.attempt(() => send(base, "DELETE"))));
+    if (under) acts.push(button(t("form.cancel"), () => this.attempt(() => send(base, "DELETE"))));
     if (one.state === "done") {
       if (!row.found.childElementCount) this.show(row, one, base);
-      if (one.report.effects.length && !one.adopted) acts.push(button("Adopt", post("adopt")));
-      if (one.adopted && one.number === adopted) acts.push(button("Undo", post("undo")));
-      if (one.adopted) acts.push(make("span", "adopted", "facts"));
+      if (one.report.effects.length && !one.adopted) acts.push(button(t("diagnosis.adopt"), post("adopt")));
+      if (one.adopted && one.number === adopted) acts.push(button(t("form.undo"), post("undo")));
+      if (one.adopted) acts.push(make("span", t("diagnosis.adopted"), "facts"));
       acts.push(this.opener(row, base), ...this.links(base, one.report.clock === "slow"));
     }
     row.acts.replaceChildren(...acts);
@@ -186,7 +186,7 @@ export class Diagnosis {
   /** Of the newest, model and measurement are drawn at once. */
   show(row, { report }, base) {
     const { item } = row;
-    const words = make("p", report.sentence, "verdict");
+    const words = english(make("p", report.sentence, "verdict"));
     words.dataset.state = report.effects.length ? "bad" : "good";
     row.overlay = new Overlay(`${base}/charts.json`, report.when);
     row.found.append(words, gapBars(report), findingOf(report), row.overlay.root);
@@ -204,11 +204,11 @@ export class Diagnosis {
 
   /** The report draws itself, in a frame that can do nothing else. */
   opener(row, base) {
-    const opener = button("Report", () => {
+    const opener = button(t("diagnosis.report"), () => {
       const open = row.frame && !row.frame.hidden;
       if (!row.frame) {
         row.frame = make("iframe");
-        row.frame.title = "Report of the diagnosis";
+        row.frame.title = t("diagnosis.report_title");
         row.frame.setAttribute("sandbox", "allow-scripts");
         row.frame.src = `${base}/report.html`;
         row.found.append(row.frame);

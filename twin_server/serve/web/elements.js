@@ -1,9 +1,10 @@
 // A twin of many elements: which of them has changed, said first, then listed and drawn.
 import { marksOf, timeAxis } from "./axis.js";
-import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, plotly, zoomOf } from "./charts.js";
+import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, plotly, quiet, zoomOf } from "./charts.js";
+import { t } from "./language.js";
 import { Modes } from "./modes.js";
 import { bucketTraces, colour, faded, linesOf, placeOf, truthTraces } from "./traces.js";
-import { atTime, make, number, slowTime } from "./words.js";
+import { atTime, interval95, make, number, range, slowTime, suspected, valued } from "./words.js";
 
 const MOST_LINES = 8, NARROW = "\u202f";
 const HARDLY_TOLD = 0.9;
@@ -15,22 +16,23 @@ const placesOf = (sd) => sd > 0 ? Math.min(2, Math.max(0, 1 - Math.floor(Math.lo
 /** `["−7.6 %", "−9.0 to −6.1 %"]`: the change, and its 95 % interval. */
 function changeOf({ value, sd, lo, hi }) {
   const many = placesOf(sd);
-  return [`${percent(value, many)}${NARROW}%`, `${percent(lo, many)} to ${percent(hi, many)}${NARROW}%`];
+  return [`${percent(value, many)}${NARROW}%`, `${range(percent(lo, many), percent(hi, many))}${NARROW}%`];
 }
 
 const MASS = ".mass";
-const ownerOf = (name) => name.endsWith(MASS) ? name.slice(0, -MASS.length) : name;
-const whatOf = (name) => name.endsWith(MASS) ? "mass" : "stiffness";
+const isMass = (name) => name.endsWith(MASS);
+const ownerOf = (name) => isMass(name) ? name.slice(0, -MASS.length) : name;
 
 /** Names that a suspicion speaks of: one, or several with "or" and "and" between them. */
 const namesIn = (word, elements) => word.split(/ or | and /).filter((name) => name in elements);
 
 function sentence(word, elements) {
   const names = namesIn(word, elements);
-  if (names.length !== 1) return `${word} has changed; the readings cannot tell which`;
+  if (names.length !== 1) return t("elements.undecided", { elements: suspected(word) });
   const { value, sd } = elements[names[0]], places = Math.max(0, placesOf(sd) - 1);
   const size = `${number(Math.abs(100 * value), places)}${NARROW}% ± ${number(100 * sd, places)}${NARROW}%`;
-  return `${ownerOf(names[0])} has ${value < 0 ? "lost" : "gained"} ${size} of its ${whatOf(names[0])}`;
+  const key = `elements.${value < 0 ? "lost" : "gained"}.${isMass(names[0]) ? "mass" : "stiffness"}`;
+  return t(key, { element: ownerOf(names[0]), size });
 }
 
 export class Elements {
@@ -38,8 +40,8 @@ export class Elements {
     this.verdict = make("p", "", "verdict");
     this.verdict.setAttribute("role", "status");
     panel.shapes.root.before(this.verdict);
-    this.now = this.figure("elements", "Change of each element, now");
-    this.past = this.figure("elements-history", "Changes over time");
+    this.now = this.figure("elements", t("elements.now"));
+    this.past = this.figure("elements-history", t("elements.past"));
     panel.charts.append(this.now, this.past);
     this.table = make("table", undefined, "elements");
     this.modes = new Modes();
@@ -60,7 +62,7 @@ export class Elements {
     this[`${key}-caption`] = { value, interval };
     plot.dataset.quantity = key;
     plot.setAttribute("role", "img");
-    plot.setAttribute("aria-label", `${title}: being loaded`);
+    plot.setAttribute("aria-label", t("chart.loading", { title }));
     figure.append(caption, plot);
     this[key] = plot;
     return figure;
@@ -70,8 +72,8 @@ export class Elements {
   tell(latest) {
     const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
     const said = suspects.map((word) => sentence(word, elements));
-    const calm = names.length ? "No element has changed significantly" : "";
-    const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
+    const calm = names.length ? t("elements.none_changed") : "";
+    const text = said.length ? `${said.join("; ")}.` : calm;
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
     this.verdict.dataset.state = said.length ? "waiting" : "good";
     this.list(elements, suspects, latest.posterior_to_prior ?? {});
@@ -82,17 +84,17 @@ export class Elements {
   caption(elements, suspects) {
     const now = this["elements-caption"], past = this["elements-history-caption"], [most] = ranked(elements);
     const accused = suspects.flatMap((word) => namesIn(word, elements)), shown = accused[0] ?? most;
-    now.value.textContent = !most ? "\u2013" : suspects.length ? suspects.join(", ") : "none";
-    now.interval.textContent = most ? `changed, of ${Object.keys(elements).length}` : "not estimated";
+    now.value.textContent = !most ? "\u2013" : suspects.length ? suspects.map(suspected).join(", ") : t("elements.none");
+    now.interval.textContent = most ? t("elements.changed_of", { n: Object.keys(elements).length }) : t("twin.not_estimated");
     const [value, interval] = shown ? changeOf(elements[shown]) : ["\u2013", ""];
     past.value.textContent = value;
-    past.interval.textContent = shown ? `${shown}, 95${NARROW}%: ${interval}` : "not estimated";
+    past.interval.textContent = shown ? `${shown}, ${interval95(interval)}` : t("twin.not_estimated");
   }
 
   list(elements, suspects, ratios) {
     const accused = new Set(suspects.flatMap((word) => namesIn(word, elements)));
     const head = make("tr"), body = make("tbody"), top = make("thead");
-    for (const title of ["element", "change", "95\u202f% interval", ""]) {
+    for (const title of [t("elements.element"), t("elements.change"), t("number.interval_95"), ""]) {
       const cell = make("th", title);
       cell.scope = "col";
       head.append(cell);
@@ -100,14 +102,14 @@ export class Elements {
     for (const [name, estimate] of Object.entries(elements)) {
       const row = make("tr"), title = make("th", ownerOf(name)), [value, interval] = changeOf(estimate);
       title.scope = "row";
-      if (whatOf(name) === "mass") title.append(make("span", " mass", "interval"));
-      const told = ratios[name] < HARDLY_TOLD ? "" : "hardly told by these sensors";
-      row.append(title, make("td", value), make("td", interval), make("td", accused.has(name) ? "changed" : told));
+      if (isMass(name)) title.append(make("span", ` ${t("elements.mass")}`, "interval"));
+      const told = ratios[name] < HARDLY_TOLD ? "" : t("elements.hardly_told");
+      row.append(title, make("td", value), make("td", interval), make("td", accused.has(name) ? t("elements.changed") : told));
       row.dataset.changed = accused.has(name);
       body.append(row);
     }
     top.append(head);
-    this.table.replaceChildren(make("caption", "Elements"), top, body);
+    this.table.replaceChildren(make("caption", t("elements.caption")), top, body);
     this.table.hidden = !body.childElementCount;
   }
 
@@ -120,7 +122,6 @@ export class Elements {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: twin.id,
       font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
     });
-    const quiet = { displayModeBar: false };
     await Plotly.react(this.elements, ...drawnNow(elements, accused, base(this.elements)), quiet);
     const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]), zoomOf(this["elements-history"], twin));
     await Plotly.react(this["elements-history"], traces, layout, quiet);
@@ -136,15 +137,20 @@ export class Elements {
   }
 
   describe(elements, accused, known, shown) {
-    const each = Object.entries(elements).map(([name, estimate]) => `${name} ${changeOf(estimate).join(", 95 % ")}`);
-    this.elements.setAttribute("aria-label", `Change of each element, now: ${each.join("; ") || "none is estimated yet"}`);
+    const each = Object.entries(elements).map(([name, estimate]) => t("elements.valued", { element: name, ...spokenOf(estimate) }));
+    this.elements.setAttribute("aria-label", t("elements.chart_now", { changes: each.join("; ") || t("elements.none_estimated") }));
     Object.assign(this.elements.dataset, { elements: each.length, suspects: accused.join(" ") });
     const [first, last] = [known[0], known.at(-1)];
-    const span = first ? `from ${slowTime(first)} to ${slowTime(last)}` : "no readings yet";
-    this["elements-history"].setAttribute("aria-label", `Changes over time of ${shown.join(", ") || "no element"}, ${span}`);
+    const span = first ? t("chart.from_to", { from: slowTime(first), to: slowTime(last) }) : t("chart.no_readings");
+    this["elements-history"].setAttribute("aria-label", t("elements.chart_past", { elements: shown.join(", ") || t("elements.no_element"), span }));
     Object.assign(this["elements-history"].dataset, { points: known.length, shown: shown.join(" ") });
   }
 }
+
+const spokenOf = (estimate) => {
+  const [value, interval] = changeOf(estimate);
+  return { value, interval };
+};
 
 const surely = ({ value, sd }) => sd > 0 ? Math.abs(value) / sd : 0;
 
@@ -165,7 +171,7 @@ function drawnNow(elements, accused, base) {
       color: rows.map(([name]) => tint(name)), size: 9,
       symbol: rows.map(([name]) => accused.includes(name) ? "diamond" : "circle"),
     },
-    text: rows.map(([name, e]) => `${name}: ${changeOf(e).join(", 95 %: ")}`), hovertemplate: "%{text}<extra></extra>",
+    text: rows.map(([name, e]) => `${name}: ${valued(changeOf(e))}`), hovertemplate: "%{text}<extra></extra>",
   };
   // Plotly has one colour for all error bars of a trace, and these are the point of the chart.
   const bars = rows.map(([name, e]) => ({
@@ -174,7 +180,7 @@ function drawnNow(elements, accused, base) {
   const reach = Math.max(1, ...rows.flatMap(([, e]) => [Math.abs(100 * e.lo), Math.abs(100 * e.hi)]));
   const layout = {
     ...base, margin: { l: 8, r: 10, t: 8, b: 42 }, shapes: bars,
-    xaxis: { ...axisOf(), title: { text: "change [%]", standoff: 6 }, range: [-1.1 * reach, 1.1 * reach] },
+    xaxis: { ...axisOf(), title: { text: t("axis.change"), standoff: 6 }, range: [-1.1 * reach, 1.1 * reach] },
     yaxis: { ...axisOf(), zeroline: false, automargin: true, type: "category" },
   };
   return [[trace], layout];
@@ -204,7 +210,7 @@ function ahead({ forecast }, last, name, tint) {
   };
   const line = {
     name: `${name} forecast`, x: run.map(placeOf), y: run.map((point) => 100 * point.elements[name].value), mode: "lines",
-    line: { color: tint, width: 1.6 }, hovertemplate: `${name}, forecast: %{y:.2f} %<extra></extra>`,
+    line: { color: tint, width: 1.6 }, hovertemplate: `${t("chart.forecast_of", { name })}: %{y:.2f} %<extra></extra>`,
   };
   return [band, line];
 }
@@ -278,7 +284,7 @@ function drawnPast(twin, known, elements, accused, base, zoomed) {
     ...base, margin: MARGIN, annotations: [...marks.notes, ...notes],
     shapes: [...marks.shapes, ...limitsOf(twin.latest ?? {}), ...instantOf(twin)],
     xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed, base.width) },
-    yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
+    yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: t("axis.change"), standoff: 4 } },
   };
   return [traces, layout, shown];
 }

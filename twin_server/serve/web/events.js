@@ -1,12 +1,13 @@
 // What has happened to a twin, the newest first; alarms are acknowledged here, and routes are seen and tried.
 import { Acknowledging } from "./acknowledging.js";
+import { parts, t } from "./language.js";
 import { Routes } from "./routes.js";
-import { make, whenOf } from "./words.js";
+import { english, make, whenOf } from "./words.js";
 
 export class Events {
   constructor() {
     this.root = make("details", undefined, "events");
-    this.summary = make("summary", "No events yet");
+    this.summary = make("summary", t("events.none"));
     this.list = make("ol");
     this.items = new Map();
     this.routes = new Routes();
@@ -19,8 +20,8 @@ export class Events {
     const newest = events.at(-1), key = `${newest?.number} ${events.length} ${Boolean(at)}`;
     if (this.told === key) return;
     this.told = key;
-    const count = events.length === 1 ? "1 event" : `${events.length} events`;
-    this.summary.textContent = newest ? `${count}, last: ${whenOf(newest, latest)} ${newest.message}` : "No events yet";
+    const last = newest && { n: events.length, time: whenOf(newest, latest), event: english(make("span", newest.message)) };
+    this.summary.replaceChildren(...(last ? parts("events.summary", last) : [t("events.none")]));
     this.root.dataset.severity = newest?.severity ?? "info";
     const seen = new Map(events.filter(({ kind }) => kind === "alarm_acknowledged").map(({ details }) => [details.event_id, details]));
     const numbers = new Set(events.map(({ number }) => number));
@@ -38,7 +39,7 @@ export class Events {
   item(base, event) {
     const root = make("li"), when = make("span", "", "when");
     root.dataset.severity = event.severity;
-    root.append(when, make("span", event.severity, "severity"), event.message);
+    root.append(when, make("span", t(`severity.${event.severity}`), "severity"), english(make("span", event.message)));
     const acknowledging = event.severity === "alarm" ? new Acknowledging(base, event) : null;
     if (acknowledging) root.append(acknowledging.root);
     const item = { root, when, acknowledging };

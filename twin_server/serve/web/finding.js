@@ -1,12 +1,15 @@
 // What a diagnosis has found, in words and numbers: effects with their parameters, rivals, and where it looked.
-import { make, number } from "./words.js";
+import { parts, t } from "./language.js";
+import { digits, english, make, number, range } from "./words.js";
 
 const spaced = (name) => name.replaceAll("_", " ");
-const placed = ({ kind, id }) => kind === "base" ? "the base" : `${kind} ${id}`;
+const placed = ({ kind, id }) => kind === "base" ? t("place.base") : t(`place.${kind}`, { id });
 // A number carries its unit, and the name of a parameter ends with it: friction_n, k3_n_per_m3.
 const labelled = (name, unit) => spaced(unit ? name.replace(/(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$/, "") : name);
 const percent = (share) => share > 0.995 && share < 1 ? "> 99\u202f%" : `${number(100 * share, 0)}\u202f%`;
-const few = (x) => `${+x.toPrecision(4)}`.replaceAll("-", "\u2212");
+const few = (x) => digits(x, 4);
+
+const HEADS = [t("finding.effect"), t("finding.where"), t("finding.parameters"), t("finding.probability")];
 
 function table(caption, headings, rows) {
   const made = make("table", undefined, "found-table"), top = make("thead"), head = make("tr"), body = make("tbody");
@@ -45,24 +48,30 @@ export function findingOf({ effects, where = [], when, experiment }) {
   const root = make("div", undefined, "finding");
   const named = effects.filter(({ where: place }) => place);
   if (named.length) {
-    root.append(table("What the model lacks", ["effect", "where", "parameters, ± one sd", "probability"], named.map((effect) => [
-      spaced(effect.effect), placed(effect.where), parametersOf(effect), percent(effect.probability),
+    root.append(table(t("finding.lacking"), HEADS, named.map((effect) => [
+      english(make("td", spaced(effect.effect))), placed(effect.where), english(make("td", parametersOf(effect))), percent(effect.probability),
     ])));
     const rivals = named.flatMap(({ alternatives = [] }) => alternatives).slice(0, 5)
-      .map((rival) => `${spaced(rival.effect)} at ${placed(rival.where)} (${percent(rival.probability)})`);
-    if (rivals.length) root.append(make("p", `It may also be: ${rivals.join(", ")}.`, "facts"));
+      .map((rival) => t("finding.rival", { effect: spaced(rival.effect), place: placed(rival.where), probability: percent(rival.probability) }));
+    if (rivals.length) root.append(make("p", t("finding.rivals", { rivals: rivals.join(", ") }), "facts"));
   }
   if (where.length) {
-    root.append(table("Where model and measurement differ", ["place", "share of the remaining error"], where.slice(0, 6).map((place) => [placed(place), bar(place.share)])));
+    root.append(table(t("finding.places"), [t("finding.place"), t("finding.share")], where.slice(0, 6).map((place) => [placed(place), bar(place.share)])));
   }
   if (when) {
-    const spans = (list, unit) => list.slice(0, 6).map(([from, to]) => `${few(from)} to ${few(to)}\u202f${unit}`).join(", ");
+    const spans = (list, unit) => list.slice(0, 6).map(([from, to]) => `${range(few(from), few(to))}\u202f${unit}`).join(", ");
     const said = [
-      when.times_s?.length && `In time, the error is largest at ${spans(when.times_s, "s")}.`, when.bands_hz?.length && `In frequency, the error is largest at ${spans(when.bands_hz, "Hz")}.`,
-      when.amplitude, when.steady === false && "It changes over the record.",
+      when.times_s?.length && t("finding.times", { spans: spans(when.times_s, "s") }), when.bands_hz?.length && t("finding.bands", { spans: spans(when.bands_hz, "Hz") }),
+      when.amplitude && english(make("span", when.amplitude)), when.steady === false && t("finding.unsteady"),
     ];
-    root.append(make("p", said.filter(Boolean).join(" "), "facts"));
+    const told = make("p", undefined, "facts");
+    told.append(...said.filter(Boolean).flatMap((part, i) => i ? [" ", part] : [part]));
+    root.append(told);
   }
-  if (experiment) root.append(make("p", `Experiment that would decide: ${experiment}`, "facts"));
+  if (experiment) {
+    const told = make("p", undefined, "facts");
+    told.append(...parts("finding.experiment", { experiment: english(make("span", experiment)) }));
+    root.append(told);
+  }
   return root;
 }

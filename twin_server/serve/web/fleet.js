@@ -1,17 +1,18 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
 import { served } from "./buckets.js";
 import { Composites } from "./composites.js";
+import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
-import { ago, button, make, say, spoken, standing, titleOf } from "./words.js";
+import { ago, button, digits, english, interval95, make, say, spoken, standing, suspected, titleOf } from "./words.js";
 
 const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000, PLAN_MS = 300000;
 const WORD = {
-  valid: ["good", "\u2713 valid"], learning: ["waiting", "\u2026 learning"],
-  inseparable: ["waiting", "\u25c7 mass and stiffness not separable"], invalid: ["bad", "\u2715 not valid"],
-  none: ["waiting", "\u2026 no features yet"],
+  valid: ["good", `\u2713 ${t("standing.valid")}`], learning: ["waiting", `\u2026 ${t("standing.learning")}`],
+  inseparable: ["waiting", `\u25c7 ${t("standing.inseparable")}`], invalid: ["bad", `\u2715 ${t("standing.invalid")}`],
+  none: ["waiting", `\u2026 ${t("standing.none")}`],
 };
 const ORDER = { alarm: 0, changed: 1, bad: 2, waiting: 3, good: 4 };
 
@@ -19,15 +20,15 @@ const ORDER = { alarm: 0, changed: 1, bad: 2, waiting: 3, good: 4 };
 export function limitsPassed({ raised = [] }) {
   const said = raised.map(({ quantity, side, limit }) => {
     const [size, unit] = quantity === "frequency_hz" ? [limit, "Hz"] : [100 * limit, "%"];
-    return `${titleOf(quantity)} is ${side} ${`${+size.toPrecision(3)}`.replace("-", "\u2212")}\u202f${unit}`;
+    return t(`alarm.${side}`, { quantity: titleOf(quantity), limit: `${digits(size, 3)}\u202f${unit}` });
   });
   return said.join("; ");
 }
 
 /** What has changed in a structure though no limit of an alarm is passed. */
 function changeOf({ suspects = [], normal = [] }) {
-  const unexplained = normal.some(({ entered }) => entered) && "a change that temperature and load do not explain";
-  return [...suspects.map((word) => `${word} has changed`), unexplained].filter(Boolean).join("; ");
+  const unexplained = normal.some(({ entered }) => entered) && t("fleet.unexplained");
+  return [...suspects.map((word) => t("fleet.has_changed", { element: suspected(word) })), unexplained].filter(Boolean).join("; ");
 }
 
 function urgencyOf(state) {
@@ -40,34 +41,34 @@ const nameOf = ({ id, registration }) => registration.name || id;
 const isLearning = (state) => state.slow_time === null || standing(state) === "learning";
 const isCalm = (state) => !limitsPassed(state) && !changeOf(state);
 const NAMED = 3;
-/** What may stand against a twin, the worst first: the answer to "Is anything wrong?", what is said of such twins, and which they are. */
+/** What may stand against a twin, the worst first: the answer to "Is anything wrong?", the message on such twins, and which they are. */
 const FINDINGS = [
-  ["bad", "Yes", "with an alarm", limitsPassed],
-  ["waiting", "Possibly", "changed without an alarm", (state) => !limitsPassed(state) && changeOf(state)],
-  ["waiting", "Not known for all twins", "without a valid estimate", (state) => isCalm(state) && !isLearning(state) && !state.valid],
-  ["waiting", "Not known for all twins yet", "still learning or without readings", (state) => isCalm(state) && isLearning(state)],
-  ["good", "No", "with the sensor agent offline, so nothing new is known", ({ alive }) => !alive],
+  ["bad", t("fleet.answer.yes"), "alarm", limitsPassed],
+  ["waiting", t("fleet.answer.possibly"), "changed", (state) => !limitsPassed(state) && changeOf(state)],
+  ["waiting", t("fleet.answer.not_known"), "invalid", (state) => isCalm(state) && !isLearning(state) && !state.valid],
+  ["waiting", t("fleet.answer.not_yet_known"), "learning", (state) => isCalm(state) && isLearning(state)],
+  ["good", t("fleet.answer.no"), "offline", ({ alive }) => !alive],
 ];
 
 /** `[state, sentence]`: whether anything is wrong with the twins, in words. */
 export function verdictOf(states) {
-  const found = FINDINGS.map(([mood, answer, words, why]) => ({ mood, answer, words, why, those: states.filter((state) => why(state)) }))
+  const found = FINDINGS.map(([mood, answer, kind, why]) => ({ mood, answer, kind, why, those: states.filter((state) => why(state)) }))
     .filter(({ those }) => those.length);
-  const said = found.map(({ words, why, those }) => {
+  const said = found.map(({ kind, why, those }) => {
     const named = those.slice(0, NAMED).map((state) => (typeof why(state) === "string" ? `${nameOf(state)} (${why(state)})` : nameOf(state)));
-    const more = those.length > NAMED ? ` and ${those.length - NAMED} more` : "";
-    return `${those.length} of ${states.length} ${words}: ${named.join(", ")}${more}.`;
+    const names = those.length > NAMED ? t("fleet.more", { names: named.join(", "), n: those.length - NAMED }) : named.join(", ");
+    return t(`fleet.finding.${kind}`, { n: those.length, all: states.length, names });
   });
-  const { mood, answer } = found[0] ?? { mood: "good", answer: "No" };
-  const calm = answer === "No" ? ` ${states.length === 1 ? "The twin is" : `All ${states.length} twins are`} valid, without an alarm or an unexplained change.` : "";
-  return [mood, `Is anything wrong? ${answer}.${calm} ${said.join(" ")}`.trim()];
+  const { mood, answer } = found[0] ?? { mood: "good", answer: t("fleet.answer.no") };
+  const calm = mood === "good" ? [t("fleet.nothing_wrong", { n: states.length })] : [];
+  return [mood, [t("fleet.is_anything_wrong", { answer }), ...calm, ...said].join(" ")];
 }
 
 /** The quantity that tells most of a twin: what it estimates, or of a twin of elements the worst of them. */
 function headlineOf(state) {
   const { elements = {}, suspects = [], assumed } = state;
   const accused = suspects.flatMap((word) => word.split(/ or | and /)).find((name) => name in elements);
-  if (accused) return { name: accused, title: `Change of ${accused}`, quantity: "stiffness_change", pick: (point) => point.elements?.[accused] };
+  if (accused) return { name: accused, title: t("fleet.change_of", { element: accused }), quantity: "stiffness_change", pick: (point) => point.elements?.[accused] };
   const quantity = ["stiffness_change", "mass_change"].find((name) => state[name] && !assumed.includes(name)) ?? "frequency_hz";
   return { name: quantity, title: titleOf(quantity), quantity, pick: (point) => point[quantity] };
 }
@@ -96,9 +97,9 @@ class Card {
     if (this.link.textContent !== name) this.link.textContent = name;
     this.sub.textContent = name === this.id ? "" : this.id;
     say(this.validity, ...WORD[begun ? standing(state) : "none"]);
-    say(this.edge, state.alive ? "good" : "away", state.alive ? "\u25cf agent online" : "\u25cb agent offline");
+    say(this.edge, state.alive ? "good" : "away", state.alive ? `\u25cf ${t("fleet.agent_online")}` : `\u25cb ${t("fleet.agent_offline")}`);
     const said = [passed && `\u25b2 ${passed}`, changed && `\u25b3 ${changed}`].filter(Boolean).join("; ");
-    say(this.alarm, passed ? "bad" : changed ? "waiting" : "good", said || (begun ? "no alarm" : ""));
+    say(this.alarm, passed ? "bad" : changed ? "waiting" : "good", said || (begun ? t("fleet.no_alarm") : ""));
     this.root.dataset.urgency = urgencyOf(state);
     this.headline(state);
     if (begun && before && (before.sequence !== state.sequence || before.boot !== state.boot)) this.add(state);
@@ -112,7 +113,7 @@ class Card {
     const [value, interval] = estimate ? spoken(estimate, head.quantity) : ["\u2013", ""];
     this.title.textContent = head.title;
     this.value.textContent = value;
-    this.interval.textContent = interval && `95\u202f%: ${interval}`;
+    this.interval.textContent = interval && interval95(interval);
   }
 
   pointOf(state) {
@@ -143,7 +144,7 @@ class Card {
 
   draw() {
     if (!this.onScreen) return;
-    const words = `${this.head.title} over the last ${this.points.length} readings shown: now ${this.value.textContent}`;
+    const words = t("fleet.course", { quantity: this.head.title, n: this.points.length, value: this.value.textContent });
     this.picture.replaceChildren(sparkline(this.points, words));
     this.picture.dataset.points = this.points.length;
   }
@@ -151,7 +152,7 @@ class Card {
   /** What changes as time goes by, though nothing arrives. */
   tick() {
     const { heard_ns: heard, slow_time: slow } = this.state;
-    const text = slow === null ? "" : heard ? `last seen ${ago(Date.now() - heard / 1e6)}` : "no message since the server started";
+    const text = slow === null ? "" : heard ? t("twin.last_seen", { ago: ago(Date.now() - heard / 1e6) }) : t("twin.no_message");
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
 }
@@ -160,14 +161,14 @@ export class Fleet {
   constructor() {
     Object.assign(this, { cards: new Map(), states: [], most: MOST_CARDS, wanted: "" });
     this.root = make("section", undefined, "fleet");
-    this.root.setAttribute("aria-label", "Fleet");
-    [this.title, this.summary] = [make("h2", "Fleet"), make("p", "", "facts summary")];
+    this.root.setAttribute("aria-label", t("fleet.title"));
+    [this.title, this.summary] = [make("h2", t("fleet.title")), make("p", "", "facts summary")];
     this.find = make("input");
-    Object.assign(this.find, { type: "search", placeholder: "Find a twin", autocomplete: "off" });
-    this.find.setAttribute("aria-label", "Find a twin by its name");
+    Object.assign(this.find, { type: "search", placeholder: t("fleet.find"), autocomplete: "off" });
+    this.find.setAttribute("aria-label", t("fleet.find_label"));
     this.find.addEventListener("input", () => { this.wanted = this.find.value.trim().toLowerCase(); this.arrange(); });
     this.list = make("ul", undefined, "cards");
-    this.more = button("Show more", () => { this.most += MOST_CARDS; this.arrange(); });
+    this.more = button(t("fleet.show_more"), () => { this.most += MOST_CARDS; this.arrange(); });
     const head = make("div", undefined, "heading");
     this.visits = make("p", "", "facts visits");
     this.visits.hidden = true;
@@ -202,7 +203,7 @@ export class Fleet {
     const told = await ask("/api/v1/fleet/plan?window_d=30", PLAN_MS).catch(() => null);
     if (!told) return;
     this.visits.hidden = false;
-    this.visits.textContent = `Inspection team this month: ${told.sentence}`;
+    this.visits.replaceChildren(...parts("fleet.visits", { plan: english(make("span", told.sentence)) }));
   }
 
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */
@@ -225,9 +226,9 @@ export class Fleet {
   count(found) {
     const of = (holds) => this.states.filter(holds).length, alarms = of((state) => limitsPassed(state)), changed = of((state) => changeOf(state));
     const said = [
-      `${this.states.length} ${this.states.length === 1 ? "twin" : "twins"}`, alarms ? `${alarms} with an alarm` : "no alarm",
-      changed && `${changed} changed`, `${of(({ valid }) => valid)} valid`, `${of(({ alive }) => alive)} with their sensor agent online`,
-      this.wanted && `${found} found`,
+      t("fleet.twins", { n: this.states.length }), alarms ? t("fleet.with_alarm", { n: alarms }) : t("fleet.no_alarm"),
+      changed && t("fleet.changed", { n: changed }), t("fleet.valid", { n: of(({ valid }) => valid) }), t("fleet.online", { n: of(({ alive }) => alive) }),
+      this.wanted && t("fleet.found", { n: found }),
     ];
     say(this.verdict, ...verdictOf(this.states));
     say(this.summary, alarms ? "bad" : "good", said.filter(Boolean).join(" \u00b7 "));

@@ -1,4 +1,5 @@
 // Questions to the server, and what it says when it will not answer them.
+import { t } from "./language.js";
 
 const PATIENCE_MS = 8000, ORDER_MS = 60000;
 
@@ -12,7 +13,7 @@ async function fetched(path, options, patience) {
     throw Object.assign(new Error(detail || response.statusText), { status: response.status, retry });
   } catch (error) {
     if (error.name !== "TimeoutError") throw error;
-    throw new Error(`The server has not answered for ${patience / 1000} s. It may be busy: try again.`);
+    throw new Error(t("error.timeout", { n: patience / 1000 }));
   }
 }
 

@@ -1,12 +1,13 @@
 // Modes of a twin: frequencies, damping and shapes, each with its error, in a table. The shapes move.
+import { t } from "./language.js";
 import { ask } from "./link.js";
 import { Motion } from "./motion.js";
 import { draw } from "./svg.js";
-import { make, number, slowTime, spoken } from "./words.js";
+import { interval95, make, number, slowTime, spoken } from "./words.js";
 
 const WIDTH = 150, HEIGHT = 110, MARGIN = 9, QUANTILE = 1.96;
 const ASK_MS = 1500;
-const TITLES = ["mode", "frequency", "since learnt", "damping ratio", "shape"];
+const TITLES = [t("modes.mode"), t("modes.frequency"), t("modes.since_learnt"), t("modes.damping"), t("modes.shape")];
 
 /** Nodes of the channels from the base upwards; a model without sensors for them keeps the edge's order. */
 function placesOf(channels, model) {
@@ -30,7 +31,7 @@ function shapeOf({ shape, frequency_hz: frequency }, channels, model) {
   const y = (i) => (HEIGHT - MARGIN - i * (HEIGHT - 2 * MARGIN) / Math.max(all.length - 1, 1)).toFixed(1);
   const line = (pick) => all.map((point, i) => `${x(pick(point))},${y(i)}`);
   const said = points.map(({ channel, value, half }) => `${channel} ${number(value, 2)} ± ${number(half, 2)}`);
-  const label = `Shape at ${spoken(frequency, "frequency_hz")[0]}: ${said.join(", ")}`;
+  const label = t("modes.shape_at", { frequency: spoken(frequency, "frequency_hz")[0], values: said.join(", ") });
   const svg = draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, role: "img", "aria-label": label });
   const around = [...line(({ value, half }) => value - half), ...line(({ value, half }) => value + half).reverse()];
   const moving = draw("polyline", { class: "moving", points: line(({ value }) => value).join(" ") });
@@ -62,7 +63,7 @@ export class Modes {
       head.append(cell);
     }
     top.append(head);
-    [this.caption, this.body] = [make("caption", "Modes"), make("tbody")];
+    [this.caption, this.body] = [make("caption", t("modes.caption")), make("tbody")];
     this.table.append(this.caption, top, this.body);
     this.root.append(this.table, this.motion.root);
   }
@@ -75,7 +76,7 @@ export class Modes {
     const found = await ask(`${base}/modes${at ? `?at=slow:${at.slow_time}` : ""}`).catch(() => null);
     if (!found) return;
     this.shown = key;
-    this.caption.textContent = at ? `Modes at ${slowTime(found)}` : "Modes of the latest epoch";
+    this.caption.textContent = at ? t("modes.caption_at", { time: slowTime(found) }) : t("modes.caption_now");
     const nominal = new Map(found.nominal.map((mode) => [mode.model_mode, mode]));
     const rows = found.modes.map((mode) => this.row(mode, nominal.get(mode.model_mode), found.channels, latest.registration.model));
     this.body.replaceChildren(...rows.map(({ row }) => row));
@@ -85,14 +86,14 @@ export class Modes {
 
   row(mode, learnt, channels, model) {
     const row = make("tr"), machine = mode.kind === "harmonic";
-    const name = machine ? "machine" : mode.model_mode === null ? "not the model’s" : `${mode.model_mode + 1}`;
+    const name = machine ? t("modes.machine") : mode.model_mode === null ? t("modes.unmatched") : `${mode.model_mode + 1}`;
     const title = make("th", name), drawing = make("td");
     title.scope = "row";
     const cell = (estimate, quantity) => {
       const place = make("td");
       if (!estimate) return place;
       const [value, interval] = spoken(estimate, quantity);
-      place.append(value, make("span", `95\u202f%: ${interval}`, "interval"));
+      place.append(value, make("span", interval95(interval), "interval"));
       return place;
     };
     const since = learnt ? 100 * (mode.frequency_hz.value / learnt.frequency_hz - 1) : null;

@@ -1,5 +1,6 @@
 // Shapes that move, all at the same slowing of time, so that a higher mode is seen to be faster.
-import { button, make } from "./words.js";
+import { t } from "./language.js";
+import { button, digits, make } from "./words.js";
 
 const LOWEST_S = 2.4;
 
@@ -21,15 +22,15 @@ export class Motion {
     if (!shapes.length) return;
     this.lowest = Math.min(...shapes.map((shape) => shape.frequency_hz));
     const slower = LOWEST_S * this.lowest;
-    const pace = slower >= 1 ? `${+slower.toPrecision(2)} times slower` : `${+(1 / slower).toPrecision(2)} times faster`;
-    this.told.textContent = `Animation: ${pace} than the structure, with enlarged amplitude. Pale: 95\u202f% bands.`;
+    const pace = slower >= 1 ? t("motion.slower", { times: digits(slower, 2) }) : t("motion.faster", { times: digits(1 / slower, 2) });
+    this.told.textContent = pace;
     this.show();
   }
 
   run(running) {
     this.running = running;
     this.before = null;
-    this.button.textContent = running ? "Stop the animation" : "Animate the shapes";
+    this.button.textContent = running ? t("motion.stop") : t("motion.start");
     cancelAnimationFrame(this.frame);
     if (running) this.frame = requestAnimationFrame((now) => this.step(now));
   }

@@ -1,14 +1,14 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
 import { isNear, stepOf } from "./buckets.js";
-import { atTime, make, number, slowTime, titleOf } from "./words.js";
+import { t } from "./language.js";
+import { atTime, describeRow, digits, english, make, number, slowTime, titleOf } from "./words.js";
 
 const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
-const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
 
 /** "Stiffness change below −30 %" */
 function asked({ quantity, threshold, toward }) {
-  return `${titleOf(quantity)} ${toward ?? "reaches"} ${few(threshold)}${NARROW}%`;
+  return t(`outlook.threshold.${toward ?? "reached"}`, { quantity: titleOf(quantity), limit: `${digits(100 * threshold, 3)}${NARROW}%` });
 }
 
 const SVG = "http://www.w3.org/2000/svg", WIDE = 120, HIGH = 28;
@@ -20,6 +20,7 @@ function curve({ cdf, median, horizon, sentence }) {
   svg.setAttribute("class", "cdf");
   svg.setAttribute("role", "img");
   svg.setAttribute("aria-label", sentence);
+  svg.setAttribute("lang", "en");
   if (!cdf?.slow_time.length) return svg;
   const from = cdf.slow_time[0], span = horizon - from || 1;
   const x = (time) => (WIDE * (time - from)) / span, y = (share) => 1 + (HIGH - 2) * (1 - share);
@@ -47,20 +48,20 @@ function row(crossing, since, at) {
   row.dataset.source = crossing.source;
   const passed = crossing.already > 0.5;
   const cells = crossing.times.map(({ slow_time }) => {
-    const said = slow_time === null ? "not within the horizon" : passed && slow_time <= since ? "passed" : at(slow_time);
+    const said = slow_time === null ? t("risk.not_within") : passed && slow_time <= since ? t("outlook.passed") : at(slow_time);
     return make("td", said);
   });
-  const plot = make("td"), laws = make("td", lawsOf(crossing.laws), "laws");
+  const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws"));
   plot.append(curve(crossing));
-  row.append(title, ...cells, make("td", `${percent(crossing.within)} by ${at(crossing.horizon)}`), plot, laws);
-  row.setAttribute("aria-label", crossing.sentence);
+  row.append(title, ...cells, make("td", t("outlook.within_by", { probability: percent(crossing.within), time: at(crossing.horizon) })), plot, laws);
+  describeRow(row, crossing.sentence);
   return row;
 }
 
 /** The latest of sudden changes, and how many there were before. */
 function saidOf(times, at) {
-  const more = times.length > JUMPS_SAID ? ` (and ${times.length - JUMPS_SAID} before)` : "";
-  return `sudden change after ${times.slice(-JUMPS_SAID).map(at).join(" and ")}${more}`;
+  const last = times.slice(-JUMPS_SAID).map(at).join(t("list.and")), before = times.length - JUMPS_SAID;
+  return before > 0 ? t("outlook.jumps_and_before", { times: last, n: before }) : t("outlook.jumps", { times: last });
 }
 
 export class Outlook {
@@ -69,23 +70,29 @@ export class Outlook {
     this.table = make("table", undefined, "crossings");
     this.note = make("p", "", "facts");
     const head = make("thead"), row = make("tr");
-    for (const title of ["time to a threshold", `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, "within the horizon", "probability over time", "degradation laws"]) {
+    for (const title of [t("outlook.time_to"), `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, t("outlook.within"), t("outlook.course"), t("outlook.laws")]) {
       const cell = make("th", title);
       cell.scope = "col";
       row.append(cell);
     }
     head.append(row);
     this.body = make("tbody");
-    this.table.append(make("caption", "Forecast: when thresholds are reached"), head, this.body);
+    this.table.append(make("caption", t("outlook.caption")), head, this.body);
     this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
     this.root.append(this.table, this.note, this.trouble);
     this.root.hidden = true;
   }
 
+  /** Why there is no newer forecast: words of the page, then of the server. */
+  why({ words = "", why = "" }) {
+    const text = [words, why].filter(Boolean).join(" ");
+    if (this.trouble.textContent !== text) this.trouble.replaceChildren(words && why ? `${words} ` : words, english(make("span", why)));
+  }
+
   tell({ forecast, latest, unforeseen, renewed, points }) {
     this.root.hidden = !forecast && !unforeseen;
-    if (this.trouble.textContent !== (unforeseen ?? "")) this.trouble.textContent = unforeseen ?? "";
+    this.why(unforeseen ?? {});
     this.trouble.hidden = !unforeseen;
     this.table.hidden = !forecast?.crossings.length;
     this.note.hidden = !forecast;
@@ -94,13 +101,14 @@ export class Outlook {
     const at = (slow_time) => slowTime(atTime(latest, slow_time));
     this.body.replaceChildren(...forecast.crossings.map((crossing) => row(crossing, forecast.since, at)));
     const period = Object.entries(forecast.periods).filter(([, length]) => length)
-      .map(([name, length]) => `${titleOf(name)} repeats every ${+length.toPrecision(4)}`);
+      .map(([name, length]) => t("outlook.repeats", { quantity: titleOf(name), period: digits(length, 4) }));
     const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
     const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
     const warnings = forecast.warnings ?? [];
-    const until = `Beyond ${at(forecast.until)} the forecast only extrapolates its trend.`;
-    this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until, ...warnings].join(" \u00b7 ");
+    const until = t("outlook.beyond", { time: at(forecast.until) });
+    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...warnings.map((each) => english(make("span", each)))];
+    this.note.replaceChildren(...said.flatMap((part, i) => i ? [" \u00b7 ", part] : [part]));
     this.root.dataset.since = forecast.since;
   }
 }

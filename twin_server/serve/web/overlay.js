@@ -1,8 +1,9 @@
 // The charts of a diagnosis: model and measurement one over the other, and what is left between them.
-import { plotly } from "./charts.js";
+import { plotly, quiet } from "./charts.js";
+import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { colour, faded } from "./traces.js";
-import { make } from "./words.js";
+import { english, make } from "./words.js";
 
 const HEIGHT_PX = 270, TIMES = "campaign time [s]", DRAWN_ALREADY = "The gap";
 /** By what a line is: thick and pale what was measured, dashed the model as it was, solid with what was found. */
@@ -39,7 +40,7 @@ export class Overlay {
     Object.assign(this, { path, when, figures: [] });
     this.root = make("details", undefined, "overlay");
     this.room = make("div", undefined, "charts");
-    this.root.append(make("summary", "Model beside measurement"), this.room);
+    this.root.append(make("summary", t("overlay.title")), this.room);
     this.root.addEventListener("toggle", () => { if (this.root.open) this.show(); });
     this.watcher = new ResizeObserver(() => this.draw());
     this.watcher.observe(this.room);
@@ -53,16 +54,18 @@ export class Overlay {
       const shown = charts.filter(({ heading }) => heading !== DRAWN_ALREADY);
       this.figures = shown.map((chart) => this.figure(chart));
       this.room.replaceChildren(...this.figures.map(({ figure }) => figure));
-      if (!shown.length) this.room.append(make("p", "This diagnosis has no charts.", "facts"));
+      if (!shown.length) this.room.append(make("p", t("overlay.none"), "facts"));
       await this.draw();
     } catch (error) {
       this.asked = false;
-      this.room.replaceChildren(make("p", `The charts could not be loaded: ${error.message} Close and open this to try again.`, "facts"));
+      const told = make("p", undefined, "facts"), why = make("span", error.message);
+      told.append(...parts("overlay.trouble", { why: error.status ? english(why) : why }));
+      this.room.replaceChildren(told);
     }
   }
 
   figure(chart) {
-    const figure = make("figure"), caption = make("figcaption"), plot = make("div", undefined, "plot");
+    const figure = english(make("figure")), caption = make("figcaption"), plot = make("div", undefined, "plot");
     plot.setAttribute("role", "img");
     plot.setAttribute("aria-label", chart.words);
     plot.dataset.heading = chart.heading;
@@ -75,7 +78,7 @@ export class Overlay {
     const Plotly = await plotly.catch(() => null);
     if (!Plotly || !this.root.open) return;
     for (const { plot, chart } of this.figures) {
-      await Plotly.react(plot, chart.data.map(dressed), themed(chart.layout, this.when, plot.clientWidth), { displayModeBar: false });
+      await Plotly.react(plot, chart.data.map(dressed), themed(chart.layout, this.when, plot.clientWidth), quiet);
     }
   }
 

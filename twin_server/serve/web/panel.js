@@ -5,6 +5,7 @@ import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
 import { limitsPassed } from "./fleet.js";
+import { locale, t } from "./language.js";
 import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
@@ -13,22 +14,22 @@ import { Shapes } from "./shapes.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
-import { LEARNING, QUANTITIES, ago, atTime, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
+import { LEARNING, QUANTITIES, ago, atTime, english, interval95, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
 
 const CHARTS = Object.keys(QUANTITIES);
 const STANDING = {
-  valid: ["good", "valid"],
-  inseparable: ["waiting", "mass and stiffness not separately identifiable"],
-  learning: ["waiting", "learning the nominal model"],
-  invalid: ["bad", "not valid"],
+  valid: ["good", t("standing.valid")],
+  inseparable: ["waiting", t("standing.inseparable_long")],
+  learning: ["waiting", t("standing.learning_long")],
+  invalid: ["bad", t("standing.invalid")],
 };
 /** What is taken out of the frequencies: temperature, load; and what has entered that they do not explain. */
 function weatherOf({ registration: { covariates }, normal = [], reasons }) {
   if (!covariates) return false;
-  const names = covariates.names.join(" and ");
-  if (!normal.length) return reasons.some((reason) => LEARNING.test(reason)) && `learning the effect of ${names}`;
+  const names = covariates.names.join(t("list.and"));
+  if (!normal.length) return reasons.some((reason) => LEARNING.test(reason)) && t("covariates.learning", { names });
   const laws = [...new Set(normal.map(({ law }) => law))].join(", ");
-  return `effect of ${names} removed (${laws})`;
+  return t("covariates.removed", { names, laws });
 }
 
 /** The mode that tells most surely of a change that nothing measured explains. */
@@ -37,16 +38,16 @@ function enteredOf({ normal = [], ...latest }) {
   const [most] = normal.filter(({ entered }) => entered).sort((a, b) => sure(b) - sure(a));
   if (!most) return null;
   const { entered } = most, quantity = ["stiffness_change", "mass_change"].find((name) => name in entered);
-  const what = quantity ? QUANTITIES[quantity].title.toLowerCase() : `frequency of mode ${most.model_mode + 1}`;
+  const what = quantity ? t(`quantity.${quantity}.inside`) : t("covariates.mode", { mode: most.model_mode + 1 });
   const [size, interval] = spoken(entered[quantity ?? "frequency_change"], quantity ?? "stiffness_change");
-  return `Not explained by temperature or load, since ${slowTime(atTime(latest, entered.since))}: ${what} ${size} (95\u202f%: ${interval})`;
+  return t("covariates.unexplained", { time: slowTime(atTime(latest, entered.since)), what, size, interval: interval95(interval) });
 }
 
 const CHANGES = {
-  stiffness: "stiffness may change, mass is assumed constant",
-  mass: "mass may change, stiffness is assumed constant",
-  both: "stiffness and mass may both change",
-  elements: "each element of a model may change by itself",
+  stiffness: t("changes.stiffness"),
+  mass: t("changes.mass"),
+  both: t("changes.both"),
+  elements: t("changes.elements"),
 };
 
 export class Panel {
@@ -84,20 +85,20 @@ export class Panel {
     this.name = make("h2", this.twin.id);
     this.name.id = `${this.twin.id}-name`;
     [this.validity, this.edge] = [make("p", "", "pill"), make("p", "", "pill")];
-    this.size = make("button", "Larger charts", "quiet");
+    this.size = make("button", t("twin.larger_charts"), "quiet");
     this.size.type = "button";
     this.size.setAttribute("aria-pressed", "false");
     this.size.addEventListener("click", () => this.resize());
-    const history = make("a", "History as JSON");
+    const history = make("a", t("twin.history_json"));
     history.href = `${this.twin.base}/history`;
     this.span = make("button", "", "quiet");
     this.span.type = "button";
     this.span.hidden = true;
     this.span.addEventListener("click", () => twin.showAll(!twin.all));
     tools.append(this.span, this.size, history);
-    rooms.setAttribute("aria-label", "Of this twin");
+    rooms.setAttribute("aria-label", t("twin.views"));
     this.rooms = ["state", "diagnosis"].map((room) => {
-      const link = make("a", room === "state" ? "State" : "Diagnosis");
+      const link = make("a", room === "state" ? t("twin.state") : t("twin.diagnosis"));
       link.href = toTwin(this.twin.id, room);
       link.dataset.room = room;
       return link;
@@ -113,7 +114,7 @@ export class Panel {
     const plot = make("div", undefined, "plot");
     plot.dataset.quantity = quantity;
     plot.setAttribute("role", "img");
-    plot.setAttribute("aria-label", `${QUANTITIES[quantity].title}: being loaded`);
+    plot.setAttribute("aria-label", t("chart.loading", { title: QUANTITIES[quantity].title }));
     caption.append(make("span", QUANTITIES[quantity].title, "title"), value, interval);
     figure.append(caption, plot);
     this.charts.append(figure);
@@ -140,7 +141,7 @@ export class Panel {
   tick() {
     const { latest, at } = this.twin;
     if (!latest) return;
-    const heard = latest.heard_ns ? `, last seen ${ago(Date.now() - latest.heard_ns / 1e6)}` : ", no message since the server started";
+    const heard = `, ${latest.heard_ns ? t("twin.last_seen", { ago: ago(Date.now() - latest.heard_ns / 1e6) }) : t("twin.no_message")}`;
     const text = latest.slow_time !== null && !at ? heard : "";
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
@@ -151,9 +152,9 @@ export class Panel {
     if (!latest) return;
     const named = latest.registration.name || twin.id;
     this.name.textContent = named;
-    say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "sensor agent online" : "sensor agent offline");
+    say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? t("twin.agent_online") : t("twin.agent_offline"));
     const begun = latest.slow_time !== null;
-    say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
+    say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", t("standing.none")]));
     const sensor = sensorOf(latest);
     this.sensor.hidden = !sensor;
     if (sensor) say(this.sensor, sensor.state, sensor.text);
@@ -163,23 +164,24 @@ export class Panel {
     const facts = [
       named !== twin.id && twin.id,
       CHANGES[latest.registration.changes],
-      damping && `damping ratio ${damping[0]} (95\u202f%: ${damping[1]})`,
-      latest.frequency_used === "smoothed" && "from smoothed frequencies",
+      damping && t("twin.damping", { value: damping[0], interval: interval95(damping[1]) }),
+      latest.frequency_used === "smoothed" && t("twin.smoothed"),
       weatherOf(latest),
     ];
     this.facts.textContent = facts.filter(Boolean).join(" \u00b7 ");
-    const taken = begun && new Date(latest.t_ns / 1e6).toLocaleString();
-    const reading = begun && `reading ${latest.sequence} at ${slowTime(latest)}${isClock(latest) ? "" : `, sensor time ${taken}`}`;
+    const taken = begun && new Date(latest.t_ns / 1e6).toLocaleString(locale);
+    const reading = begun && t(isClock(latest) ? "twin.reading" : "twin.reading_timed", { number: `${latest.sequence}`, time: slowTime(latest), taken });
     this.reading.textContent = reading || "";
-    const entered = enteredOf(latest);
-    const reasons = [...(entered ? [entered] : []), ...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
-    if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...reasons.map((reason) => make("li", reason)));
+    const entered = enteredOf(latest), { problem } = twin;
+    const reasons = [...(entered ? [entered] : []), ...latest.reasons, ...(problem ? [problem] : [])];
+    const listed = () => reasons.map((reason) => (reason === entered || reason === problem ? make("li", reason) : english(make("li", reason))));
+    if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...listed());
     this.said = reasons.join("\n");
     this.become(latest.registration.changes === "elements");
     for (const quantity of this.quantities) this.number(quantity, latest);
     if (this.elements) this.elements.tell(latest);
     this.span.hidden = !twin.longer;
-    this.span.textContent = twin.all ? "Latest readings" : "Whole history";
+    this.span.textContent = twin.all ? t("twin.latest_readings") : t("twin.whole_history");
     this.timeline.tell();
     this.outlook.tell(scene);
     this.recorded.tell(scene);
@@ -204,9 +206,9 @@ export class Panel {
     const { value, interval, figure } = this.figures[quantity];
     const estimate = latest[quantity], assumed = latest.assumed.includes(quantity);
     const [said, range] = estimate && !assumed ? spoken(estimate, quantity) : ["\u2013", ""];
-    value.textContent = assumed ? "none" : said;
-    const missing = latest.slow_time === null ? "" : "not estimated";
-    interval.textContent = assumed ? "assumed" : range ? `95\u202f%: ${range}` : missing;
+    value.textContent = assumed ? t("twin.no_change") : said;
+    const missing = latest.slow_time === null ? "" : t("twin.not_estimated");
+    interval.textContent = assumed ? t("twin.assumed") : range ? interval95(range) : missing;
     figure.dataset.standing = assumed ? "assumed" : standing(latest);
   }
 

@@ -1,22 +1,23 @@
 // What to do with the structure: the sentence, the cost of each option over time, and a table of them.
-import { plotly } from "./charts.js";
+import { plotly, quiet } from "./charts.js";
+import { locale, parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { colour } from "./traces.js";
-import { make } from "./words.js";
+import { digits, english, make, range } from "./words.js";
 
 const HEIGHT_PX = 260, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
-const NOW = { repair: "Repair", inspect: "Inspect", close: "Close", wait: "Wait", undecided: "Undecided" };
+const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("number.from_5_to_95"), t("plan.failures")];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 
 /** An amount with three digits. */
-const amount = (x) => (+x.toPrecision(3)).toLocaleString(undefined, { maximumSignificantDigits: 3 }).replace("-", "\u2212");
+const amount = (x) => (+x.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 }).replace("-", "\u2212");
 
 function rowOf(option) {
-  const row = make("tr"), title = make("th", option.words), { value, lo, hi } = option.cost;
+  const row = make("tr"), title = english(make("th", option.words)), { value, lo, hi } = option.cost;
   title.scope = "row";
   row.dataset.option = option.name;
-  row.append(title, make("td", NOW[option.now]), make("td", amount(value)), make("td", `${amount(lo)} to ${amount(hi)}`));
-  row.append(make("td", option.failures < 0.0005 ? "0" : `${+option.failures.toPrecision(2)}`));
+  row.append(title, make("td", t(`plan.act.${option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
+  row.append(make("td", option.failures < 0.0005 ? "0" : digits(option.failures, 2)));
   return row;
 }
 
@@ -41,15 +42,15 @@ export class Plan {
   constructor(twin) {
     Object.assign(this, { twin, plan: null, askedAt: 0, asking: false });
     this.root = make("section", undefined, "plan");
-    this.root.setAttribute("aria-label", "Maintenance plan");
-    this.title = make("h3", "What to do");
-    [this.sentence, this.changes] = [make("p", "", "sentence"), make("ul", undefined, "changes")];
+    this.root.setAttribute("aria-label", t("plan.label"));
+    this.title = make("h3", t("plan.title"));
+    [this.sentence, this.changes] = [make("p", "", "sentence"), english(make("ul", undefined, "changes"))];
     this.sentence.setAttribute("role", "status");
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
     this.table = make("table", undefined, "options");
     this.body = make("tbody");
-    this.table.append(make("caption", "Options, the cheapest first"), headOf(["option", "now", "expected cost", "5\u202f% to 95\u202f%", "failures"]), this.body);
+    this.table.append(make("caption", t("plan.options")), headOf(HEADS), this.body);
     this.worth = make("p", "", "facts worth");
     this.root.append(this.title, this.sentence, this.changes, this.plot, this.table, this.worth);
     this.root.hidden = true;
@@ -62,26 +63,28 @@ export class Plan {
     const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.decision)} ${JSON.stringify(latest.registration.costs)}`;
     if (of === this.of || (this.plan && Date.now() - this.askedAt < PLAN_MS)) return;
     this.asking = true;
-    if (!this.plan) this.sentence.textContent = "The plan is being computed.";
+    if (!this.plan) this.say(t("plan.computing"));
     const { plan, trouble } = await ask(`${this.twin.base}/plan`, PATIENCE_MS).then((told) => ({ plan: told }), ({ message }) => ({ trouble: message }));
     [this.asking, this.askedAt] = [false, Date.now()];
     if (plan) [this.plan, this.of] = [plan, of];
-    if (trouble) this.sentence.textContent = `The plan could not be updated: ${trouble}`;
+    if (trouble) this.say(`${t("plan.trouble")} `, english(make("span", trouble)));
     else this.show();
   }
 
+  say(...words) { this.sentence.replaceChildren(...words); }
+
   show() {
     const { plan } = this, none = !plan.options.length;
-    this.sentence.textContent = plan.sentence;
+    this.say(english(make("span", plan.sentence)));
     this.root.dataset.action = plan.action ?? "none";
     this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));
     this.plot.hidden = this.table.hidden = none;
     if (none) return;
     this.root.dataset.since = plan.since;
     this.body.replaceChildren(...plan.options.map(rowOf));
-    this.table.querySelectorAll("thead th")[2].textContent = `expected cost [${plan.currency}]`;
+    this.table.querySelectorAll("thead th")[2].textContent = t("plan.cost_in", { currency: plan.currency });
     const [best] = plan.information;
-    this.worth.textContent = best ? `Most worthwhile observation: ${best.words}.` : "No inspection and no further readings can be ordered.";
+    this.worth.replaceChildren(...(best ? parts("plan.worth", { observation: english(make("span", best.words)) }) : [t("plan.no_observation")]));
     this.draw();
   }
 
@@ -94,15 +97,15 @@ export class Plan {
       hovertemplate: `%{y:.3s} ${plan.currency}<extra>${option.words}</extra>`,
     }));
     const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
-    const unit = plan.time_unit === "slow_time" ? "slow time from now" : `time from now [${plan.time_unit}]`;
+    const unit = plan.time_unit === "slow_time" ? t("axis.slow_time_from_now") : t("axis.time_from_now", { unit: t(`unit.plan.${plan.time_unit}`) });
     await Plotly.react(this.plot, traces, {
       width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: dated ? "date" : unit, standoff: 6 } },
-      yaxis: { ...axis, rangemode: "tozero", title: { text: `expected cost so far [${plan.currency}]`, standoff: 4 } },
+      xaxis: { ...axis, title: { text: dated ? t("axis.date") : unit, standoff: 6 } },
+      yaxis: { ...axis, rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }), standoff: 4 } },
       legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
-    }, { displayModeBar: false });
+    }, quiet);
     this.plot.dataset.drawn = traces.length;
-    this.plot.setAttribute("aria-label", `Expected cost of ${traces.length} options over time; the best is “${shown[0].words}”`);
+    this.plot.setAttribute("aria-label", t("plan.chart", { n: traces.length, best: shown[0].words }));
   }
 }

@@ -1,10 +1,13 @@
 // The form by which an event of an asset is recorded: which kind, of what, when, with which result.
+import { t } from "./language.js";
 import { button, make, slowTime, titleOf } from "./words.js";
 
-const KINDS = { repair: "Repair", replacement: "Replacement", inspection: "Inspection", load_test: "Load test", note: "Note" };
-const SHARES = { all: "all of the damage (perfect)", share: "a share of the damage", unknown: "not known" };
-const PARTS = { nominal: "as the nominal model", unknown: "not known until readings follow" };
-const RESULTS = { measured: "a measured change", found: "damage was found", none: "no damage was found" };
+const KINDS = {
+  repair: t("record.repair"), replacement: t("record.replacement"), inspection: t("record.inspection"), load_test: t("record.load_test"), note: t("record.note"),
+};
+const SHARES = { all: t("record.restored_all"), share: t("record.restored_share"), unknown: t("record.restored_unknown") };
+const PARTS = { nominal: t("record.part_nominal"), unknown: t("record.part_unknown") };
+const RESULTS = { measured: t("record.result_measured"), found: t("record.result_found"), none: t("record.result_none") };
 
 /** An id that the server has not seen: made once for a form, so that sending it again is no second event. */
 export const nameOf = () => `page-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
@@ -36,26 +39,26 @@ export class RecordForm {
       made.input.addEventListener("change", () => this.fit());
       return made;
     };
-    this.kind = select("What happened", KINDS);
+    this.kind = select(t("record.kind"), KINDS);
     const names = quantitiesOf(latest);
-    this.quantity = select("Of", { "": "all of the asset", ...Object.fromEntries(names.map((name) => [name, titleOf(name)])) });
+    this.quantity = select(t("record.of"), { "": t("record.of_all"), ...Object.fromEntries(names.map((name) => [name, titleOf(name)])) });
     if (given.slow_time === undefined) {
-      this.at = labelled("When (empty: after the latest reading)", Object.assign(make("input"), { type: "datetime-local", step: 1 }), this.root);
-    } else this.root.append(make("p", `After ${slowTime({ ...latest, slow_time: given.slow_time })}`));
-    this.share = select("Restored", SHARES);
-    this.percent = labelled("Share [%]", numeric(80, 0, 100), this.root);
-    this.part = select("New part", PARTS);
-    this.result = select("Result", RESULTS);
-    this.change = labelled("Change [%]", numeric(-10, -100, 1e6), this.root);
-    this.sd = labelled("Standard deviation [%]", numeric(5, 0, 1e6), this.root);
-    this.a50 = labelled("Damage found with probability 50 % [%]", numeric(10, 0, 100), this.root);
-    this.slope = labelled("Slope of the probit over ln(damage)", numeric(2, 0, 1e3), this.root);
-    this.person = labelled("Name", Object.assign(make("input"), { type: "text", autocomplete: "name", maxLength: 100 }), this.root);
-    this.text = labelled("Text", Object.assign(make("input"), { type: "text", autocomplete: "off", maxLength: 2000 }), this.root);
-    this.send = make("button", "Record", "act");
+      this.at = labelled(t("record.when"), Object.assign(make("input"), { type: "datetime-local", step: 1 }), this.root);
+    } else this.root.append(make("p", t("record.after", { time: slowTime({ ...latest, slow_time: given.slow_time }) })));
+    this.share = select(t("record.restored"), SHARES);
+    this.percent = labelled(t("record.share"), numeric(80, 0, 100), this.root);
+    this.part = select(t("record.part"), PARTS);
+    this.result = select(t("record.result"), RESULTS);
+    this.change = labelled(t("record.change"), numeric(-10, -100, 1e6), this.root);
+    this.sd = labelled(t("record.sd"), numeric(5, 0, 1e6), this.root);
+    this.a50 = labelled(t("record.a50"), numeric(10, 0, 100), this.root);
+    this.slope = labelled(t("record.slope"), numeric(2, 0, 1e3), this.root);
+    this.person = labelled(t("form.name"), Object.assign(make("input"), { type: "text", autocomplete: "name", maxLength: 100 }), this.root);
+    this.text = labelled(t("record.text"), Object.assign(make("input"), { type: "text", autocomplete: "off", maxLength: 2000 }), this.root);
+    this.send = make("button", t("record.record"), "act");
     this.problem = make("span", "", "alarm");
     this.problem.setAttribute("role", "alert");
-    this.root.append(this.send, button("Cancel", cancel), this.problem);
+    this.root.append(this.send, button(t("form.cancel"), cancel), this.problem);
     if (given.kind) this.kind.input.value = given.kind;
     if (given.quantity && names.includes(given.quantity)) this.quantity.input.value = given.quantity;
     this.root.addEventListener("keydown", (pressed) => { if (pressed.key === "Escape") cancel(); });

@@ -1,14 +1,15 @@
 // Repairs, replacements, inspections and notes of an asset: listed, recorded, taken back; and the question whether something was repaired.
+import { locale, parts, t } from "./language.js";
 import { send } from "./link.js";
 import { RecordForm, nameOf } from "./record_form.js";
-import { button, make, say, whenOf } from "./words.js";
+import { button, english, explain, make, say, whenOf } from "./words.js";
 
 export class Recorded {
   constructor() {
     this.root = make("details", undefined, "recorded");
-    this.summary = make("summary", "Repairs and inspections: none recorded");
+    this.summary = make("summary", t("recorded.none"));
     [this.questions, this.list] = [make("ul", undefined, "questions"), make("ol")];
-    this.open = button("Record a repair or inspection", () => this.ask({}));
+    this.open = button(t("recorded.open"), () => this.ask({}));
     this.place = make("div");
     this.answer = make("p", "", "answer");
     this.answer.setAttribute("role", "status");
@@ -23,9 +24,9 @@ export class Recorded {
     if (this.told === key) return;
     this.told = key;
     const holding = shown.filter(({ reverses, reversed_by: by }) => reverses === null && by === null);
-    const asked = open.length && !at ? `${open.length === 1 ? "1 question" : `${open.length} questions`}: was something repaired?` : "";
-    const last = holding[0] ? `${holding.length} recorded, last: ${holding[0].sentence}` : "none recorded";
-    this.summary.textContent = ["Repairs and inspections", asked || last].join(": ");
+    const asked = open.length && !at ? t("recorded.questions", { n: open.length }) : "";
+    const last = holding[0] ? parts("recorded.last", { n: holding.length, event: english(make("span", holding[0].sentence)) }) : [t("recorded.none")];
+    this.summary.replaceChildren(...(asked ? [asked] : last));
     this.root.dataset.severity = asked ? "warning" : "info";
     if (asked && !this.shownOnce) this.root.open = this.shownOnce = true;
     this.open.hidden = Boolean(this.form) || Boolean(at);
@@ -34,27 +35,27 @@ export class Recorded {
   }
 
   question(question) {
-    const item = make("li", question.message);
+    const item = make("li");
     item.dataset.severity = "warning";
     const { event_id: answers, quantity, since } = question;
     item.append(
+      english(make("span", question.message)), " ",
+      button(t("recorded.record"), () => this.ask({ kind: "repair", answers, quantity, slow_time: since })),
       " ",
-      button("Record the repair", () => this.ask({ kind: "repair", answers, quantity, slow_time: since })),
-      " ",
-      button("No, it is a real change", () => this.give({ event: nameOf(), kind: "note", answers, quantity, slow_time: since, text: "No repair: it is a real change." })),
+      button(t("recorded.real"), () => this.give({ event: nameOf(), kind: "note", answers, quantity, slow_time: since, text: "No repair: it is a real change." })),
     );
     return item;
   }
 
   item(event, past) {
-    const item = make("li"), when = make("span", event.slow_time === null ? new Date(event.t_ns / 1e6).toLocaleString() : whenOf(event, this.latest), "when");
-    item.append(when, event.sentence);
+    const item = make("li"), when = make("span", event.slow_time === null ? new Date(event.t_ns / 1e6).toLocaleString(locale) : whenOf(event, this.latest), "when");
+    item.append(when, english(make("span", event.sentence)));
     if (event.reversed_by !== null) {
       item.className = "reversed";
-      item.append(" ", make("span", "taken back", "severity"));
+      item.append(" ", make("span", t("recorded.taken_back"), "severity"));
     } else if (event.reverses === null && !past) {
-      const undo = button("Undo", () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
-      undo.setAttribute("aria-label", `Undo: ${event.sentence}`);
+      const undo = button(t("form.undo"), () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
+      undo.setAttribute("aria-label", t("recorded.undo", { event: event.sentence }));
       item.append(" ", undo);
     }
     return item;
@@ -72,11 +73,13 @@ export class Recorded {
   async give(body) {
     try {
       const told = await send(`${this.base}/events`, "POST", body);
-      say(this.answer, "good", told.sentence);
+      say(english(this.answer), "good", told.sentence);
       this.close(true);
       this.reload();
     } catch (error) {
-      say(this.form?.problem ?? this.answer, "bad", error.message);
+      const place = this.form?.problem ?? this.answer;
+      place.dataset.state = "bad";
+      explain(place, error);
       this.form?.ready();
     }
   }

@@ -1,22 +1,23 @@
 // Recordings that the server keeps: given to it, got from it, played to its twins.
+import { counted, locale, t } from "./language.js";
 import { ask, send } from "./link.js";
 import { toTwin } from "./route.js";
 import { upload } from "./upload.js";
-import { button, make, number, say } from "./words.js";
+import { button, english, explain, make, number, say } from "./words.js";
 
 const BASE = "/api/v1/recordings", PLAYING_MS = 700;
-const PACES = [["", "as fast as the twins can process it"], ["1", "at the recorded speed"], ["10", "10 times as fast"], ["100", "100 times as fast"]];
+const PACES = [["", t("recordings.pace_fastest")], ["1", t("recordings.pace_recorded")], ...["10", "100"].map((pace) => [pace, t("recordings.pace_times", { pace })])];
 const STATES = { playing: "waiting", done: "good", stopped: "away", failed: "bad" };
 
 function sizeOf(bytes) {
   for (const [size, unit] of [[1e9, "GB"], [1e6, "MB"], [1e3, "kB"]]) if (bytes >= size) return `${number(bytes / size, 1)}\u202f${unit}`;
-  return `${bytes}\u202fbytes`;
+  return `${bytes}\u202f${t("unit.bytes")}`;
 }
 
 function spanOf({ start_ns: start, end_ns: end }) {
   if (start === null || !end) return "";
   const seconds = (end - start) / 1e9, [size, unit] = [[86400, "d"], [3600, "h"], [60, "min"], [1, "s"]].find(([each]) => seconds >= each) ?? [1, "s"];
-  return `${new Date(start / 1e6).toLocaleString()}, ${number(seconds / size, 1)}\u202f${unit}`;
+  return `${new Date(start / 1e6).toLocaleString(locale)}, ${number(seconds / size, 1)}\u202f${unit}`;
 }
 
 /** What the server would make of the name: letters, digits, dots and dashes. */
@@ -26,7 +27,7 @@ export class Recordings {
   constructor() {
     this.rows = new Map();
     this.root = make("section", undefined, "recordings");
-    this.root.setAttribute("aria-label", "Recordings");
+    this.root.setAttribute("aria-label", t("recordings.title"));
     this.root.hidden = true;
     this.problem = make("p", "", "notice");
     this.problem.dataset.state = "bad";
@@ -37,13 +38,13 @@ export class Recordings {
     [this.told, this.list] = [make("p", "", "facts"), make("ul", undefined, "cards wide-cards")];
     this.told.setAttribute("role", "status");
     const head = make("div", undefined, "heading");
-    head.append(make("h2", "Recordings"), this.told);
+    head.append(make("h2", t("recordings.title")), this.told);
     this.root.append(head, this.giving(), this.problem, this.none, this.list);
   }
 
   giving() {
     this.drop = make("div", undefined, "drop");
-    const label = make("label", "Upload a recording (.mcap), or drop it here ");
+    const label = make("label", `${t("recordings.upload")} `);
     this.file = make("input");
     Object.assign(this.file, { type: "file", accept: ".mcap" });
     this.file.addEventListener("change", () => this.give(this.file.files[0]));
@@ -51,7 +52,7 @@ export class Recordings {
     [this.bar, this.way] = [make("progress"), make("span", "", "facts")];
     this.bar.max = 1;
     this.bar.hidden = true;
-    this.bar.setAttribute("aria-label", "Upload progress");
+    this.bar.setAttribute("aria-label", t("recordings.upload_progress"));
     this.drop.append(label, this.bar, this.way);
     this.drop.addEventListener("dragover", (event) => { event.preventDefault(); this.drop.dataset.over = true; });
     this.drop.addEventListener("dragleave", () => { delete this.drop.dataset.over; });
@@ -69,7 +70,7 @@ export class Recordings {
     this.way.textContent = `${file.name}, ${sizeOf(file.size)}`;
     await this.attempt(() => upload(`${BASE}/${encodeURIComponent(nameOf(file))}`, file, (share) => {
       this.bar.value = share;
-      if (share === 1) this.way.textContent = `${file.name} is being checked \u2026`;
+      if (share === 1) this.way.textContent = t("recordings.checking", { name: file.name });
     }));
     [this.bar.hidden, this.file.disabled, this.file.value, this.way.textContent] = [true, false, "", ""];
   }
@@ -78,7 +79,7 @@ export class Recordings {
   async attempt(act) {
     this.problem.hidden = true;
     try { this.tell(await act()); } catch (error) {
-      this.problem.textContent = error.message;
+      explain(this.problem, error);
       this.problem.hidden = false;
     }
   }
@@ -93,9 +94,9 @@ export class Recordings {
     this.drop.hidden = !kept;
     this.none.hidden = recordings.length > 0;
     this.none.textContent = kept
-      ? "No recordings yet. Make one with slowtime record --out FILE.mcap, or turn other files into one with slowtime import, and give it here."
-      : "This server keeps no recordings. Start it with slowtime twin --recordings FOLDER to give, get and play them here.";
-    say(this.told, "", kept ? `${recordings.length} kept, up to ${sizeOf(most)} each` : "");
+      ? t("recordings.none")
+      : t("recordings.not_kept");
+    say(this.told, "", kept ? t("recordings.kept", { n: recordings.length, size: sizeOf(most) }) : "");
     const names = new Set(recordings.map(({ name }) => name));
     for (const [name, row] of this.rows) if (!names.has(name)) { row.root.remove(); this.rows.delete(name); }
     recordings.forEach((one, i) => {
@@ -112,7 +113,7 @@ export class Recordings {
     const root = make("li", undefined, "card"), path = `${BASE}/${encodeURIComponent(name)}`, acts = make("p", undefined, "acts");
     root.dataset.recording = name;
     const [about, inside, problem, replay] = ["facts", "facts", "alarm", "replay"].map((kind) => make("p", "", kind));
-    const pace = make("select"), paced = make("label", "at ", "field"), get = make("a", "Download", "act");
+    const pace = make("select"), paced = make("label", `${t("recordings.at_pace")} `, "field"), get = make("a", t("recordings.download"), "act");
     get.href = path;
     get.download = name;
     for (const [value, text] of PACES) {
@@ -121,13 +122,13 @@ export class Recordings {
       pace.append(option);
     }
     paced.append(pace);
-    const play = button("Replay", () => this.attempt(() => send(`${path}/replay`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
-    const stop = button("Stop", () => this.attempt(() => send(`${path}/replay`, "DELETE")));
-    const drop = button("Delete", () => {
-      if (confirm(`Delete ${name}? It may be the only copy.`)) this.attempt(() => send(path, "DELETE"));
+    const play = button(t("recordings.replay"), () => this.attempt(() => send(`${path}/replay`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
+    const stop = button(t("recordings.stop"), () => this.attempt(() => send(`${path}/replay`, "DELETE")));
+    const drop = button(t("recordings.delete"), () => {
+      if (confirm(t("recordings.confirm_delete", { name }))) this.attempt(() => send(path, "DELETE"));
     });
-    const [pill, bar, said] = [make("span", "", "pill"), make("progress"), make("span", "", "facts")];
-    bar.setAttribute("aria-label", `Replay progress of ${name}`);
+    const [pill, bar, said] = [make("span", "", "pill"), make("progress"), english(make("span", "", "facts"))];
+    bar.setAttribute("aria-label", t("recordings.replay_progress", { name }));
     replay.append(pill, bar, said);
     acts.append(get, play, paced, stop, drop);
     root.append(make("h3", name), about, inside, problem, replay, acts);
@@ -143,13 +144,13 @@ export class Recordings {
       link.href = toTwin(id);
       return link;
     });
-    const counts = Object.entries(one.messages).map(([stream, count]) => `${count.toLocaleString("en")} ${stream}`).join(", ");
+    const counts = Object.entries(one.messages).map(([stream, count]) => `${counted(count)} ${stream}`).join(", ");
     row.inside.replaceChildren(...twins.flatMap((link, i) => i ? [", ", link] : [link]), counts && `: ${counts}`);
-    say(row.problem, "bad", one.problem ? `\u25b2 ${one.problem}` : "");
+    say(english(row.problem), "bad", one.problem ? `\u25b2 ${one.problem}` : "");
     const { replay } = one, playing = replay?.state === "playing";
     row.replay.hidden = !replay;
     if (replay) {
-      say(row.pill, STATES[replay.state], replay.state);
+      say(row.pill, STATES[replay.state], t(`replay.${replay.state}`));
       Object.assign(row.bar, { max: Math.max(1, replay.total), value: replay.done, hidden: !playing });
       say(row.said, "", replay.sentence);
     }

@@ -1,13 +1,16 @@
 // How probable failure is: each limit state with its probability now, up to the horizon, and over time.
-import { plotly } from "./charts.js";
+import { plotly, quiet } from "./charts.js";
+import { t } from "./language.js";
 import { ask } from "./link.js";
 import { colour } from "./traces.js";
-import { atTime, make, slowTime } from "./words.js";
+import { atTime, describeRow, digits, english, make, number, powered, range, slowTime, unitOf } from "./words.js";
 
 const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000, LEAST = 1e-9;
-const HEADS = ["limit state", "probability now", "5\u202f% to 95\u202f%", "index \u03b2", "until the horizon", "accepted probability reached"];
+const HEADS = [
+  t("risk.limit_state"), t("risk.now"), t("number.from_5_to_95"), t("risk.index"), t("risk.within"), t("risk.reached"),
+];
 
-const probability = (p) => (p === 0 ? "0" : p < 1e-3 ? p.toExponential(1).replace("-", "\u2212") : `${+p.toPrecision(2)}`);
+const probability = (p) => (p === 0 ? "0" : p < 1e-3 ? powered(p) : digits(p, 2));
 
 function rowOf(state, at) {
   const row = make("tr"), title = make("th", state.name);
@@ -15,16 +18,16 @@ function rowOf(state, at) {
   row.dataset.state = state.name;
   row.append(title);
   if (!state.now) {
-    const cell = make("td", state.reasons[0]);
+    const cell = english(make("td", state.reasons[0]));
     cell.colSpan = HEADS.length - 1;
     row.append(cell);
     return row;
   }
   const { probability: now, beta } = state.now;
-  const reached = state.until === null ? "not within the horizon" : at(state.until);
-  const cells = [probability(now.value), `${probability(now.lo)} to ${probability(now.hi)}`, beta.toFixed(2).replace("-", "\u2212"), probability(state.within.value), reached];
+  const reached = state.until === null ? t("risk.not_within") : at(state.until);
+  const cells = [probability(now.value), range(probability(now.lo), probability(now.hi)), number(beta, 2), probability(state.within.value), reached];
   row.append(...cells.map((text) => make("td", text)));
-  row.setAttribute("aria-label", state.sentence);
+  describeRow(row, state.sentence);
   return row;
 }
 
@@ -32,7 +35,7 @@ export class Risk {
   constructor(twin) {
     Object.assign(this, { twin, risk: null, askedAt: 0, asking: false });
     this.root = make("section", undefined, "risk");
-    this.root.setAttribute("aria-label", "Failure probability");
+    this.root.setAttribute("aria-label", t("risk.label"));
     this.table = make("table", undefined, "options");
     const head = make("thead"), row = make("tr");
     for (const title of HEADS) {
@@ -42,13 +45,14 @@ export class Risk {
     }
     head.append(row);
     this.body = make("tbody");
-    this.table.append(make("caption", "Failure probability by limit state"), head, this.body);
+    this.table.append(make("caption", t("risk.caption")), head, this.body);
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
     this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
-    this.root.append(make("h3", "Is it safe?"), this.table, this.plot, this.trouble);
-    this.root.hidden = true;
+    this.root.append(make("h3", t("risk.title")), this.table, this.plot, this.trouble);
+    // No empty panels: what there is to see is shown once it is known.
+    this.root.hidden = this.table.hidden = this.plot.hidden = true;
   }
 
   /** Ask anew when a reading has come, at most every half minute; only where limit states are registered. */
@@ -58,10 +62,11 @@ export class Risk {
     const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.limit_states)}`;
     if (of === this.of || (this.risk && Date.now() - this.askedAt < RISK_MS)) return;
     this.asking = true;
+    if (!this.risk) this.trouble.textContent = t("risk.computing");
     const { risk, trouble } = await ask(`${this.twin.base}/risk`, PATIENCE_MS).then((told) => ({ risk: told }), ({ message }) => ({ trouble: message }));
     [this.asking, this.askedAt] = [false, Date.now()];
     if (risk) [this.risk, this.of] = [risk, of];
-    this.trouble.textContent = trouble ? `The assessment could not be updated: ${trouble}` : "";
+    this.trouble.replaceChildren(...(trouble ? [`${t("risk.trouble")} `, english(make("span", trouble))] : []));
     if (this.risk) this.show(latest);
   }
 
@@ -70,7 +75,7 @@ export class Risk {
     this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, at)));
     this.table.hidden = !risk.limit_states.length;
     this.plot.hidden = !risk.limit_states.some(({ now }) => now);
-    if (!risk.limit_states.length) this.trouble.textContent = risk.reasons.join(" ");
+    if (!risk.limit_states.length) this.trouble.replaceChildren(english(make("span", risk.reasons.join(" "))));
     else if (!this.plot.hidden) this.draw();
   }
 
@@ -94,12 +99,12 @@ export class Risk {
     await Plotly.react(this.plot, traces, {
       width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: `time [${this.risk.slow_time_unit}]`, standoff: 6 } },
-      yaxis: { ...axis, type: "log", exponentformat: "power", title: { text: "failure probability", standoff: 4 } },
+      xaxis: { ...axis, title: { text: t("axis.time", { unit: unitOf(this.risk) }), standoff: 6 } },
+      yaxis: { ...axis, type: "log", exponentformat: "power", title: { text: t("axis.failure_probability"), standoff: 4 } },
       shapes: [{ type: "line", x0: since, x1: since, yref: "paper", y0: 0, y1: 1, line: { color: grid, dash: "dot" } }],
       legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
-    }, { displayModeBar: false });
+    }, quiet);
     this.plot.dataset.drawn = states.length;
-    this.plot.setAttribute("aria-label", `Failure probability over time of ${states.map(({ name }) => name).join(", ")}`);
+    this.plot.setAttribute("aria-label", t("risk.chart", { names: states.map(({ name }) => name).join(", ") }));
   }
 }

@@ -1,9 +1,10 @@
 // Whom events of a twin reach: each receiver with what waits and what went wrong, and a test alarm.
+import { t } from "./language.js";
 import { ask, send } from "./link.js";
-import { button, make, say } from "./words.js";
+import { button, english, explain, make, say } from "./words.js";
 
 const said = ({ receiver, waiting, delivered, failed }) => (
-  [`${receiver}: ${delivered} delivered`, waiting && `${waiting} waiting`, failed && `${failed} given up`].filter(Boolean).join(", ")
+  [t("routes.delivered", { receiver, n: delivered }), waiting && t("routes.waiting", { n: waiting }), failed && t("routes.failed", { n: failed })].filter(Boolean).join(", ")
 );
 
 export class Routes {
@@ -12,7 +13,7 @@ export class Routes {
     this.list = make("ul");
     this.answer = make("span");
     this.answer.setAttribute("role", "status");
-    this.root.append(this.list, button("Send a test alarm", () => this.test()), " ", this.answer);
+    this.root.append(this.list, button(t("routes.test"), () => this.test()), " ", this.answer);
     this.root.hidden = true;
   }
 
@@ -24,7 +25,7 @@ export class Routes {
     this.list.replaceChildren(...routes.map((route) => {
       const item = make("li", said(route));
       if (route.last_error) {
-        const trouble = make("span", ` \u25b2 ${route.last_error}`, "trouble");
+        const trouble = english(make("span", ` \u25b2 ${route.last_error}`, "trouble"));
         trouble.dataset.state = "bad";
         item.append(trouble);
       }
@@ -35,8 +36,12 @@ export class Routes {
   async test() {
     try {
       const { receivers } = await send(`${this.base}/alarms/test`, "POST", {});
-      say(this.answer, "good", `Sent to ${receivers.join(", ")}.`);
-    } catch (error) { say(this.answer, "bad", error.message); }
+      this.answer.removeAttribute("lang");
+      say(this.answer, "good", t("routes.sent", { receivers: receivers.join(", ") }));
+    } catch (error) {
+      this.answer.dataset.state = "bad";
+      explain(this.answer, error);
+    }
     this.refresh();
   }
 }

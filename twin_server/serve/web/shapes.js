@@ -1,15 +1,17 @@
 // Mode shapes of a twin in space, measured over model; of models that have a geometry.
+import { t } from "./language.js";
 import { ask } from "./link.js";
-import { make, slowTime } from "./words.js";
+import { digits, make, number, slowTime } from "./words.js";
 import { WireframeView } from "./wireframe.js";
 
 const ASK_MS = 2000;
+const SPOKEN = { words: (key, values) => t(`wireframe.${key}`, values), digits, fixed: number };
 
 export class Shapes {
   constructor() {
     Object.assign(this, { askedAt: 0, shown: null, view: null });
     this.root = make("section", undefined, "spatial");
-    this.title = make("h3", "Mode shapes");
+    this.title = make("h3", t("shapes.title"));
     this.root.append(this.title);
     this.root.hidden = true;
   }
@@ -23,10 +25,10 @@ export class Shapes {
     const found = await ask(`${base}/shapes${at ? `?at=slow:${at.slow_time}` : ""}`).catch(() => null);
     if (!found) return;
     this.shown = key;
-    this.title.textContent = at ? `Mode shapes at ${slowTime(found)}` : "Mode shapes, measured over model";
+    this.title.textContent = at ? t("shapes.title_at", { time: slowTime(found) }) : t("shapes.title_now");
     this.root.hidden = false;
     if (this.view) return this.view.show(found);
-    this.view = new WireframeView(found);
+    this.view = new WireframeView(found, { spoken: SPOKEN });
     this.root.append(this.view.root);
   }
 

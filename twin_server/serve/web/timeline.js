@@ -1,4 +1,5 @@
 // Time travel: a slider over the readings of a twin. All the way to the right is now.
+import { t } from "./language.js";
 import { remember } from "./route.js";
 import { button, make, slowTime } from "./words.js";
 
@@ -11,11 +12,11 @@ export class Timeline {
     this.root = make("div", undefined, "timeline");
     this.slider = make("input");
     Object.assign(this.slider, { type: "range", min: 0, max: 0, step: 1, value: 0 });
-    this.slider.setAttribute("aria-label", "Instant shown");
+    this.slider.setAttribute("aria-label", t("timeline.instant"));
     this.slider.addEventListener("input", () => this.go(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.leap(event));
     this.label = make("output", "", "instant");
-    this.now = button("Now", () => this.go(this.twin.shown.length - 1));
+    this.now = button(t("timeline.now"), () => this.go(this.twin.shown.length - 1));
     this.root.append(this.label, this.slider, this.now);
     this.root.hidden = true;
   }
@@ -66,7 +67,7 @@ export class Timeline {
     slider.max = points.length - 1;
     slider.value = this.index;
     const shown = at ?? points.at(-1), said = slowTime(shown);
-    const text = at ? `At ${said}` : `Now: ${said}`;
+    const text = t(at ? "timeline.at" : "timeline.is_now", { time: said });
     if (this.label.textContent !== text) this.label.textContent = text;
     slider.setAttribute("aria-valuetext", text);
     this.root.dataset.past = Boolean(at);

@@ -1,6 +1,7 @@
 // History of one quantity → what Plotly draws: estimate, 95 % band, forecast, what is not valid, truth.
 import { bucketed, corners, fineFor, merged, roomFor, served, stretches } from "./buckets.js";
-import { QUANTITIES, atTime, isClock, spoken, standing } from "./words.js";
+import { t } from "./language.js";
+import { QUANTITIES, atTime, digits, isClock, spoken, standing, valued } from "./words.js";
 
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -9,7 +10,7 @@ export function faded(hex, alpha) { return hex + Math.round(255 * alpha).toStrin
 
 /** Where a reading is on the axis of slow time. */
 export const placeOf = (point) => isClock(point) ? new Date(1000 * point.slow_time) : point.slow_time;
-const told = (point, quantity) => spoken(point[quantity], quantity).join(", 95 %: ");
+const told = (point, quantity) => valued(spoken(point[quantity], quantity));
 const endsOf = (values) => values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
 
 /** Whether a reading is drawn as a line: frequency and damping are measured, whatever can then be made of them. */
@@ -56,6 +57,13 @@ export function sorted(twin, points, quantity, width, span) {
   return { ...linesOf(twin, points, pick, (bands) => bands.quantities[quantity], width, span), apart };
 }
 
+/** What a trace is called where a reader points at it; lines of elements bear their own name. */
+const SAID = {
+  estimate: t("chart.estimate"), forecast: t("chart.forecast"), "what came after": t("chart.later"),
+  "not told apart": t("chart.inseparable"), "not valid": t("chart.invalid"),
+};
+const saidOf = (name) => SAID[name] ?? name;
+
 /** A null between two stretches breaks the line. */
 const joined = (runs, pick) => runs.flatMap((run, i) => [...(i ? [null] : []), ...run.map(pick)]);
 const backwards = (run) => run.slice().reverse();
@@ -78,7 +86,7 @@ function line(name, runs, quantity, tint, width) {
   return {
     name, x: joined(runs, placeOf), y: joined(runs, (point) => scale * point[quantity].value), mode: "lines",
     line: { color: tint, width }, text: joined(runs, (point) => told(point, quantity)),
-    hovertemplate: `${name}: %{text}<extra></extra>`,
+    hovertemplate: `${saidOf(name)}: %{text}<extra></extra>`,
   };
 }
 
@@ -100,13 +108,13 @@ function ribbon(name, buckets, [low, high], { place, scale, tint }) {
 export function bucketTraces(name, buckets, look, speak) {
   if (!buckets.length) return [];
   const { place, scale, tint } = look, at = buckets.map(corners);
-  const say = ([, { count, mean, min, max }]) => count === 1 ? speak(mean) : `mean of ${count} readings ${speak(mean)}, from ${speak(min)} to ${speak(max)}`;
+  const say = ([, { count, mean, min, max }]) => count === 1 ? speak(mean) : t("chart.bucket", { n: count, mean: speak(mean), least: speak(min), greatest: speak(max) });
   return [
     ribbon(`${name} band`, buckets, ["lo", "hi"], { ...look, tint: faded(tint, 0.2) }),
     ribbon(`${name} spread`, buckets, ["min", "max"], { ...look, tint: faded(tint, 0.35) }),
     {
       name, x: joined(at, ([x]) => place(x)), y: joined(at, ([, { mean }]) => scale * mean), mode: "lines",
-      line: { color: tint, width: look.width ?? 1.4, dash: look.dash }, text: joined(at, say), hovertemplate: `${name}: ${HOVER}`,
+      line: { color: tint, width: look.width ?? 1.4, dash: look.dash }, text: joined(at, say), hovertemplate: `${saidOf(name)}: ${HOVER}`,
     },
   ];
 }
@@ -123,7 +131,7 @@ function markers(name, points, quantity, symbol, tint, [low, high]) {
       type: "data", symmetric: false, array: reach("hi"), arrayminus: reach("lo"),
       color: faded(tint, 0.45), width: 0, thickness: 1,
     },
-    text: points.map((point) => told(point, quantity)), hovertemplate: `${name}: %{text}<extra></extra>`,
+    text: points.map((point) => told(point, quantity)), hovertemplate: `${saidOf(name)}: ${HOVER}`,
   };
 }
 
@@ -140,7 +148,7 @@ export function truthTraces(name, twin, key, width, look) {
   ];
   return runs.length ? [{
     name, x: joined(runs, ([x]) => x), y: joined(runs, ([, y]) => y), mode: "lines",
-    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: "true value: %{y:.5g}<extra></extra>",
+    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: `${t("chart.truth")}: %{y:.5g}<extra></extra>`,
   }] : [];
 }
 
@@ -215,7 +223,7 @@ function after(twin, quantity, look, width) {
   const { fine, buckets } = sorted(twin, twin.later, quantity, width, { since: twin.at.slow_time });
   const tint = faded(colour("invalid"), 0.6), name = "what came after";
   if (fine.length) return [line(name, fine, quantity, tint, 1)];
-  return bucketTraces(name, buckets, { ...look, tint: colour("invalid"), width: 1 }, (x) => `${+(look.scale * x).toPrecision(4)}`).slice(2);
+  return bucketTraces(name, buckets, { ...look, tint: colour("invalid"), width: 1 }, (x) => digits(look.scale * x, 4)).slice(2);
 }
 
 /** All that is drawn of one quantity, from the back to the front. */
@@ -226,7 +234,7 @@ export function tracesOf(twin, quantity, parts, range, width) {
   const found = last ? after(twin, quantity, look, width) : [];
   if (long.length) found.push(band("95 % band", long, quantity, tint), line("estimate", long, quantity, tint, 1.3));
   if (lone.length) found.push(markers("estimate", lone, quantity, "circle", tint, range));
-  found.push(...bucketTraces("estimate", buckets, look, (x) => `${+(scale * x).toPrecision(4)} ${unit}`));
+  found.push(...bucketTraces("estimate", buckets, look, (x) => `${digits(scale * x, 4)} ${unit}`));
   if (last && !last.assumed.includes(quantity)) found.push(...ahead(twin, quantity), ...reached(twin, quantity));
   for (const [kind, [name, symbol]] of Object.entries(SIGNS)) {
     if (apart[kind].length) found.push(markers(name, fewer(apart[kind]), quantity, symbol, colour(kind), range));

@@ -1,5 +1,6 @@
 // What the page knows of one twin: its history, what the live stream adds to it, and which instant is looked at.
 import { isNear, stepOf } from "./buckets.js";
+import { t } from "./language.js";
 import { ask } from "./link.js";
 import { historyOf } from "./window.js";
 import { QUANTITIES, sensorOf } from "./words.js";
@@ -14,8 +15,8 @@ const told = ({ boot, sequence, alive, valid, normal, raised, registration, sens
 /** Events that change what is recorded of the asset, and so its forecast. */
 const RECORDED = ["asset_event", "repair_suspected"];
 
-const COMPUTING = "The forecast is being computed.";
-const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
+/** Why there is no forecast: words of the page, and of the server. */
+const COMPUTING = { words: t("outlook.computing") }, RENEWED_SINCE = { words: t("outlook.renewed_since") };
 
 const of = ({ quantity, side, limit }) => `${quantity} ${side} ${limit}`;
 
@@ -39,7 +40,7 @@ function marksOf(events, points, recorded) {
   const told = holding(recorded), jumps = told.filter(({ kind }) => kind === "repair" || kind === "replacement");
   const own = sudden.filter((since) => !isNear(since, [...renewed, ...jumps.map(({ slow_time }) => slow_time)], stepOf(points)));
   return [
-    ...told.map(({ kind, quantity, slow_time }) => ({ kind: "told", text: `${kind.replace("_", " ")}${quantity && !QUANTITIES[quantity] ? ` of ${quantity}` : ""}`, slow_time })),
+    ...told.map(({ kind, quantity, slow_time }) => ({ kind: "told", text: quantity && !QUANTITIES[quantity] ? t("mark.of", { what: t(`mark.told.${kind}`), element: quantity }) : t(`mark.told.${kind}`), slow_time })),
     ...renewed.map((slow_time) => ({ kind: "renewed", slow_time })),
     ...[...new Set(own)].map((slow_time) => ({ kind: "sudden", slow_time })),
   ];
@@ -183,7 +184,7 @@ export class Twin {
     // What was foretold stays until something newer is: it says itself since when it holds.
     const name = at ? "foretold" : "forecast", none = forecast && !forecast.points.length;
     if (forecast) this[name] = none ? null : forecast;
-    this.unforeseen = trouble ? `The forecast could not be updated: ${trouble}` : none ? forecast.reasons.join(" ") : null;
+    this.unforeseen = trouble ? { words: t("outlook.trouble"), why: trouble } : none ? { why: forecast.reasons.join(" ") } : null;
     this.touch();
   }
 

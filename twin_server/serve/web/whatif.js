@@ -1,14 +1,15 @@
 // What would the twin do under a load? A form, and the response with its bands.
-import { plotly } from "./charts.js";
+import { plotly, quiet } from "./charts.js";
+import { parts, t } from "./language.js";
 import { send } from "./link.js";
 import { colour, faded } from "./traces.js";
-import { make, number } from "./words.js";
+import { english, explain, interval95, make, number, range } from "./words.js";
 
 const HEIGHT_PX = 240, NARROW = "\u202f";
 const LOADS = {
-  harmonic: { text: "a cosine", of: "amplitude", frequency: true },
-  step: { text: "a step", of: "amplitude" },
-  white: { text: "white noise", of: "psd" },
+  harmonic: { text: t("load.harmonic"), of: "amplitude", frequency: true },
+  step: { text: t("load.step"), of: "amplitude" },
+  white: { text: t("load.white"), of: "psd" },
 };
 const UNITS = { displacement: "m", velocity: "m/s", acceleration: "m/s\u00b2" };
 
@@ -17,7 +18,7 @@ function figure({ value, lo, hi }) {
   const size = Math.floor(Math.log10(Math.max(Math.abs(value), 1e-300))), scale = size < -2 || size > 4 ? 10 ** -size : 1;
   const many = Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(Math.max((hi - lo) * scale, 1e-5)))));
   const power = scale === 1 ? "" : ` \u00b7 10${String(size).replace(/[-\d]/g, (c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻")}`;
-  return [`${number(value * scale, many)}${power}`, `${number(lo * scale, many)} to ${number(hi * scale, many)}${power}`];
+  return [`${number(value * scale, many)}${power}`, `${range(number(lo * scale, many), number(hi * scale, many))}${power}`];
 }
 
 function field(text, control, unit) {
@@ -50,15 +51,15 @@ export class WhatIf {
     this.root = make("details", undefined, "whatif");
     this.form = make("form");
     this.load = choice(Object.entries(LOADS).map(([kind, { text }]) => [kind, text]));
-    this.on = choice([["base", "the base"]]);
+    this.on = choice([["base", t("place.base")]]);
     this.size = numeric(1);
     [this.unit, this.frequency, this.seconds] = [make("span", "", "unit"), numeric(1, 0.001), numeric(5, 0.1)];
-    this.quantity = choice(Object.entries(UNITS).map(([name, unit]) => [name, `${name} [${unit}]`]));
-    this.rated = field("frequency", this.frequency, "Hz");
-    this.run = make("button", "Simulate", "act");
+    this.quantity = choice(Object.entries(UNITS).map(([name, unit]) => [name, `${t(`response.${name}`)} [${unit}]`]));
+    this.rated = field(t("load.frequency"), this.frequency, "Hz");
+    this.run = make("button", t("load.simulate"), "act");
     this.form.append(
-      field("Load", this.load), field("acting at", this.on), field("amplitude", this.size, this.unit), this.rated,
-      field("duration", this.seconds, "s"), field("response shown", this.quantity), this.run,
+      field(t("load.kind"), this.load), field(t("load.at"), this.on), field(t("load.amplitude"), this.size, this.unit), this.rated,
+      field(t("load.duration"), this.seconds, "s"), field(t("load.quantity"), this.quantity), this.run,
     );
     this.form.addEventListener("submit", (event) => { event.preventDefault(); this.ask(); });
     for (const control of [this.load, this.on]) control.addEventListener("change", () => this.fit());
@@ -73,9 +74,9 @@ export class WhatIf {
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
     [this.told, this.assumed] = [make("p", "", "told"), make("p", "", "facts")];
-    this.result.append(field("Response of ", this.node), this.told, this.plot, this.assumed);
-    const note = make("p", "The current structure is simulated from rest, whatever instant is shown above. The band covers the uncertainty of the structure, not of the load.", "facts");
-    this.root.append(make("summary", "Simulate a load"), note, this.form, this.problem, this.result);
+    this.result.append(field(`${t("load.response_of")} `, this.node), this.told, this.plot, this.assumed);
+    const note = make("p", t("load.note"), "facts");
+    this.root.append(make("summary", t("load.title")), note, this.form, this.problem, this.result);
     this.fit();
   }
 
@@ -84,7 +85,7 @@ export class WhatIf {
     const nodes = (registration.model?.nodes ?? []).map(({ id }) => id), own = registration.model ? nodes : registration.nominal?.mass_kg ? ["mass"] : [];
     if (this.nodes !== own.join()) {
       this.nodes = own.join();
-      offer(this.on, [["base", "the base"], ...own.map((id) => [id, id])]);
+      offer(this.on, [["base", t("place.base")], ...own.map((id) => [id, id])]);
       this.fit();
     }
     const lowest = modes[0]?.frequency_hz ?? frequency;
@@ -102,7 +103,7 @@ export class WhatIf {
     if (LOADS[kind].frequency) load.frequency_hz = Number(this.frequency.value);
     const order = { load, on: this.on.value, quantity: this.quantity.value, duration_s: Number(this.seconds.value) };
     this.problem.hidden = true;
-    [this.run.disabled, this.run.textContent] = [true, "Running \u2026"];
+    [this.run.disabled, this.run.textContent] = [true, t("load.running")];
     try {
       this.answer = await send(`${this.twin.base}/simulate`, "POST", order);
       const names = Object.keys(this.answer.outputs), begins = !this.node.value;
@@ -111,31 +112,33 @@ export class WhatIf {
       this.result.hidden = false;
       await this.draw();
     } catch (error) {
-      this.problem.textContent = error.message;
+      explain(this.problem, error);
       this.problem.hidden = false;
-    } finally { [this.run.disabled, this.run.textContent] = [false, "Simulate"]; }
+    } finally { [this.run.disabled, this.run.textContent] = [false, t("load.simulate")]; }
   }
 
   async draw() {
     const { answer } = this, response = answer.outputs[this.node.value], unit = UNITS[answer.quantity];
     const [peak, around] = figure(response.peak), [rms] = figure(response.rms);
     this.told.replaceChildren(
-      "Peak ", make("strong", `${peak}${NARROW}${unit}`), make("span", ` 95${NARROW}%: ${around}${NARROW}${unit} · rms ${rms}${NARROW}${unit}`, "interval"),
+      `${t("load.peak")} `, make("strong", `${peak}${NARROW}${unit}`),
+      make("span", ` ${interval95(`${around}${NARROW}${unit}`)} \u00b7 ${t("load.rms", { value: `${rms}${NARROW}${unit}` })}`, "interval"),
     );
-    this.assumed.textContent = [...answer.reasons, ...answer.assumed.map((each) => `Assumed: ${each}`)].join(". ");
-    this.plot.setAttribute("aria-label", `${answer.quantity} of ${this.node.value} over ${answer.t_s.at(-1)} s: peak ${peak} ${unit}, 95 % ${around}`);
-    const t = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
+    const said = [...answer.reasons.map((each) => [english(make("span", each))]), ...answer.assumed.map((each) => parts("load.assumed", { what: english(make("span", each)) }))];
+    this.assumed.replaceChildren(...said.flatMap((words, i) => i ? [". ", ...words] : words));
+    this.plot.setAttribute("aria-label", t("load.chart", { quantity: t(`response.${answer.quantity}`), node: this.node.value, n: answer.t_s.at(-1), peak: `${peak} ${unit}`, interval: around }));
+    const times = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
     const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };
     const band = {
-      name: "95 % band", x: [...t, ...t.toReversed()], y: [...response.lo, ...response.hi.toReversed()], mode: "lines",
+      name: "95 % band", x: [...times, ...times.toReversed()], y: [...response.lo, ...response.hi.toReversed()], mode: "lines",
       fill: "toself", fillcolor: faded(tint, 0.28), line: { width: 0 }, hoverinfo: "skip",
     };
-    const line = { name: "response", x: t, y: response.value, mode: "lines", line: { color: tint, width: 1.4 } };
+    const line = { name: "response", x: times, y: response.value, mode: "lines", line: { color: tint, width: 1.4 } };
     await Plotly.react(this.plot, [band, line], {
       width: this.plot.clientWidth, height: HEIGHT_PX, margin: { l: 60, r: 10, t: 8, b: 42 }, showlegend: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: "time [s]", standoff: 6 } }, yaxis: { ...axis, title: { text: `${answer.quantity} [${unit}]`, standoff: 4 } },
-    }, { displayModeBar: false });
-    this.plot.dataset.samples = t.length;
+      xaxis: { ...axis, title: { text: t("axis.time", { unit: "s" }), standoff: 6 } }, yaxis: { ...axis, title: { text: `${t(`response.${answer.quantity}`)} [${unit}]`, standoff: 4 } },
+    }, quiet);
+    this.plot.dataset.samples = times.length;
   }
 }

@@ -1,4 +1,5 @@
 // Numbers, times and elements: how things are said on the page.
+import { counted, language, locale, localized, t } from "./language.js";
 
 export function make(tag, text, name) {
   const element = document.createElement(tag);
@@ -20,18 +21,51 @@ export function say(element, state, text) {
 }
 
 export const QUANTITIES = {
-  frequency_hz: { title: "Natural frequency", unit: "Hz", scale: 1, axis: "frequency [Hz]", measured: true },
-  stiffness_change: { title: "Stiffness change", unit: "%", scale: 100, axis: "change [%]" },
-  mass_change: { title: "Mass change", unit: "%", scale: 100, axis: "change [%]" },
-  damping_ratio: { title: "Damping ratio", unit: "%", scale: 100, axis: "damping ratio [%]", measured: true },
+  frequency_hz: { title: t("quantity.frequency"), unit: "Hz", scale: 1, axis: t("axis.frequency"), measured: true },
+  stiffness_change: { title: t("quantity.stiffness_change"), unit: "%", scale: 100, axis: t("axis.change") },
+  mass_change: { title: t("quantity.mass_change"), unit: "%", scale: 100, axis: t("axis.change") },
+  damping_ratio: { title: t("quantity.damping"), unit: "%", scale: 100, axis: t("axis.damping"), measured: true },
 };
 
 export const titleOf = (quantity) => QUANTITIES[quantity]?.title ?? quantity;
 
 const MINUS = "\u2212", NARROW = "\u202f";
 
+/** Words that the server has composed, which are English in every language of the page. */
+export function english(element) {
+  element.lang = "en";
+  return element;
+}
+
+/** The server's sentence on a row, for screen readers; in another language its cells are read instead. */
+export function describeRow(row, sentence) {
+  if (language === "en") row.setAttribute("aria-label", sentence);
+}
+
+/** Why something did not succeed: in the server's words where it has answered, else in the page's. */
+export function explain(element, error) {
+  element.textContent = error.message;
+  if (error.status) element.lang = "en";
+  else element.removeAttribute("lang");
+}
+
 /** A number to `places`, with a true minus sign. */
-export const number = (x, places) => x.toFixed(places).replace(/^-(?=.*[1-9])/, MINUS).replace("-", "");
+export const number = (x, places) => localized(x.toFixed(places).replace(/^-(?=.*[1-9])/, MINUS).replace("-", ""));
+
+/** A number to as many digits. */
+export const digits = (x, many) => localized(`${+x.toPrecision(many)}`);
+
+/** A small or large number as a power of ten: 1.3e−5. */
+export const powered = (x) => localized(x.toExponential(1));
+
+/** From one number to another. */
+export const range = (lo, hi) => t("number.range", { lo, hi });
+
+/** A value and its interval in one: "4.701 Hz, 95 %: 4.673 to 4.728 Hz". */
+export const valued = ([value, interval]) => t("number.valued", { value, interval });
+
+/** An interval that holds the true value with 95 %. */
+export const interval95 = (interval) => t("number.interval", { interval });
 
 /** As many places as the second digit of the standard deviation has. */
 function places(sd) {
@@ -43,7 +77,7 @@ export function spoken(estimate, quantity) {
   const { unit, scale } = QUANTITIES[quantity];
   const many = Math.min(places(scale * estimate.sd), unit === "%" ? 2 : 6);
   const text = (x) => number(scale * x, many);
-  return [`${text(estimate.value)}${NARROW}${unit}`, `${text(estimate.lo)} to ${text(estimate.hi)}${NARROW}${unit}`];
+  return [`${text(estimate.value)}${NARROW}${unit}`, `${range(text(estimate.lo), text(estimate.hi))}${NARROW}${unit}`];
 }
 
 /** Slow time that is the time of day is drawn as dates, any other as the number it is. */
@@ -54,7 +88,7 @@ export function isClock(point) {
 /** What a reading at another slow time would be; sensor time goes on with it. */
 export const atTime = (point, slowTime) => ({ ...point, slow_time: slowTime, t_ns: point.t_ns + 1e9 * (slowTime - point.slow_time) });
 
-const UNITS = { T0: "natural periods", d: "days" };
+const UNITS = { T0: t("unit.natural_periods"), d: t("unit.days") };
 export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
 
 /** No window is as short as a natural period, so that parts of one are said of the first hundred only. */
@@ -64,39 +98,42 @@ function digitsOf({ slow_time: x, slow_time_unit: unit }) {
 }
 
 export function slowTime(point) {
-  if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString();
-  return `${digitsOf(point)} ${unitOf(point)}`.replace("-", MINUS);
+  if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString(locale);
+  return `${localized(`${digitsOf(point)}`)} ${unitOf(point)}`;
 }
 
 /** How long ago, in the largest unit that fits. */
 export function ago(milliseconds) {
   const s = Math.max(0, Math.round(milliseconds / 1000));
-  for (const [size, name] of [[86400, "d"], [3600, "h"], [60, "min"]]) {
-    if (s >= 2 * size) return `${Math.floor(s / size)} ${name} ago`;
+  for (const [size, key] of [[86400, "ago.days"], [3600, "ago.hours"], [60, "ago.minutes"]]) {
+    if (s >= 2 * size) return t(key, { n: Math.floor(s / size) });
   }
-  return `${s} s ago`;
+  return t("ago.seconds", { n: s });
 }
+
+/** A suspicion, in which the server joins the names of elements: "k1 or k2 and k3". */
+export const suspected = (word) => word.replaceAll(" or ", t("list.or")).replaceAll(" and ", t("list.and"));
 
 /** What a live sensor does: whether it sends, at which rate, what has been lost. */
 export function sensorOf({ sensor }) {
   if (!sensor) return null;
   const { sensor_silent_s: silent, sampling_rate_uhz: rate, samples_lost: lost, samples_dropped: dropped } = sensor;
   const parts = [
-    silent ? `sensor silent for ${silent}${NARROW}s` : "sensor sends",
-    rate > 0 && `true rate ${+(rate / 1e6).toPrecision(6)}${NARROW}Hz`,
-    `${lost.toLocaleString()} samples lost`,
-    sensor.samples_lost_unsure > 0 && `up to ${sensor.samples_lost_unsure.toLocaleString()} more that its counter cannot show`,
-    dropped > 0 && `${dropped.toLocaleString()} dropped by the agent`,
-    sensor.sensor_restarts > 0 && `${sensor.sensor_restarts} restarts`,
-    sensor.sensor_reconnects > 0 && `${sensor.sensor_reconnects} lost connections`,
-    sensor.garbage_bytes > 0 && `${sensor.garbage_bytes.toLocaleString()} bytes that are no messages`,
+    silent ? t("sensor.silent", { n: silent }) : t("sensor.sends"),
+    rate > 0 && t("sensor.rate", { rate: digits(rate / 1e6, 6) }),
+    t("sensor.lost", { n: lost, count: counted(lost) }),
+    sensor.samples_lost_unsure > 0 && t("sensor.lost_unsure", { count: counted(sensor.samples_lost_unsure) }),
+    dropped > 0 && t("sensor.dropped", { count: counted(dropped) }),
+    sensor.sensor_restarts > 0 && t("sensor.restarts", { n: sensor.sensor_restarts }),
+    sensor.sensor_reconnects > 0 && t("sensor.reconnects", { n: sensor.sensor_reconnects }),
+    sensor.garbage_bytes > 0 && t("sensor.garbage", { count: counted(sensor.garbage_bytes) }),
   ];
   return { state: silent ? "bad" : "good", text: parts.filter(Boolean).join(" \u00b7 ") };
 }
 
 /** The time of an event: of the structure where it has one, else of the day. */
 export function whenOf(event, latest) {
-  if (event.kind === "registered" || event.slow_time === null || latest.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString();
+  if (event.kind === "registered" || event.slow_time === null || latest.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString(locale);
   return slowTime(atTime(latest, event.slow_time));
 }
 

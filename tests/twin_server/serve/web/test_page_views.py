@@ -54,6 +54,17 @@ def house(serving, frame, ageing, eventually, tmp_path_factory):
     return server
 
 
+PLANNED = {
+    "name": "Turm", "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+    "costs": {"failure": 1e6, "repair": 4e4, "inspection": 2e3, "time_unit": "slow_time"},
+    "decision": {
+        "failure": {"quantity": "stiffness_change", "below": -0.5},
+        "horizon": 60.0, "inspection": {"name": "visit", "sd": 0.02},
+    },
+}  # fmt: skip
+"""A twin of which is to be decided when it is repaired."""
+
+
 def part(page, selector, twin_id="lab.frame"):
     return page.locator(f'[id="{twin_id}"] {selector}')
 
@@ -285,7 +296,10 @@ def test_the_keyboard_reaches_everything(house, visit):
             )
         return said
 
-    assert tab(6) == ["slowtime", "Fleet", "Recordings", "Beam", "Frame", "lab.calm"]
+    reached = tab(7)
+    assert reached == [
+        "slowtime", "Fleet", "Recordings", "Language", "Beam", "Frame", "lab.calm",
+    ]  # fmt: skip
     outline = (
         page.locator(".card").nth(2).evaluate("card => getComputedStyle(card).outlineStyle")
     )
@@ -293,8 +307,8 @@ def test_the_keyboard_reaches_everything(house, visit):
     page.keyboard.press("Enter")
     expect(part(page, ".timeline", "lab.calm")).to_be_visible()
     page.locator("h1 a").focus()
-    reached = tab(8)
-    assert reached[2:] == [
+    reached = tab(9)
+    assert reached[3:] == [
         "State", "Diagnosis", "Larger charts", "History as JSON", "Instant shown",
         "Simulate a load",
     ]  # fmt: skip
@@ -367,14 +381,17 @@ def looked_at(page, house, view, scheme, window):
     page.set_viewport_size(window)
     page.goto(f"{house.url}/{place}")
     expect(page.locator(shown).first).to_be_visible()
-    found = Axe().run(page).response["violations"]
-    serious = [
+    return keeps_out(page), max(0, overflow(page))
+
+
+def keeps_out(page):
+    """Findings of axe that keep people out."""
+    return [
         (one["id"], node["target"], node.get("failureSummary"))
-        for one in found
+        for one in Axe().run(page).response["violations"]
         for node in one["nodes"]
         if one["impact"] in ("serious", "critical")
     ]
-    return serious, max(0, overflow(page))
 
 
 @pytest.mark.long
@@ -388,3 +405,61 @@ def test_nothing_of_a_view_keeps_people_out(house, visit, view, look):
 @pytest.mark.parametrize("look", LOOKS)
 def test_nothing_of_any_view_in_any_look_keeps_people_out(house, visit, view, look):
     assert looked_at(visit(house), house, view, *look) == ([], 0)
+
+
+GERMAN = {
+    "fleet": ("?lang=de#", ".verdict", "Liegt eine Störung vor? Ja."),
+    "state": ("?lang=de#lab.frame", "table.modes caption", "Moden des letzten Messwerts"),
+    "diagnosis": ("?lang=de#lab.frame/diagnosis", ".orders", "Finden, was dem Modell fehlt"),
+    "recordings": ("?lang=de#recordings", "h2", "Aufzeichnungen"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("view", GERMAN)
+def test_a_view_speaks_german(house, visit, view):
+    place, where, words = GERMAN[view]
+    page = visit(house)
+    page.emulate_media(reduced_motion="reduce")
+    page.goto(f"{house.url}/{place}")
+    expect(page.locator(f"main {where} >> visible=true").first).to_contain_text(words)
+    assert page.locator("html").get_attribute("lang") == "de"
+    assert keeps_out(page) == []
+    assert overflow(page) <= 0
+    assert page.complaints == []
+
+
+@pytest.mark.long
+def test_the_plan_speaks_german_and_marks_what_the_server_says(
+    house, visit, ageing, eventually
+):
+    body = house.client.put("/api/v1/twins/lab.plan", json=PLANNED)
+    assert body.status_code == 201, body.text
+    house.feed(ageing(60, asset="plan"))
+    assert eventually(lambda: house.count("lab.plan") == 60)
+    page = visit(house)
+    page.goto(f"{house.url}/?lang=de#lab.plan")
+    plan = part(page, ".plan", "lab.plan")
+    expect(plan.locator("caption")).to_have_text("Optionen, die günstigste zuerst")
+    expect(plan.locator("thead th").nth(2)).to_contain_text("erwartete Kosten")
+    expect(plan.locator(".sentence [lang=en]")).to_have_count(1)
+    expect(plan.locator("tbody th").first).to_have_attribute("lang", "en")
+    expect(plan.locator(".ytitle")).to_contain_text("erwartete Kosten bis dahin")
+    value = part(page, "figcaption strong", "lab.plan").first
+    expect(value).to_contain_text(re.compile(r"^\d,\d+\u202fHz$"))
+    assert keeps_out(page) == []
+    house.client.delete("/api/v1/twins/lab.plan")
+
+
+def test_the_language_is_chosen_by_the_menu_and_remembered(house, visit):
+    page = visit(house, locale="de-AT")
+    menu = page.locator("#language")
+    expect(page.locator("html")).to_have_attribute("lang", "de")
+    expect(menu.locator("option")).to_have_text(["Deutsch", "English"])
+    menu.select_option("en")
+    expect(page.locator("nav a").first).to_have_text("Fleet")
+    expect(page.locator("html")).to_have_attribute("lang", "en")
+    page.goto(house.url)
+    expect(page.locator("#language")).to_have_value("en")
+    expect(page.locator("nav a").first).to_have_text("Fleet")
+    assert page.complaints == []
