@@ -200,7 +200,7 @@ def test_a_clock_too_slow_for_the_model_is_told_with_its_likely_cause(tmp_path, 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_motion_far_below_resonance_is_diagnosed_and_motion_of_its_own_is_not(loss):
-    """A stiff mount moved slowly follows its force; the same rate with a ringing is a question."""
+    """A stiff mount moved slowly follows its force; ringing at the same rate is a question."""
     stiff = Description(
         name="mount",
         nodes=(Node(id="m", mass_kg=0.01),),

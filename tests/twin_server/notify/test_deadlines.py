@@ -1,6 +1,7 @@
 """Connections are shut at their deadline, by one thread that comes and goes."""
 
 import contextlib
+import functools
 import socket
 import threading
 
@@ -46,10 +47,15 @@ def test_a_connection_is_shut_at_its_deadline(pair):
 def test_many_deadlines_are_kept_by_one_thread_the_nearest_first(pair, running):
     deadlines, order = Deadlines(idle_s=PATIENCE_S), []
     seconds = {0.06: pair(), 0.02: pair(), 0.04: pair()}
+
+    def connected(time_s, here):
+        order.append(time_s)
+        return here
+
     with contextlib.ExitStack() as stack:
         for time_s, (here, _) in seconds.items():
             stack.enter_context(
-                deadlines.within(time_s, lambda t=time_s, s=here: order.append(t) or s)
+                deadlines.within(time_s, functools.partial(connected, time_s, here))
             )
         assert len(running()) == 1
         assert [there.recv(1) for _, there in seconds.values()] == [b""] * 3
@@ -70,7 +76,7 @@ def test_the_thread_ends_when_idle_and_starts_again_for_the_next(pair, running):
     deadlines = Deadlines(idle_s=0.0)
     for _ in range(2):
         here, there = pair()
-        with deadlines.within(0.01, lambda end=here: end):
+        with deadlines.within(0.01, functools.partial(lambda end: end, here)):
             assert there.recv(1) == b""
         for thread in running():
             thread.join(PATIENCE_S)

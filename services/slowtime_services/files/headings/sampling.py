@@ -86,7 +86,7 @@ class Fact:
     tolerance
         Half a step of the figure's last digit, in its unit.
     exact
-        Whether quantity and unit are in the figure's name (`rate_hz`), so that nothing is assumed.
+        Whether its name says quantity and unit (`rate_hz`), so that nothing is assumed.
     """
 
     kind: Kind
