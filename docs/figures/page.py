@@ -90,6 +90,7 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
 
     page = opened("#demo.tower")
     _drawn(page, "stiffness_change")
+    expect(page.locator(".risk tbody tr").first).to_be_visible(timeout=PATIENCE_MS)
     yield "page", page
 
     page = opened("#demo.wing?at=150", "dark")
