@@ -20,7 +20,7 @@ DECISION = {"failure": {"quantity": "stiffness_change", "below": -0.4}, "horizon
 @pytest.fixture
 def planned(tmp_path, sample):
     """Register a twin, let it read, and give its plan."""
-    stores = []
+    stores: list[SqliteStore] = []
 
     def made(messages, workers, **registration):
         store = SqliteStore(tmp_path / f"{len(stores)}.sqlite")
