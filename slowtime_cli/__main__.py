@@ -250,7 +250,8 @@ class Verbs(click.Group):
 Examples:
   slowtime demo                                    all parts on this machine, with a page
   slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
-  slowtime twin & slowtime edge --simulate tower   the same flow, process by process
+  slowtime router & slowtime twin &                the parts of the demo,
+  slowtime edge --simulate tower                   one by one
 """,
         FIRST_EXAMPLE,
     ),

@@ -27,8 +27,9 @@ TOLD_BANDS = 4
 """[bands] That a sentence names at most. Source: judgement; more cannot be taken in."""
 
 MEASURE_INPUT = Experiment(
-    "Measure what drives the structure, a force or the motion of its base, and put it among "
-    "the model's inputs: without it nothing can be run, and no effect can be named."
+    "Measure what drives the structure, a force or the motion of its base, and name it among "
+    "the inputs of the model file: without it the model cannot be simulated, and no effect can "
+    "be named. Frequencies and damping need no input: slowtime identify."
 )
 
 
@@ -122,7 +123,7 @@ def _bands_text(bands: tuple[tuple[float, float], ...]) -> str:
     told = " at " + ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in widest)
     if len(bands) > TOLD_BANDS:
         more = len(bands) - TOLD_BANDS
-        told += f" and in {more} more bands from {bands[0][0]:.3g} to {bands[-1][1]:.3g} Hz"
+        told += f" and {more} more bands between {bands[0][0]:.3g} and {bands[-1][1]:.3g} Hz"
     return told
 
 
@@ -130,7 +131,7 @@ def _verdict(seen: AmbientFit, moved: dict[str, Number], missed: bool) -> tuple[
     if missed:
         return (
             "unknown_effect",
-            f"The spectra are not those of the model{_bands_text(seen.failed_bands())}.",
+            f"The spectra differ from those of the model{_bands_text(seen.failed_bands())}.",
         )
     if moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())

@@ -112,9 +112,9 @@ Examples:
     "patience_s",
     type=POSITIVE,
     metavar="SECONDS",
-    help="Budget of work, in seconds of a reference machine: then no more laws are tried.  "
-    f"[default: {PATIENCE_S:g}; of more than {MASSES} degrees of freedom in proportion, up to "
-    f"{PATIENCE_S * MORE:g}]",
+    help="Limit of the search, counted as seconds of a reference machine: no new effects are "
+    f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
+    f"more in proportion, at most {PATIENCE_S * MORE:g}]",
 )
 @click.option(
     "--unchecked",

@@ -105,21 +105,21 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
 CALM = {"slow_time": 1.0, "valid": True, "alive": True, "reasons": [], "registration": {}}
 LEARNING = {"valid": False, "reasons": ["The nominal model is still being learnt."]}
 VERDICTS = [
-    ([{}], "good", "No. The twin is valid, without an alarm or an unexplained change."),
-    ([{}, {}], "good", "No. All 2 twins are valid, without an alarm or an unexplained"),
+    ([{}], "good", "No. The twin has a valid estimate, no alarm and no unexplained change."),
+    ([{}, {}], "good", "No. All 2 twins have a valid estimate, no alarm and no unexplained"),
     ([{}, {"suspects": ["k1"]}], "waiting", "Possibly. 1 of 2 changed without an alarm: t1 (k"),
-    ([{}, {"valid": False, "reasons": ["Odd."]}], "waiting", "Not known for all twins. 1 of 2"),
+    ([{}, {"valid": False, "reasons": ["Odd."]}], "waiting", "Not known for every twin. 1 of"),
     (
         [{}, LEARNING],
         "waiting",
-        "Not known for all twins yet. 1 of 2 still learning or without",
+        "Not known for every twin yet. 1 of 2 still learning or without",
     ),
-    ([{"slow_time": None, "valid": False}], "waiting", "Not known for all twins yet. 1 of 1"),
+    ([{"slow_time": None, "valid": False}], "waiting", "Not known for every twin yet. 1 of 1"),
     (
         [{"alive": False}],
         "good",
-        "No. The twin is valid, without an alarm or an unexplained change. 1 of 1 with the "
-        "sensor agent offline, so nothing new is known: t0.",
+        "No. The twin has a valid estimate, no alarm and no unexplained change. 1 of 1 with "
+        "the sensor agent offline, so nothing new is known: t0.",
     ),
     (
         [{"raised": [{"quantity": "frequency_hz", "side": "above", "limit": 5}]}] * 5,
