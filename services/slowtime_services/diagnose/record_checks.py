@@ -100,8 +100,8 @@ def _refuse_slow(model: Description, trial: Trial, plant: Plant, name: str) -> N
     if len(own) and trial.rate_hz < 2 * own[0] and not _is_followed(plant, trial):
         raise RecordError(
             f"{name} has {trial.rate_hz:.4g} samples per second, which show vibration up to "
-            f"{trial.rate_hz / 2:.4g} Hz only, and the lowest natural frequency of the model is "
-            f"{own[0]:.4g} Hz. Check the units of the model (N, kg, m) and the clock of the "
+            f"{trial.rate_hz / 2:.4g} Hz only, and the lowest natural frequency of the model "
+            f"is {own[0]:.4g} Hz. Check the units of the model (N, kg, m) and the clock of the "
             "record: where it does not count seconds, name the unit in the head of the column, "
             "such as t_ms, or give --rate-hz. If both are right, --unchecked diagnoses the "
             "record all the same."
