@@ -16,8 +16,8 @@ Examples:
   slowtime convert tower.bdf --out tower.yaml
   slowtime convert tower.inp --out tower.yaml --unit mm --parameters
 
-Read are beams, bars, springs, masses, rigid links, relations and supports of Nastran (.bdf,
-.dat, .nas) and of Abaqus or CalculiX (.inp). docs/matrices.md lists the cards.
+Read are beams, bars, flat shells, springs, masses, rigid links, relations and supports of
+Nastran (.bdf, .dat, .nas) and of Abaqus or CalculiX (.inp). docs/matrices.md lists the cards.
 """,
 )
 @click.argument("mesh", type=EXISTING)
@@ -37,7 +37,7 @@ Read are beams, bars, springs, masses, rigid links, relations and supports of Na
     help="Make the stiffness of each property or section a parameter.",
 )
 def convert(**_given: object) -> None:
-    """Convert a mesh of beams and bars to a model file.
+    """Convert a mesh of beams, bars and shells to a model file.
 
     The sections of the mesh become groups of elements, which parameters scale. Entries that are
     not understood and may matter are an error that lists them. `slowtime reduce` prints the
