@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring
+from slowtime.dynamics.plant import Plant
 from slowtime_services.diagnose import campaign_of, read_any, roles_of
 from slowtime_services.diagnose.record_checks import refuse_nonsense
 from slowtime_services.files import Gap, RecordError
@@ -198,30 +199,40 @@ def test_a_clock_too_slow_for_the_model_is_told_with_its_likely_cause(tmp_path, 
     refuse_nonsense(campaign, ["named.npz"])
 
 
+STIFF = Description(
+    name="mount",
+    nodes=(Node(id="m", mass_kg=0.01),),
+    elements=(
+        Spring(id="k", between=("base", "m"), stiffness_n_per_m=6000.0, damping_n_s_per_m=5.0),
+    ),
+    inputs=(Input(channel="u", kind="force", node="m", unit="N"),),
+    sensors=(Sensor(channel="x", quantity="displacement", node="m", unit="m"),),
+)
+
+
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_motion_far_below_resonance_is_diagnosed_and_motion_of_its_own_is_not(loss):
     """A stiff mount moved slowly follows its force; ringing at the same rate is a question."""
-    stiff = Description(
-        name="mount",
-        nodes=(Node(id="m", mass_kg=0.01),),
-        elements=(
-            Spring(
-                id="k",
-                between=("base", "m"),
-                stiffness_n_per_m=6000.0,
-                damping_n_s_per_m=5.0,
-            ),
-        ),
-        inputs=(Input(channel="u", kind="force", node="m", unit="N"),),
-        sensors=(Sensor(channel="x", quantity="displacement", node="m", unit="m"),),
-    )
     force = np.sin(2 * np.pi * 1.3 * T) + 0.4 * np.sin(2 * np.pi * 2.1 * T)
     follows = {"u": force, "x": force / (6000.0 * (1.0 - loss))}
-    refuse_nonsense(campaign_of(stiff, [source_of(follows)])[0], ["slow"])
+    refuse_nonsense(campaign_of(STIFF, [source_of(follows)])[0], ["slow"])
     rings = {"u": force, "x": np.exp(-0.3 * T) * np.sin(2 * np.pi * 7.0 * T) / 6000.0}
-    campaign, _ = campaign_of(stiff, [source_of(rings)])
+    campaign, _ = campaign_of(STIFF, [source_of(rings)])
     with pytest.raises(RecordError, match="samples per second, which show vibration up"):
         refuse_nonsense(campaign, ["rings"])
+
+
+def test_a_clock_that_counts_minutes_is_asked_about_though_most_motion_is_slow():
+    """Sixty times as fast, the model says all of it; as read, only what follows the force."""
+    noise = np.random.default_rng(4).standard_normal(SAMPLES)
+    force = np.sin(2 * np.pi * 0.2 * T) + 0.25 * noise
+    plant = Plant.of(STIFF)
+    moved = plant.simulate(plant.values, force[:, None], 60 * RATE_HZ)[:, 0]
+    campaign, _ = campaign_of(STIFF, [source_of({"u": force, "x": moved})])
+    read = plant.simulate(plant.values, force[:, None], RATE_HZ)[:, 0]
+    assert np.std(moved - read) < 0.9 * np.std(moved)
+    with pytest.raises(RecordError, match="samples per second, which show vibration up"):
+        refuse_nonsense(campaign, ["minutes"])
 
 
 def test_why_a_column_is_missing_or_no_clock_is_said(tmp_path, slide, arrays):

@@ -15,7 +15,9 @@ from slowtime_cli.__main__ import VERBS, app
 from slowtime_cli.shared.examples import ENDLESS_VERBS, EXAMPLES, FIRST_EXAMPLE, HEADING
 from tests.docs.tutorials import can_run
 
-FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|tdms|json|toml|yaml|sqlite|pem|py|bdf|inp)")
+FILE = re.compile(
+    r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|tdms|json|toml|yaml|sqlite|pem|py|bdf|inp)"
+)
 RUN = ("simulate", "identify", "evolve")
 
 

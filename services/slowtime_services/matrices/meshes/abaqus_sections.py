@@ -1,11 +1,9 @@
 """Sections and materials of input of Abaqus or CalculiX → those of a frame."""
 
-import math
 from typing import Any
 
 from .abaqus_deck import Block
-from .mesh import Mesh, box
-from .nastran_properties import SOLID_ROUND
+from .mesh import Mesh, box, solid_round
 
 DEFAULT_NORMAL = (0.0, 0.0, -1.0)
 """First local axis of a beam section where none is given, by both manuals."""
@@ -65,17 +63,7 @@ def _round(block: Block, sizes: list[float]) -> dict[str, Any]:
     """Give the solid round section of a radius (Abaqus) or two equal diameters (CalculiX)."""
     if len(sizes) > 1 and sizes[0] != sizes[1]:
         raise block.error("is an ellipse. Allowed are a radius, or two equal diameters.")
-    radius = sizes[0] / len(sizes[:2])
-    area = math.pi * radius**2
-    inertia = area * radius**2 / 4
-    return {
-        "area_m2": area,
-        "inertia_y_m4": inertia,
-        "inertia_z_m4": inertia,
-        "torsion_m4": 2 * inertia,
-        "shear_y_m2": SOLID_ROUND * area,
-        "shear_z_m2": SOLID_ROUND * area,
-    }
+    return solid_round(sizes[0] / len(sizes[:2]))
 
 
 def general_section(

@@ -3,17 +3,13 @@
 import math
 from typing import Any
 
-from .mesh import Mesh, box
+from .mesh import Mesh, box, solid_round
 from .nastran_deck import Deck, Fields
 
 _STATIONS = ("YES", "YESA", "NO")
 _MANY = 1e6
 """Shear area over area [1] that stands for no shear deformation in one of two planes: six
 orders of magnitude stiffer than real sections, whose ratio is near 1."""
-
-SOLID_ROUND = 0.9
-"""Shear area of a solid round section over its area [1]: Cowper, J. Appl. Mech. 33 (1966),
-gives 6 (1 + nu) / (7 + 6 nu), 0.89 for nu = 0.3."""
 
 SHAPES = {"ROD": 1, "TUBE": 2, "TUBE2": 2, "BAR": 2, "BOX": 4}
 """Shapes of PBARL and PBEAML that are read, and how many sizes each has."""
@@ -232,16 +228,7 @@ def _shape(mesh: Mesh, card: Fields) -> tuple[dict[str, Any], float]:
     if shape == "BOX":
         return box(sizes[1], sizes[0], sizes[2], sizes[3]), extra
     if shape == "ROD":
-        area = math.pi * sizes[0] ** 2
-        inertia = area * sizes[0] ** 2 / 4
-        return {
-            "area_m2": area,
-            "inertia_y_m4": inertia,
-            "inertia_z_m4": inertia,
-            "torsion_m4": 2 * inertia,
-            "shear_y_m2": SOLID_ROUND * area,
-            "shear_z_m2": SOLID_ROUND * area,
-        }, extra
+        return solid_round(sizes[0]), extra
     radius, inner = sizes if shape != "TUBE2" else (sizes[0], sizes[0] - sizes[1])
     if not 0.0 <= inner < radius:
         raise card.error(f"has radii {radius:g} and {inner:g} m. The first is the outer one.")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from slowtime.discrepancy.ambient.diagnosis import _bands_text
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
@@ -76,3 +77,12 @@ def test_a_silent_span_is_told_without_an_input_too():
     campaign = Campaign(description=rig(), trials=(trial,), holdout=())
     found = diagnose(campaign)
     assert [f.fault for f in found.findings] == ["zero"]
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 40])
+def test_a_sentence_names_four_bands_at_most_and_counts_the_others(count):
+    bands = tuple((float(k), k + 0.5 + 0.01 * k) for k in range(1, count + 1))
+    told = _bands_text(bands)
+    assert told.count(" to ") == min(count, 4)
+    assert f"{bands[-1][0]:.3g} to {bands[-1][1]:.3g} Hz" in told  # the widest
+    assert (f"{count - 4} more bands between 1 and" in told) == (count > 4)
