@@ -175,7 +175,7 @@ VERBS = {
     ),
     "virtual": Verb("models.virtual:virtual", "Estimate unmeasured drift, force or stress."),
     "convert": Verb(
-        "models.convert:convert", "Convert a mesh of beams and bars to a model file."
+        "models.convert:convert", "Convert a mesh of beams, bars and shells to a model file."
     ),
     "reduce": Verb(
         "models.reduce:reduce", "Reduce finite-element matrices to a small model and verify it."
