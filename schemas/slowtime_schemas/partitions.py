@@ -1,11 +1,11 @@
-"""The partition of an asset: what keys carry and shards share out, so that no one looks at all assets."""
+"""The partition of an asset, by which keys and servers divide the assets of a site."""
 
 import hashlib
 
 PARTITIONS = 256
 """Number of partitions of a site [1]; fixed, because keys carry it.
 
-256 divide 100,000 assets into some 400 each, which a router compares in microseconds, and leave each of 64 shards four or more to share out evenly.
+256 divide 100,000 assets into some 400 each, and leave each of 64 servers four to share out.
 """
 
 

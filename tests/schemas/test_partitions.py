@@ -12,5 +12,5 @@ def test_partitions_are_even_within_sampling() -> None:
 
 
 def test_the_partition_of_an_asset_never_changes() -> None:
-    # By `printf '%s' NAME | sha256sum`: keys that edges of older versions send carry these numbers.
+    # By `sha256sum`; keys that edges of older versions send carry these numbers.
     assert [partition_of(name) for name in ("beam", "bridge-7", "Brücke")] == [0xAE, 0x59, 0xA6]
