@@ -195,7 +195,7 @@ def imposed_motion(folder, said):
     assert (effect["effect"], effect["where"]["id"]) == ("quadratic_damping", "damper")
     drag = effect["parameters"]["c2_n_s2_per_m2"]
     assert drag["value"] == pytest.approx(3000.0, rel=0.1)
-    (left,) = re.findall(r"^left over: ([\d.]+) %", said, re.M)
+    (left,) = re.findall(r"^error: ([\d.]+) %", said, re.M)
     assert float(left) < 6.0
     assert "grows with amplitude" in said
     with np.load(folder / "floor.npz") as floor:
