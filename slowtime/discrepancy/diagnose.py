@@ -76,7 +76,7 @@ def diagnose(
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient and not decays:
         tell("comparing spectra", 0.1)
-        return diagnose_ambient(campaign, trials, findings, known)
+        return diagnose_ambient(campaign, trials, findings, known, tell)
     if is_imposed(campaign.description, trials):
         return diagnose_imposed_motion(campaign, trials, findings, known, tell)
     tell("refitting the model within its tolerances", 0.05)

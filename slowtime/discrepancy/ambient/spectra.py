@@ -1,13 +1,16 @@
-r"""Fit of a model to the spectra of ambient records, under white forces.
+r"""Fit of a model to the spectra of ambient records, under unmeasured random forces.
 
-The force is not measured; it is taken to be white and independent on every mass, so that only
-its densities are unknown. The spectral matrix of the sensors is then
+The forces are taken to be independent on every mass, with densities that differ from record to
+record, and one smooth shape over frequency in each record. The spectral matrix of the sensors
+in record :math:`r` is then
 
-.. math:: \Sigma(\omega) = \sum_j S_j \, g_j(\omega) g_j(\omega)^H + \mathrm{diag}(N) ,
+.. math:: \Sigma_r(\omega) = \phi_r(\omega) \sum_j S_{rj} \, g_j(\omega) g_j(\omega)^H
+          + \mathrm{diag}(N) ,
 
-and the lines of the records are complex normal with it. Constants, densities of forces and
-noise are found by Fisher scoring; where the covariance of the lines differs, the model lacks
-something in that band. Such records do not determine what and where.
+and the lines of the record are complex normal with it. Constants, densities and shapes of
+forces, and noise are found by Fisher scoring. Changes of a stiffness, damping or mass, in one
+record or in all, may be fitted beside them: an effect that depends on amplitude changes the
+equivalent stiffness and damping of its element from record to record.
 
 References
 ----------
@@ -30,6 +33,7 @@ from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.localization import LinearModel
 from slowtime.discrepancy.noise import response_limit_hz
 from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import detrended, transform
 
@@ -51,13 +55,56 @@ DIFFERENCE_STEP = 1e-4
 """[1] Relative step of central differences. Source: near the cube root of double precision,
 with margin."""
 
+SHAPE_KNOTS = 4
+"""[1] Knots of the shape of a force over log frequency. Source: a decision: wind and traffic
+have smooth spectra, and more knots would imitate resonances."""
+SHAPE_SD = 1.5
+"""[nats] Prior standard deviation of the log shape at a knot. Source: the density of wind falls
+by some 4 nats in a decade."""
+BAND_LINES = 12
+"""[lines] Of a band in which power is averaged to find where forces end. Source: averages of
+12 lines scatter by a third, far less than `EDGE_FALL`."""
+EDGE_FALL = 8.0
+"""[1] Factor by which the power of a force falls from one band to the next where its spectrum
+ends. Source: twice the smooth shapes that `SHAPE_SD` allows between two bands."""
+NEAR_MODES = 1.25
+"""[1] Frequency over the highest mode, and under the lowest, up to which response is taken for
+that of the modes. Source: twice the error of a natural frequency that a tolerance of the
+stiffness of a quarter allows."""
+
+DENSITY_SD = 5.0
+"""[nats] Prior standard deviation of a log density about the mean of all forces. Source: a
+decision: forces on two masses rarely differ by more than a factor of 150; it keeps densities
+that the sensors do not see from running away."""
+
 Lines = Complex[np.ndarray, "frequency sensor"]
 Matrices = Complex[np.ndarray, "frequency sensor sensor"]
+Responses = Complex[np.ndarray, "frequency sensor force"]
+Unknowns = Float[np.ndarray, " unknown"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A change of one constant of the model, to be estimated.
+
+    Parameters
+    ----------
+    constant
+        Name of the constant, such as ``("stiffness", "j0")``.
+    record
+        Number of the record in which it differs; None for a change in all.
+    scale
+        Prior standard deviation, in the unit of the constant.
+    """
+
+    constant: Name
+    record: int | None
+    scale: float
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralBand:
-    """A band [Hz], and the p-value of its covariance test."""
+    """A band [Hz] of one record, and the p-value of its covariance test."""
 
     low_hz: float
     high_hz: float
@@ -70,25 +117,52 @@ class AmbientFit:
 
     Parameters
     ----------
+    prior
+        Of the constants that were free.
     values, covariance
         Of the constants that were free, in the order of `prior`.
+    changes
+        That were fitted beside the constants.
+    change_values, change_covariance
+        Of the changes, each in the unit of its constant.
     force_density
-        Of the force on each free translation, one-sided [N²/Hz].
+        Of the force on each translation in each record, one-sided [N²/Hz].
+    force_shape
+        Logarithm of the shape of the forces of each record, at its knots.
     noise_density
-        Of each sensor [unit²/Hz].
+        Of each sensor in each record, harmonics of a nonlinear response included [unit²/Hz].
+    log_likelihood
+        Of all lines, plus the log prior density of the constants that were free [nats].
     bands
-        Over which the covariance of the lines was tested.
-    p_value
-        Probability of a worse fit over all bands if nothing is missing.
+        Over which the covariance of the lines was tested, for all records.
+    deviance, degrees
+        Sum of the test statistic over all bands, and its degrees of freedom; the ratio is 1
+        where the model lacks nothing.
     """
 
     prior: Prior
     values: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
-    force_density: Float[np.ndarray, " dof"]
-    noise_density: Float[np.ndarray, " sensor"]
+    changes: tuple[Change, ...]
+    change_values: Float[np.ndarray, " change"]
+    change_covariance: Float[np.ndarray, "change change"]
+    force_density: Float[np.ndarray, "record dof"]
+    force_shape: Float[np.ndarray, "record knot"]
+    noise_density: Float[np.ndarray, "record sensor"]
+    log_likelihood: float
     bands: tuple[SpectralBand, ...]
-    p_value: float
+    deviance: float
+    degrees: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a worse fit over all bands if nothing is missing."""
+        return float(scipy.stats.chi2.sf(self.deviance, self.degrees))
+
+    @property
+    def misfit(self) -> float:
+        """Deviance per degree of freedom; 1 where only noise is left [1]."""
+        return self.deviance / self.degrees
 
     @property
     def sd(self) -> Float[np.ndarray, " free"]:
@@ -104,30 +178,261 @@ class AmbientFit:
     def failed_bands(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
         """Bands [Hz] in which the test fails, at a level with Bonferroni's correction.
 
-        Neighbours that fail are one band.
+        Neighbours that fail are one band; bands of several records that overlap, too.
         """
         level = chance / len(self.bands)
         runs = itertools.groupby(self.bands, lambda one: one.p_value < level)
         failed = [list(run) for fails, run in runs if fails]
-        return tuple((run[0].low_hz, run[-1].high_hz) for run in failed)
+        merged: list[tuple[float, float]] = []
+        for low, high in sorted((run[0].low_hz, run[-1].high_hz) for run in failed):
+            if merged and low <= merged[-1][1]:
+                merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
+            else:
+                merged.append((low, high))
+        return tuple(merged)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _SpectralProblem:
-    plant: Plant
-    prior: Prior
+class RecordLines:
+    """Spectral lines of one record.
+
+    Parameters
+    ----------
+    frequency_hz
+        Of the lines.
+    lines
+        Complex spectrum of each sensor, of which the mean square is the one-sided density.
+    """
+
     frequency_hz: Float[np.ndarray, " frequency"]
     lines: Lines
 
     @property
-    def forces(self) -> list[int]:
-        """Coordinates on which forces act: translations."""
-        influence = LinearModel.of(self.plant.description).structure.influence
-        return (
-            list(range(self.lines.shape[1]))
-            if influence is None
-            else np.flatnonzero(influence).tolist()
+    def shapes(self) -> Float[np.ndarray, "frequency knot"]:
+        """Hat functions over log frequency."""
+        log = np.log(self.frequency_hz)
+        knots = np.linspace(log[0], log[-1], SHAPE_KNOTS)
+        return np.stack([np.interp(log, knots, one) for one in np.eye(SHAPE_KNOTS)], axis=1)
+
+    def shape_at(
+        self, frequency_hz: Float[np.ndarray, " other"], log_shape: Float[np.ndarray, " knot"]
+    ) -> Float[np.ndarray, " other"]:
+        """Shape of the forces at other frequencies; 0 above the lines.
+
+        Parameters
+        ----------
+        frequency_hz
+            Where to evaluate it [Hz].
+        log_shape
+            Logarithm of the shape at the knots.
+        """
+        density = np.exp(self.shapes @ log_shape)
+        return np.asarray(np.interp(frequency_hz, self.frequency_hz, density, right=0.0))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class SpectralProblem:
+    """Records, model and changes of one fit.
+
+    The unknowns are, in this order: relative changes of the constants of `prior`; `changes`, in
+    units of their scale; of each record, log densities of forces and of their shape at its
+    knots, and of noise.
+    """
+
+    plant: Plant
+    prior: Prior
+    records: tuple[RecordLines, ...]
+    forces: tuple[int, ...]
+    changes: tuple[Change, ...] = ()
+
+    @property
+    def free(self) -> int:
+        """Number of constants of the prior."""
+        return len(self.prior.names)
+
+    @property
+    def linear(self) -> int:
+        """Number of unknowns that the linear model depends on."""
+        return self.free + len(self.changes)
+
+    @property
+    def sensors(self) -> int:
+        """Number of sensors."""
+        return int(self.records[0].lines.shape[1])
+
+    def densities(self, record: int) -> slice:
+        """Places of the log densities of forces of one record."""
+        size = len(self.forces) + SHAPE_KNOTS + self.sensors
+        first = self.linear + record * size
+        return slice(first, first + len(self.forces))
+
+    def shape(self, record: int) -> slice:
+        """Places of the log shape of the forces of one record."""
+        first = self.densities(record).stop
+        return slice(first, first + SHAPE_KNOTS)
+
+    def noise(self, record: int) -> slice:
+        """Places of the log densities of noise of one record."""
+        first = self.shape(record).stop
+        return slice(first, first + self.sensors)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return int(self.noise(len(self.records) - 1).stop)
+
+    def described(self, at: Unknowns, record: int) -> Description:
+        """Describe the linear model of one record."""
+        values = dict(
+            zip(
+                self.prior.names,
+                (self.prior.mean * (1 + at[: self.free])).tolist(),
+                strict=True,
+            )
         )
+        for change, size in zip(self.changes, at[self.free : self.linear], strict=True):
+            if change.record in (None, record):
+                before = values.get(change.constant, self._nominal(change.constant))
+                values[change.constant] = before + change.scale * float(size)
+        return with_values(self.plant.description, values)
+
+    def _nominal(self, constant: Name) -> float:
+        entry = self.plant.entries.get(constant)
+        return 0.0 if entry is None else entry.value
+
+    def responses(self, at: Unknowns, record: int) -> Responses:
+        """Return readings of the sensors for each unit of force, at the lines of a record."""
+        linear = LinearModel.of(self.described(at, record))
+        frequency = self.records[record].frequency_hz
+        seen = linear.sensor_response(frequency, linear.compliance(frequency))
+        return np.asarray(seen[:, :, list(self.forces)])
+
+    def with_changes(self, *changes: Change) -> "SpectralProblem":
+        """Copy the problem with other changes."""
+        return dataclasses.replace(self, changes=changes)
+
+
+def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
+    """Take the spectral lines of ambient records.
+
+    Parameters
+    ----------
+    plant
+        Without inputs and effects; its tolerances are the prior.
+    trials
+        Records; gaps are taken for zeros, so cut them at long ones.
+
+    Raises
+    ------
+    ValueError
+        Where the model has inputs or effects.
+    """
+    description = plant.description
+    if description.inputs or plant.effects:
+        raise ValueError(
+            "This model has inputs or effects, which spectra alone cannot be compared with. "
+            "Use refit and locate where the input was measured."
+        )
+    top = BAND_MARGIN * response_limit_hz(description, trials)
+    chosen = _one_sensor_for_each_node(description)
+    plant = dataclasses.replace(
+        plant,
+        description=dataclasses.replace(
+            description, sensors=tuple(description.sensors[i] for i in chosen)
+        ),
+    )
+    records = []
+    for trial in trials:
+        # Every second line: neighbouring lines of a tapered record are correlated.
+        frequency, spectrum = transform(
+            detrended(trial.measured[:, chosen]), trial.rate_hz, taper="hann"
+        )
+        kept = slice(2, int(np.searchsorted(frequency[:-1], top, side="right")), 2)
+        records.append((frequency[kept], spectrum[kept]))
+    linear = LinearModel.of(plant.description)
+    structure = linear.structure
+    forces = (
+        range(structure.dofs)
+        if structure.influence is None
+        else np.flatnonzero(structure.influence).tolist()
+    )
+    return SpectralProblem(
+        plant,
+        prior_of(plant),
+        tuple(_record_lines(linear, *one) for one in records),
+        tuple(forces),
+    )
+
+
+def _one_sensor_for_each_node(description: Description) -> list[int]:
+    """Choose sensors of different nodes: accelerations first, whose spectra are the flattest.
+
+    A second sensor of a node repeats the first but for the leakage of the taper, which grows
+    with the range of a spectrum.
+    """
+    order = {"acceleration": 0, "velocity": 1, "displacement": 2}
+    ranked = sorted(
+        (order.get(sensor.quantity, 3), number)
+        for number, sensor in enumerate(description.sensors)
+    )
+    chosen: dict[str | None, int] = {}
+    for rank, number in ranked:
+        if rank < len(order):
+            chosen.setdefault(description.sensors[number].node, number)
+    return sorted(chosen.values()) or list(range(len(description.sensors)))
+
+
+def _record_lines(
+    linear: LinearModel, frequency_hz: Float[np.ndarray, " frequency"], lines: Lines
+) -> RecordLines:
+    """Drop lines beyond the end of the spectrum of the forces, and those at its edges.
+
+    What responds there are noise and harmonics, which say nothing of a linear model.
+    """
+    response = linear.sensor_response(frequency_hz, linear.compliance(frequency_hz))
+    parts = np.array_split(np.arange(len(lines)), max(len(lines) // BAND_LINES, 1))
+    power, unit = np.abs(lines) ** 2, np.sum(np.abs(response) ** 2, axis=2)
+    # The sensor that responds most bounds the density of the forces best.
+    ratio = np.array([np.min(power[p].mean(axis=0) / unit[p].mean(axis=0)) for p in parts])
+    modes = natural_frequencies_hz(linear)
+    seen = modes[(modes > frequency_hz[0]) & (modes < frequency_hz[-1])]
+    low, high = (seen.min(), seen.max()) if len(seen) else frequency_hz[[0, -1]]
+    top = np.array([frequency_hz[p[-1]] for p in parts])
+    above = np.flatnonzero(top > high)
+    below = np.flatnonzero(top < low)[::-1]
+    acts = np.ones(len(parts), bool)
+    inner = (top >= low / NEAR_MODES) & (top <= NEAR_MODES * high)
+    lines_inner = np.repeat(inner if inner.any() else ~inner, [len(p) for p in parts])
+    usual = float(np.min(power[lines_inner].sum(axis=0) / unit[lines_inner].sum(axis=0)))
+    for outward in (above, below):
+        ended = _first_fall(ratio[outward], usual)
+        if ended < len(outward):
+            acts[outward[max(ended - 1, 0) :]] = False
+    kept = np.repeat(acts, [len(p) for p in parts])
+    return RecordLines(frequency_hz[kept], lines[kept])
+
+
+def _first_fall(ratio: Float[np.ndarray, " band"], usual: float) -> int:
+    """Return the number of the first band, going outward, where the forces have ended."""
+    for number in range(len(ratio)):
+        # A mode off its place lifts the ratio about it, but not the usual one.
+        before = float(np.median(ratio[max(number - 3, 0) : number])) if number else usual
+        if ratio[number : number + 2].max() < min(before, usual) / EDGE_FALL:
+            return number
+    return len(ratio)
+
+
+def natural_frequencies_hz(linear: LinearModel) -> Float[np.ndarray, " mode"]:
+    """Undamped natural frequencies of a linear model [Hz], ascending.
+
+    Parameters
+    ----------
+    linear
+        The model.
+    """
+    structure = linear.structure
+    squares = scipy.linalg.eigvals(structure.stiffness, structure.mass).real
+    return np.asarray(np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2 * np.pi))
 
 
 def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
@@ -144,149 +449,268 @@ def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
     --------
     See `tests/slowtime/discrepancy/ambient/test_spectra.py`.
     """
-    problem = _spectral_problem(plant, tuple(trials))
-    at = _initial_unknowns(problem)
-    cost, score, sharp = _score_and_information(problem, at)
+    return fit_spectra(spectral_problem(plant, trials))
+
+
+def fit_spectra(problem: SpectralProblem, start: AmbientFit | None = None) -> AmbientFit:
+    """Fit the unknowns of a problem by Fisher scoring.
+
+    Parameters
+    ----------
+    problem
+        Records, model and changes.
+    start
+        A fit of the same records without changes, to start from.
+    """
+    at = initial_unknowns(problem) if start is None else _unknowns_of(problem, start)
+    cost, score, information = score_and_information(problem, at)
     damping = 1e-3
     for _ in range(MAX_STEPS):
-        step = scipy.linalg.solve(
-            sharp + damping * np.diag(np.diag(sharp)), score, assume_a="pos"
-        )
+        step = _inverse(information, damping) @ score
         tried = at + np.clip(step, -MAX_STEP, MAX_STEP)
-        lower = _negative_log_posterior(problem, tried)
+        lower = _cost(problem, tried)
         if not lower < cost:
             damping *= 10
             if damping > 1e6:
                 break
             continue
         gain, at, damping = cost - lower, tried, damping / 10
-        cost, score, sharp = _score_and_information(problem, at)
+        cost, score, information = score_and_information(problem, at)
         if gain < MIN_GAIN:
             break
-    return _make_ambient_fit(problem, at, scipy.linalg.inv(sharp))
+    return _result(problem, at, _inverse(information))
 
 
-def _spectral_problem(plant: Plant, trials: tuple[Trial, ...]) -> _SpectralProblem:
-    description = plant.description
-    if description.inputs or plant.effects:
-        raise ValueError(
-            "This model has inputs or effects, which spectra alone cannot be compared with. "
-            "Use refit and locate where the input was measured."
-        )
-    top = BAND_MARGIN * response_limit_hz(description, trials)
-    frequencies, lines = [], []
-    for trial in trials:
-        # Every second line: neighbouring lines of a tapered record are correlated.
-        frequency, spectrum = transform(detrended(trial.measured), trial.rate_hz, taper="hann")
-        kept = slice(2, int(np.searchsorted(frequency[:-1], top, side="right")), 2)
-        frequencies.append(frequency[kept])
-        lines.append(spectrum[kept])
-    order = np.argsort(np.concatenate(frequencies), kind="stable")
-    return _SpectralProblem(
-        plant,
-        prior_of(plant),
-        np.concatenate(frequencies)[order],
-        np.concatenate(lines)[order],
-    )
+def expected_gain(problem: SpectralProblem, start: AmbientFit) -> float:
+    """Gain of log likelihood [nats] that the changes of a problem promise, by the score test.
+
+    Parameters
+    ----------
+    problem
+        With changes.
+    start
+        The fit without them.
+
+    References
+    ----------
+    C. R. Rao, "Large sample tests of statistical hypotheses", Proc. Camb. Phil. Soc. 44 (1948).
+    """
+    _, score, information = score_and_information(problem, _unknowns_of(problem, start))
+    return float(score @ _inverse(information) @ score) / 2
 
 
-def _initial_unknowns(problem: _SpectralProblem) -> Float[np.ndarray, " unknown"]:
+def _inverse(
+    information: Float[np.ndarray, "unknown unknown"], damping: float = 0.0
+) -> Float[np.ndarray, "unknown unknown"]:
+    """Invert an information matrix whose unknowns differ in how well they are known."""
+    scale = 1 / np.sqrt(np.diag(information))
+    scaled = information * np.outer(scale, scale) + damping * np.eye(len(scale))
+    return np.asarray(np.outer(scale, scale) * np.linalg.pinv(scaled, hermitian=True))
+
+
+def initial_unknowns(problem: SpectralProblem) -> Unknowns:
     """Start with nominal constants, forces of the measured power, and noise well below."""
-    free, forces = len(problem.prior.names), len(problem.forces)
-    power = np.abs(problem.lines) ** 2
-    at = np.zeros(free + forces + problem.lines.shape[1])
-    unit = np.einsum("fss->fs", _spectral_matrices(problem, at)).real - 1.0
-    at[free : free + forces] = np.log(np.median(power.mean(axis=0) / unit.mean(axis=0)))
-    at[free + forces :] = np.log(np.percentile(power, 20, axis=0) / 2)
+    at = np.zeros(problem.unknowns)
+    for number, record in enumerate(problem.records):
+        power = np.abs(record.lines) ** 2
+        unit = np.sum(np.abs(problem.responses(at, number)) ** 2, axis=2)
+        at[problem.densities(number)] = np.log(
+            np.median(power.mean(axis=0) / unit.mean(axis=0))
+        )
+        at[problem.noise(number)] = np.log(np.percentile(power, 20, axis=0) / 2)
     return at
 
 
-def _spectral_matrices(
-    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+def _unknowns_of(problem: SpectralProblem, start: AmbientFit) -> Unknowns:
+    at = np.zeros(problem.unknowns)
+    at[: problem.free] = start.values / problem.prior.mean - 1
+    for number in range(len(problem.records)):
+        density = start.force_density[number, list(problem.forces)]
+        at[problem.densities(number)] = np.log(density)
+        at[problem.shape(number)] = start.force_shape[number]
+        at[problem.noise(number)] = np.log(start.noise_density[number])
+    return at
+
+
+def _spectral_matrix(problem: SpectralProblem, at: Unknowns, record: int) -> Matrices:
+    return _matrix_of(problem, at, record, problem.responses(at, record))
+
+
+def _matrix_of(
+    problem: SpectralProblem, at: Unknowns, record: int, responses: Responses
 ) -> Matrices:
-    """Spectral matrices, given relative changes of constants and logarithms of densities."""
-    free, forces = len(problem.prior.names), problem.forces
-    values = problem.prior.mean * (1 + at[:free])
-    changed = with_values(
-        problem.plant.description, dict(zip(problem.prior.names, values.tolist(), strict=True))
-    )
-    linear = LinearModel.of(changed)
-    compliance = linear.compliance(problem.frequency_hz)
-    seen = linear.sensor_response(problem.frequency_hz, compliance)[:, :, forces]
-    scaled = seen * np.exp(at[free : free + len(forces)] / 2)
-    sensors = problem.lines.shape[1]
-    noise = np.exp(at[free + len(forces) :]) * np.eye(sensors)
+    scaled = _scaled(problem, at, record, responses)
+    noise = np.exp(at[problem.noise(record)]) * np.eye(problem.sensors)
     return np.asarray(scaled @ scaled.conj().swapaxes(1, 2) + noise)
 
 
-def _negative_log_posterior(
-    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
-) -> float:
-    """Minus the log likelihood, plus half the squared deviations of the constants."""
-    sigma = _spectral_matrices(problem, at)
+def _scaled(
+    problem: SpectralProblem, at: Unknowns, record: int, responses: Responses
+) -> Responses:
+    """Responses times the roots of the densities of the forces."""
+    one = problem.records[record]
+    root = np.exp(one.shapes @ at[problem.shape(record)] / 2)
+    return np.asarray(
+        responses * np.exp(at[problem.densities(record)] / 2) * root[:, None, None]
+    )
+
+
+def _log_likelihood(sigma: Matrices, lines: Lines) -> float:
     factor = np.linalg.cholesky(sigma)
-    white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
+    white = np.linalg.solve(factor, lines[:, :, None])[:, :, 0]
     logdet = 2 * np.sum(np.log(np.einsum("fss->fs", factor).real))
-    cost = float(logdet + np.sum(np.abs(white) ** 2))
-    return cost + float(np.sum(_prior_deviations(problem, at) ** 2)) / 2
+    return -float(logdet + np.sum(np.abs(white) ** 2))
 
 
-def _prior_deviations(
-    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
-) -> Float[np.ndarray, " free"]:
-    free = len(problem.prior.names)
-    return np.asarray(at[:free] * problem.prior.mean / problem.prior.sd)
+def _cost(problem: SpectralProblem, at: Unknowns) -> float:
+    """Minus the log likelihood, plus half the squared deviations from the prior."""
+    try:
+        total = sum(
+            _log_likelihood(_spectral_matrix(problem, at, number), record.lines)
+            for number, record in enumerate(problem.records)
+        )
+    except np.linalg.LinAlgError:
+        return np.inf
+    return float(np.sum(_deviations(problem, at) ** 2)) / 2 - total
 
 
-def _score_and_information(
-    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
-) -> tuple[float, Float[np.ndarray, " unknown"], Float[np.ndarray, "unknown unknown"]]:
-    """Cost, score and Fisher information."""
-    inverse = np.linalg.inv(_spectral_matrices(problem, at))
-    weighted = inverse @ problem.lines[:, :, None]
-    turned, score = [], np.zeros(len(at))
-    for i in range(len(at)):
+def _weights(problem: SpectralProblem) -> Unknowns:
+    """Inverse prior standard deviations of the unknowns."""
+    weights = np.zeros(problem.unknowns)
+    weights[: problem.free] = problem.prior.mean / problem.prior.sd
+    weights[problem.free : problem.linear] = 1.0
+    for number in range(len(problem.records)):
+        weights[problem.densities(number)] = 1 / DENSITY_SD
+        weights[problem.shape(number)] = 1 / SHAPE_SD
+    return weights
+
+
+def _deviations(problem: SpectralProblem, at: Unknowns) -> Unknowns:
+    """Deviations from the prior, in its standard deviations."""
+    deviations = at.copy()
+    for number in range(len(problem.records)):
+        # Densities deviate from the mean of their record, which itself is free.
+        own = problem.densities(number)
+        deviations[own] -= deviations[own].mean()
+    return np.asarray(deviations * _weights(problem))
+
+
+def score_and_information(
+    problem: SpectralProblem, at: Unknowns
+) -> tuple[float, Unknowns, Float[np.ndarray, "unknown unknown"]]:
+    """Cost, its negative gradient and Fisher information.
+
+    Parameters
+    ----------
+    problem
+        Records, model and changes.
+    at
+        Unknowns.
+
+    Returns
+    -------
+    Cost [nats], score of shape (unknown,) and information of shape (unknown, unknown).
+    """
+    size = len(at)
+    score, information = np.zeros(size), np.zeros((size, size))
+    for number, record in enumerate(problem.records):
+        places, slopes = _slopes(problem, at, number)
+        inverse = np.linalg.inv(_spectral_matrix(problem, at, number))
+        weighted = inverse @ record.lines[:, :, None]
+        turned = [inverse @ slope for slope in slopes]
+        for place, slope, one in zip(places, slopes, turned, strict=True):
+            fit = (weighted.conj().swapaxes(1, 2) @ slope @ weighted)[:, 0, 0].real
+            score[place] += float(fit.sum() - np.einsum("fss->", one).real)
+        flat = np.array([one.ravel() for one in turned])
+        back = np.array([one.swapaxes(1, 2).ravel() for one in turned])
+        information[np.ix_(places, places)] += (flat @ back.T).real
+    weights, deviations = _weights(problem), _deviations(problem, at)
+    # Noise far below the response has no information of its own, and must not make it singular.
+    information[np.arange(size), np.arange(size)] += np.maximum(weights**2, 1e-6)
+    return _cost(problem, at), score - deviations * weights, information
+
+
+def _slopes(
+    problem: SpectralProblem, at: Unknowns, record: int
+) -> tuple[list[int], list[Matrices]]:
+    """Return derivatives of the spectral matrix of a record, and their unknowns."""
+    places, slopes = [], []
+    for i in range(problem.linear):
+        own = problem.changes[i - problem.free].record if i >= problem.free else None
+        if own not in (None, record):
+            continue
         step = DIFFERENCE_STEP * np.eye(len(at))[i]
-        slope = (
-            _spectral_matrices(problem, at + step) - _spectral_matrices(problem, at - step)
-        ) / (2 * DIFFERENCE_STEP)
-        turned.append(inverse @ slope)
-        fit = (weighted.conj().swapaxes(1, 2) @ slope @ weighted)[:, 0, 0].real
-        score[i] = float(fit.sum() - np.einsum("fss->", turned[-1]).real)
-    flat = np.array([t.ravel() for t in turned])
-    back = np.array([t.swapaxes(1, 2).ravel() for t in turned])
-    sharp = (flat @ back.T).real
-    free = len(problem.prior.names)
-    known = np.arange(free)
-    relative = problem.prior.mean / problem.prior.sd
-    sharp[known, known] += relative**2
-    score[:free] -= _prior_deviations(problem, at) * relative
-    return _negative_log_posterior(problem, at), score, np.asarray(sharp)
+        ahead, behind = (_spectral_matrix(problem, at + s, record) for s in (step, -step))
+        places.append(i)
+        slopes.append((ahead - behind) / (2 * DIFFERENCE_STEP))
+    scaled = _scaled(problem, at, record, problem.responses(at, record))
+    densities = problem.densities(record)
+    for column, place in enumerate(range(densities.start, densities.stop)):
+        one = scaled[:, :, column]
+        places.append(place)
+        slopes.append(one[:, :, None] * one[:, None, :].conj())
+    whole = scaled @ scaled.conj().swapaxes(1, 2)
+    shapes = problem.shape(record)
+    for column, place in enumerate(range(shapes.start, shapes.stop)):
+        places.append(place)
+        slopes.append(problem.records[record].shapes[:, column, None, None] * whole)
+    shape = slopes[-1].shape
+    noise = problem.noise(record)
+    for column, place in enumerate(range(noise.start, noise.stop)):
+        slope = np.zeros(shape, dtype=complex)
+        slope[:, column, column] = np.exp(at[place])
+        places.append(place)
+        slopes.append(slope)
+    return places, slopes
 
 
-def _make_ambient_fit(
-    problem: _SpectralProblem,
-    at: Float[np.ndarray, " unknown"],
+def _result(
+    problem: SpectralProblem,
+    at: Unknowns,
     covariance: Float[np.ndarray, "unknown unknown"],
 ) -> AmbientFit:
-    free, forces = len(problem.prior.names), len(problem.forces)
+    free, linear = problem.free, problem.linear
     mean = problem.prior.mean
-    bands, deviance, degrees = _covariance_tests(problem, at)
-    density = np.zeros(len(LinearModel.of(problem.plant.description).structure.names))
-    density[problem.forces] = np.exp(at[free : free + forces])
+    scale = np.array([change.scale for change in problem.changes])
+    tests = [_covariance_tests(problem, at, number) for number in range(len(problem.records))]
+    density = np.zeros(
+        (len(problem.records), LinearModel.of(problem.plant.description).structure.dofs)
+    )
+    shape = np.zeros((len(problem.records), SHAPE_KNOTS))
+    for number, record in enumerate(problem.records):
+        # Densities are means over the lines; the shape has the mean 1.
+        log_shape = at[problem.shape(number)]
+        mean_shape = float(np.mean(np.exp(record.shapes @ log_shape)))
+        density[number, list(problem.forces)] = (
+            np.exp(at[problem.densities(number)]) * mean_shape
+        )
+        shape[number] = log_shape - np.log(mean_shape)
+    likelihood = sum(
+        _log_likelihood(_spectral_matrix(problem, at, number), record.lines)
+        for number, record in enumerate(problem.records)
+    )
+    pulls = _deviations(problem, at)[:free]
     return AmbientFit(
         prior=problem.prior,
         values=mean * (1 + at[:free]),
         covariance=covariance[:free, :free] * np.outer(mean, mean),
+        changes=problem.changes,
+        change_values=at[free:linear] * scale,
+        change_covariance=covariance[free:linear, free:linear] * np.outer(scale, scale),
         force_density=density,
-        noise_density=np.exp(at[free + forces :]),
-        bands=bands,
-        p_value=float(scipy.stats.chi2.sf(deviance, degrees)),
+        force_shape=shape,
+        noise_density=np.exp(
+            [at[problem.noise(number)] for number in range(len(problem.records))]
+        ),
+        log_likelihood=likelihood - float(pulls @ pulls) / 2,
+        bands=tuple(itertools.chain.from_iterable(bands for bands, _, _ in tests)),
+        deviance=sum(deviance for _, deviance, _ in tests),
+        degrees=sum(degrees for _, _, degrees in tests),
     )
 
 
 def _covariance_tests(
-    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+    problem: SpectralProblem, at: Unknowns, record: int
 ) -> tuple[tuple[SpectralBand, ...], float, int]:
     r"""Test in bands whether the covariance of the whitened lines is the unit matrix.
 
@@ -294,8 +718,9 @@ def _covariance_tests(
     :math:`2 n (\mathrm{tr} A - \log \det A - s)` is close to chi squared with :math:`s^2`
     degrees; the factor that makes its mean right is known in closed form.
     """
-    factor = np.linalg.cholesky(_spectral_matrices(problem, at))
-    white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
+    one = problem.records[record]
+    factor = np.linalg.cholesky(_spectral_matrix(problem, at, record))
+    white = np.linalg.solve(factor, one.lines[:, :, None])[:, :, 0]
     sensors = white.shape[1]
     count = max(len(white) // max(6 * sensors, 24), 1)
     bands, total = [], 0.0
@@ -310,8 +735,8 @@ def _covariance_tests(
         total += deviance
         bands.append(
             SpectralBand(
-                low_hz=float(problem.frequency_hz[part[0]]),
-                high_hz=float(problem.frequency_hz[part[-1]]),
+                low_hz=float(one.frequency_hz[part[0]]),
+                high_hz=float(one.frequency_hz[part[-1]]),
                 p_value=float(scipy.stats.chi2.sf(deviance, sensors**2)),
             )
         )

@@ -7,7 +7,7 @@ from tests.blind.answers import SILENT
 from tests.blind.tables import Row, leaves, rate
 
 UNMEASURED = ("ambient",)
-"""Excitations that nobody measures: there are but spectra, and no effect can be named."""
+"""Excitations that nobody measures: only spectra can be compared."""
 
 
 def excitation_row(

@@ -73,9 +73,9 @@ def test_constants_strengths_and_noise_come_out_within_their_errors(results):
     assert np.abs(scores).max() < 3.5
     assert 0.5 < np.std(scores) < 1.7
     forces = np.mean([r.force_density for r in results], axis=0)
-    assert forces == pytest.approx([1e-2, 3e-2], rel=0.1)
+    assert forces == pytest.approx(np.array([[1e-2, 3e-2]]), rel=0.1)
     noise = np.mean([r.noise_density for r in results], axis=0)
-    assert noise == pytest.approx(2 * NOISE**2 / RATE, rel=0.3)
+    assert noise == pytest.approx(np.full((1, 2), 2 * NOISE**2 / RATE), rel=0.3)
 
 
 @pytest.mark.long
