@@ -24,8 +24,9 @@ def check_key(key: str, *, wildcards: bool) -> str:
     chunks = key.split("/")
     if not all(chunks) or any(mark in key for mark in "?#$"):
         raise InvalidKeyError(
-            f"{key!r} is no key. Allowed: chunks joined by '/', none empty, without '?', '#' "
-            "and '$', such as 'slowtime/v1/lab/beam/features'."
+            f"{key!r} is not a valid bus address (key expression). Use parts separated by "
+            "single '/', without '?', '#' and '$', for example "
+            "'slowtime/v1/lab/beam/features'."
         )
     starred = [chunk for chunk in chunks if "*" in chunk]
     if any(chunk not in ("*", "**") for chunk in starred):

@@ -53,8 +53,10 @@ class Signer:
         if access_of_others(path):
             mode = stat.S_IMODE(path.stat().st_mode)
             raise CredentialsError(
-                f"Others may read {path} (mode {mode:04o}). Allowed: 0600. Say chmod 600 "
-                f"{path}, and make another if others may have read it."
+                f"{path} holds a secret, but other users of this computer can read it "
+                f"(permissions {mode:04o}; must be 0600). Run: chmod 600 {path}. If "
+                "somebody may have read it, create a new key with `slowtime ledger key` "
+                "and stop using this one."
             )
         key = None
         with contextlib.suppress(ValueError, TypeError):

@@ -99,11 +99,12 @@ def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:
     for trial, name in zip(trials, origins, strict=True):
         if len(trial.outputs) < 3 * MIN_SAMPLES:
             holed = list(origins).count(name) > 1
-            why = ", for its clock or inputs have holes" if holed else ""
+            why = ", because its clock or inputs have gaps" if holed else ""
             raise RecordError(
-                f"{name} has {len(trial.outputs)} samples in a row{why}. Without --holdout "
-                f"the last third is kept to judge by, which takes {3 * MIN_SAMPLES} at least. "
-                "Give a longer record, or one to judge by with --holdout."
+                f"{name} has {len(trial.outputs)} consecutive samples without a gap{why}. "
+                "Without --holdout the last third is held back for validation, which "
+                f"takes at least {3 * MIN_SAMPLES} samples. Give a longer record, or a "
+                "separate validation record with --holdout."
             )
 
 
@@ -187,23 +188,23 @@ def _trials(
             if not np.isfinite(c).any()
         )  # fmt: skip
         raise RecordError(
-            f"{source.name}: input {name!r} is nowhere finite. What shakes the structure must "
-            "be measured; if it was not, take it out of the model's inputs."
+            f"{source.name}: input {name!r} has no finite values. The excitation must be "
+            "measured; if it was not, remove this input from the model."
         )
     pieces = list(_pieces(record, known))
     kept = [piece for piece in pieces if piece[1] - piece[0] >= MIN_SAMPLES]
     if not kept:
         longest = max(last - first for first, last, _ in pieces)
         raise RecordError(
-            f"{source.name} has no {MIN_SAMPLES} samples in a row: {longest} at most. Fewer "
-            "tell nothing of a structure; give a longer record, or one without holes."
+            f"{source.name} needs {MIN_SAMPLES} consecutive samples without a gap and has "
+            f"at most {longest}. Give a longer record, or one without gaps."
         )
     if len(pieces) > 1:
         lost = count - sum(last - first for first, last, _ in kept)
         dropped = f"; {lost} samples between are left out" if lost else ""
         parts = f"{len(kept)} records, each with a start of its own" if len(kept) > 1 else "one"
         notes.append(
-            f"{source.name} has holes in its clock or inputs: read as {parts}{dropped}."
+            f"{source.name} has gaps in its clock or inputs: read as {parts}{dropped}."
         )
     for first, last, late in kept:
         yield Trial(

@@ -70,7 +70,9 @@ def _effects(document: DiagnosisFile) -> Iterator[Section]:
 
 
 def _undecided(document: DiagnosisFile) -> Iterator[Section]:
-    words = [f"What would decide: {document.experiment}"] if document.experiment else []
+    words = (
+        [f"Experiment that would decide: {document.experiment}"] if document.experiment else []
+    )
     rows = [
         (named(r.effect), placed(r.where.kind, r.where.id), _chance(r))
         for r in document.undecided

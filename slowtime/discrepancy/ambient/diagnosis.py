@@ -135,5 +135,5 @@ def _verdict(seen: AmbientFit, moved: dict[str, Number], missed: bool) -> tuple[
         )
     if moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
-        return "parameters_only", f"Constants left their tolerance: {told}."
+        return "parameters_only", f"Constants are outside their tolerances: {told}."
     return "nothing_missing", "The spectra are those of the model, within its tolerances."

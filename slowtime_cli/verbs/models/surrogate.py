@@ -41,7 +41,7 @@ A table is text with a heading and one run a row, between commas, semicolons or 
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def surrogate(at: Path | None, out: Path | None, **_given: object) -> None:
-    """Learn a fast approximation from runs of a slow model.
+    """Fit a fast surrogate to runs of a slow model.
 
     Surrogates of Chapter 6 (polynomial chaos, Gaussian processes, the hybrid of both, support
     vectors, networks) are compared by cross-validation; the best is fitted to all runs. Prints

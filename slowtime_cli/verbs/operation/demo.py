@@ -69,7 +69,7 @@ Examples:
     help="Keep database, spools and logs here.  [default: a temporary folder]",
 )
 def demo(**_given: object) -> None:
-    """Run router, edge agents, twin server and page on this machine.
+    """Run router, edge agents, twin server and page on this computer.
 
     Simulated structures change in accelerated slow time; the twins track them from
     vibration alone. At the end it prints how often the 95 %

@@ -36,7 +36,7 @@ token can be recognised by.
 """
 )
 def tokens() -> None:
-    """Make, list and revoke tokens for REST and the page."""
+    """Create, list and revoke tokens for REST and the page."""
 
 
 @tokens.command(cls=Deferred, work="operation.tokens:add", extra="twin")

@@ -173,7 +173,7 @@ def identify(
     frf: Path | None,
     **_given: object,
 ) -> None:
-    """Find natural frequencies and damping in a record, with errors.
+    """Identify natural frequencies and damping, with uncertainty.
 
     RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
     frequencies; errors are standard deviations. If no mode exceeds the noise, none is

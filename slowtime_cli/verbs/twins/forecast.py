@@ -50,7 +50,7 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def forecast(**given: Any) -> None:
-    """Forecast a twin, and when thresholds are reached.
+    """Forecast a twin, and when it will reach thresholds.
 
     Mean and 95 % interval of each change at future slow times; of a threshold the times by
     which it is reached with 10, 50 and 90 %, or that they are not within the horizon.

@@ -29,7 +29,7 @@ Limit states stand in the registration (`limit_states`): docs/risk.md.
     help="JSON file to write, as REST answers; - for stdout, and no table.",
 )
 def risk(server: str | None, source: object, **given: Any) -> None:
-    """Compute a twin's probability of failure, by each limit state.
+    """Compute a twin's probability of failure for each limit state.
 
     A change that passes a threshold, a frequency that meets an excitation, a response to a
     load event that exceeds a capacity, or a limit state of your own. Gives the probability now
