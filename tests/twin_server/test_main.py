@@ -119,4 +119,4 @@ def test_a_wrong_file_of_registrations_is_the_user_s_to_mend(tmp_path, settings,
         update={"database": tmp_path / "x.sqlite", "registrations": tmp_path / "r.json"}
     )
     assert run(own, bus=MemoryBus()) == 2
-    assert "'beam' is no twin's id" in caplog.text
+    assert "'beam' is not a valid twin's id" in caplog.text

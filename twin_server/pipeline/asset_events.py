@@ -128,7 +128,8 @@ class AssetEvents:
             raise ProblemError(
                 422,
                 "not-valid",
-                "At body.quantity, nothing was given with a measured value. Say of what it is: "
+                "At body.quantity, nothing was given with a measured value. Name the "
+                "quantity: "
                 f"{', '.join(names)}.",
             )
         self._check_time(twin_id, order)

@@ -31,7 +31,8 @@ def check_key(key: str, *, wildcards: bool) -> str:
     starred = [chunk for chunk in chunks if "*" in chunk]
     if any(chunk not in ("*", "**") for chunk in starred):
         raise InvalidKeyError(
-            f"{key!r} mixes '*' with other characters. Allowed: '*' and '**' as whole chunks."
+            f"{key!r} mixes '*' with other characters. Allowed: '*' and '**' as "
+            "whole parts between '/'."
         )
     if starred and not wildcards:
         raise InvalidKeyError(f"{key!r} has a wildcard. Give one key: a message has one.")

@@ -70,7 +70,8 @@ class Credentials:
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         except ValueError as error:
             raise CredentialsError(
-                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued again."
+                f"{folder / CERTIFICATE} is not a valid certificate: {error}. "
+                "Have it issued again."
             ) from error
         names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         found = cls(

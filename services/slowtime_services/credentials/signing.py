@@ -63,7 +63,7 @@ class Signer:
             key = load_pem_private_key(path.read_bytes(), password=None)
         if not isinstance(key, Ed25519PrivateKey):
             raise CredentialsError(
-                f"{path} is no Ed25519 private key in PEM. Make one: slowtime ledger key."
+                f"{path} is not an Ed25519 private key in PEM. Make one: slowtime ledger key."
             )
         return cls(key)
 
@@ -115,7 +115,7 @@ def public_key(text: str) -> str:
         if len(base64.b64decode(given, validate=True)) == _BYTES:
             return given
     raise CredentialsError(
-        f"{text:.80} is no public key. Give the file that ends in {PUBLIC}, or its 44 "
+        f"{text:.80} is not a public key. Give the file that ends in {PUBLIC}, or its 44 "
         "characters."
     )
 

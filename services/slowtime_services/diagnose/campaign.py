@@ -113,8 +113,8 @@ def _refuse_known(learnt: Sequence[Trial], judged: Sequence[Trial]) -> None:
     for one, other in itertools.product(judged, learnt):
         if _holds(one.outputs, other.outputs):
             raise RecordError(
-                "A record that is held out is among those to learn from, too, or a part of it "
-                "is: the gap on it would prove nothing. Hold out another, or other seconds of "
+                "A held-out record, or a part of it, is also used for fitting, so its "
+                "error would prove nothing. Hold out another record, or another part of "
                 "it with FILE@FROM:TO."
             )
 
@@ -136,7 +136,8 @@ def _refuse_unknown(roles: Roles, description: Description) -> None:
     for channel in roles:
         if channel not in known:
             raise RecordError(
-                f"A role is given to {channel!r}, which is no channel of the model. It has: "
+                f"--channel maps {channel!r}, which is not a channel of the model. The "
+                "model has: "
                 f"{', '.join(known)}."
             )
 
@@ -233,7 +234,10 @@ def _sensor_series(
     """Read a sensor, and whether the record has it at all."""
     if sensor.channel in roles or _find(sensor.channel, source.record) is not None:
         return _column(description, sensor, source, roles, notes), True
-    notes.append(f"{source.name} has no channel {sensor.channel!r}; it is judged by the rest.")
+    notes.append(
+        f"{source.name} has no channel {sensor.channel!r}; it is compared on the other "
+        "channels only."
+    )
     return np.zeros(len(source.record.samples)), False
 
 
@@ -266,8 +270,8 @@ def _find(channel: str, record: Record) -> int | None:
 def _no_channel(source: Source, channel: str, kind: str) -> RecordError:
     return RecordError(
         f"{source.name} has no channel called {channel!r}, which is among the model's {kind}. "
-        f"It has: {', '.join(source.record.channels)}. Say which it is with "
-        f"--channel {channel}=NAME; if it was not measured, take it out of the model's {kind}."
+        f"It has: {', '.join(source.record.channels)}. Map it with --channel "
+        f"{channel}=NAME; if it was not measured, remove it from the model's {kind}."
     )
 
 
@@ -281,11 +285,11 @@ def _between(
     known = UNITS[description.unit_of_coordinate, quantity]
     if unit not in known:
         raise RecordError(
-            f"{file} has {entry.channel} in {unit}, the model in {entry.unit}: no such change "
-            f"is known. Allowed: {', '.join(known)}. Mend the one that is wrong, or give the "
-            f"role with --channel."
+            f"{file} has {entry.channel} in {unit}, the model in {entry.unit}: these "
+            f"cannot be converted into each other. Allowed: {', '.join(known)}. Correct "
+            "the wrong unit, or map the channel with --channel."
         )
-    notes.append(f"{file}: {entry.channel} turned from {unit} into the model's {entry.unit}.")
+    notes.append(f"{file}: {entry.channel} converted from {unit} to the model's {entry.unit}.")
     return known[unit] / known[entry.unit]
 
 
@@ -298,8 +302,8 @@ def _refuse_unheard(
             continue
         if channel in roles or any(_find(channel, s.record) is not None for s in sources):
             raise RecordError(
-                f"{channel!r} has no finite sample in any record to learn from. Give a record "
-                "in which it has some, or take it out of the model's sensors."
+                f"{channel!r} has no finite sample in any record used for fitting. Give a "
+                "record that has some, or remove the channel from the model's sensors."
             )
         found = sorted({name for source in sources for name in source.record.channels})
         said = [text for source in sources for text in source.record.notes]

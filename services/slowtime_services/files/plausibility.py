@@ -142,8 +142,9 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
     """Ask about a rate that no record of vibration has."""
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise RecordError(
-            f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is no sampling rate "
-            f"of vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} Hz are). Say in which unit "
+            f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is not a "
+            f"plausible sampling rate for vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} "
+            "Hz are). Say in which unit "
             f"times are with --time-unit, or give --rate-hz, {rate_hz:.6g} if that is right."
         )
 

@@ -60,7 +60,7 @@ Examples:
     "slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with _sd if known; "
     "other columns are covariates.",
 )
-@click.option("--twin", metavar="SITE.ASSET", help="Twin of the database.")
+@click.option("--twin", metavar="SITE.ASSET", help="Twin in the database.")
 @click.option(
     "--holdout",
     multiple=True,
@@ -94,7 +94,7 @@ Examples:
     "single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="Samples per second; overrules what the files say."
+    "--rate-hz", type=POSITIVE, help="Sampling rate; overrides rates stated in the files."
 )
 @click.option(
     "--skip-lines",
@@ -140,7 +140,7 @@ Examples:
     default="local",
     show_default=True,
     metavar="local|ray[://HOST:PORT]",
-    help="Where a batch runs: on this machine; or on a Ray cluster, whose machines see the "
+    help="Where a batch runs: on this computer, or on a Ray cluster whose computers see the "
     "same folders (needs slowtime[ray]).",
 )
 @click.option(

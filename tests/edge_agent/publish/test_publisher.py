@@ -130,8 +130,8 @@ def test_the_account_lists_earlier_boots_too_and_an_acknowledgement_clears_them(
 @pytest.mark.parametrize(
     ("what", "parameters", "says"),
     [
-        ("features", {"first": "x"}, "first='x' is no sequence"),
-        ("features", {"last": "-1"}, "last='-1' is no sequence"),
+        ("features", {"first": "x"}, "first='x' is not a valid sequence number"),
+        ("features", {"last": "-1"}, "last='-1' is not a valid sequence number"),
         ("raw", {"seconds": "nan"}, "seconds='nan' is no time"),
         ("raw", {"seconds": "-3"}, "seconds='-3' is no time"),
         ("raw", {"seconds": "all"}, "seconds='all' is no time"),

@@ -37,7 +37,9 @@ def test_nobody_else_reads_what_was_made(tmp_path):
 def test_a_key_that_others_may_read_is_not_used(tmp_path):
     folder = Authority.open(tmp_path, "lab").issue("edge", "beam")
     (folder / "key.pem").chmod(0o640)
-    with pytest.raises(CredentialsError, match=r"mode 0640\)\. Allowed: 0600\. Say chmod 600"):
+    with pytest.raises(
+        CredentialsError, match=r"permissions 0640; must be 0600\)\. Run: chmod 600"
+    ):
         Credentials.read(folder)
 
 
@@ -59,11 +61,11 @@ def test_a_certificate_says_when_it_is_not_valid_and_warns_before(tmp_path, capl
     with pytest.raises(NotNowError, match=r"expired on .*slowtime keys renew"):
         Credentials.read(past)
     future = authority.issue("edge", "beam", from_now=2 * DAY)
-    with pytest.raises(NotNowError, match="Set this machine's clock"):
+    with pytest.raises(NotNowError, match="Correct the clock"):
         Credentials.read(future)
     with caplog.at_level(logging.ERROR):
         options_for(future, [HERE], at_any_time=True)
-    assert "Set this machine's clock" in caplog.text
+    assert "Correct the clock" in caplog.text
     soon = authority.issue("edge", "beam", lasts=5 * DAY)
     with caplog.at_level(logging.WARNING):
         Credentials.read(soon)

@@ -160,12 +160,12 @@ def test_channels_that_are_not_there_or_say_nothing_are_told(slide, arrays):
 
 def test_two_seconds_are_refused_where_nothing_is_left_to_judge_by(slide, arrays):
     short = {name: values[:100] for name, values in arrays.items()}
-    assert "192 at least" in refused(slide, short)
+    assert "at least 192" in refused(slide, short)
     rest = {name: values[100:] for name, values in arrays.items()}
     campaign, _ = campaign_of(slide, [source_of(short)], [source_of(rest)])
     assert len(campaign.trials[0].outputs) == 100
     tiny = {name: values[:50] for name, values in arrays.items()}
-    assert "no 64 samples in a row" in refused(slide, tiny)
+    assert "needs 64 consecutive samples" in refused(slide, tiny)
 
 
 def test_arrays_of_the_wrong_shape_and_times_that_run_back_are_told(tmp_path, slide, arrays):
@@ -247,7 +247,9 @@ def test_why_a_column_is_missing_or_no_clock_is_said(tmp_path, slide, arrays):
     with pytest.raises(RecordError, match="'x' heads several columns"):
         campaign_of(slide, [read_any(tmp_path / "twice.csv")])
     holed = arrays | {"u": np.where(np.arange(SAMPLES) % 100 == 99, np.nan, arrays["u"])}
-    with pytest.raises(RecordError, match="99 samples in a row, for its clock or inputs have"):
+    with pytest.raises(
+        RecordError, match="99 consecutive samples without a gap, because its clock"
+    ):
         campaign_of(slide, [source_of(holed)])
 
 

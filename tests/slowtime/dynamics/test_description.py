@@ -256,5 +256,5 @@ def test_units_are_worth_what_they_are():
     assert unit_factor("deg/s", "velocity", "rad") == pytest.approx(np.pi / 180)
     assert unit_factor("kN m", "force", "rad") == 1000.0
     assert all(factor > 0 for table in UNITS.values() for factor in table.values())
-    with pytest.raises(ValueError, match="'N' is no unit of torque"):
+    with pytest.raises(ValueError, match="'N' is not a valid unit of torque"):
         unit_factor("N", "force", "rad")

@@ -6,7 +6,7 @@ import pytest
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.response import free_response
 
-SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
 
 

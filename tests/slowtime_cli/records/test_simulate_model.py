@@ -26,7 +26,7 @@ AMBIENT = RIG.replace("inputs:\n  - {channel: u, kind: force, node: m1, unit: N}
 T = 3.0 + np.arange(400) / 200.0
 PUSH = 5 * np.sin(np.arange(400) ** 1.5 / 50)
 
-SECONDS = "note: assumed: time from column 't' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 't' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
 
 
@@ -112,7 +112,7 @@ def test_without_inputs_a_model_is_under_ambient_forces(run, tmp_path, text):
         (
             ("unit: N}", "unit: V}"),
             ("--input", "in.npz"),
-            "rig.yaml, line 10: 'V' is no unit of",
+            "rig.yaml, line 10: 'V' is not a valid unit of",
         ),
         (("channel: u", "channel: f"), ("--input", "in.npz"), "no channel called f; it has u"),
         (("", ""), (), "has inputs: u. Give --input RECORD"),

@@ -88,7 +88,7 @@ def test_a_file_of_registrations_is_read(tmp_path, name, text):
     [
         ("r.toml", "=", r"cannot be read as registrations.*Give a .toml or .json"),
         ("r.json", "[1]", r"is no twin's id. Give SITE.ASSET"),
-        ("r.json", '{"beam": {}}', r"'beam' is no twin's id"),
+        ("r.json", '{"beam": {}}', r"'beam' is not a valid twin's id"),
         ("r.json", '{"lab.beam": {"chages": "mass"}}', r"at lab.beam.chages, 'mass' was given"),
         (
             "r.json",
