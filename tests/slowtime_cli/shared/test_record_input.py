@@ -143,7 +143,10 @@ def replaced(lines, row, line):
     [
         ("0.49,0.1,-inf", "Line 51, field 3 is '-inf': not a finite number. Cut the record"),
         ("0.49,abc,0.1", "Line 51 has 'abc' where a number should be. Correct or remove"),
-        ("0.49,0.1", "Line 51 has 2 fields, the lines before it 3. Correct or remove that line"),
+        (
+            "0.49,0.1",
+            "Line 51 has 2 fields, the lines before it 3. Correct or remove that line",
+        ),
         ("0.48,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
         ("0.47,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
         ("0.49," + "1" * 400_000 + ",0.1", "1111': not a finite number. Cut the record there"),
