@@ -372,5 +372,7 @@ def _seconds(query: Query) -> float:
     except ValueError:
         seconds = -1.0
     if not 0 < seconds < float("inf"):
-        raise ValueError(f"seconds={text!r} is not a time. Give seconds above 0, such as 10.")
+        raise ValueError(
+            f"seconds={text!r} is not a valid time. Give seconds above 0, such as 10."
+        )
     return seconds

@@ -158,7 +158,9 @@ class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the
         try:
             when = datetime.datetime.fromisoformat(value)
         except ValueError:
-            self.fail(f"{value!r} is not a time. Give one as 2022-07-19T22:55:00Z.", param, ctx)
+            self.fail(
+                f"{value!r} is not a valid time. Give one as 2022-07-19T22:55:00Z.", param, ctx
+            )
         when = when if when.tzinfo else when.replace(tzinfo=datetime.UTC)
         since = when - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
         t_ns = (since // datetime.timedelta(microseconds=1)) * 1000

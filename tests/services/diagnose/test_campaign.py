@@ -54,10 +54,10 @@ def test_roles_make_a_channel_of_columns_and_single_numbers(slide, arrays):
     ("role", "says"),
     [
         ("u", "gives no role"),
-        ("u=__import__('os')", "is no column and no expression"),
-        ("u=volts**2", "is no column and no expression"),
+        ("u=__import__('os')", "is neither a column nor an expression"),
+        ("u=volts**2", "is neither a column nor an expression"),
         ("u=nowhere*2", "holds nothing called 'nowhere'"),
-        ("y=u", "'y', which is no channel of the model. It has: u, x, a"),
+        ("y=u", "'y', which is not a channel of the model. It has: u, x, a"),
     ],
 )
 def test_a_role_that_cannot_be_read_says_what_is_allowed(slide, arrays, role, says):

@@ -100,7 +100,7 @@ def test_each_channel_has_its_own_unit_and_sensitivity():
     np.testing.assert_allclose(found.samples[0], [98.0665, 100.0, 0.0254, 9.80665e-3])
     assert found.units == ("m/s^2",) * 4
     said = " ".join(found.notes)
-    assert "a3 is in g; mg was given, and used" in said
+    assert "a3 is in g; mg was given and is used" in said
     assert "a2 from in/s^2 (times 0.0254)" in said
 
 

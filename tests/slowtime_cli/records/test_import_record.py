@@ -79,7 +79,10 @@ def test_a_gap_stays_a_gap(run, text, lines):
     [
         ((), "Missing option '--out'"),
         (("--out", "a.txt"), "'a.txt' does not end in .mcap. Give one that does."),
-        (("--out", "nowhere/a.mcap"), "There is no folder nowhere for a.mcap. Make it first."),
+        (
+            ("--out", "nowhere/a.mcap"),
+            "There is no folder nowhere for a.mcap. Create it first.",
+        ),
         (
             ("--out", "a.mcap", "--site", "A B"),
             "'A B' is not a valid name. Allowed: at most 63 lower",

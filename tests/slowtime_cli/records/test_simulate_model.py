@@ -67,7 +67,7 @@ def test_a_text_record_is_run_alike_and_its_unit_is_turned(run, tmp_path, model,
     table = text(["t,u", "s,kN", *rows], "in.csv")
     done = run("simulate", "--model", model, "--input", table, "--out", "b.npz")
     assert done.status == 0
-    assert "turned into the model's N" in done.err
+    assert "converted to the model's N" in done.err
     np.testing.assert_allclose(
         written(tmp_path, "b.npz")["a1"], written(tmp_path)["a1"], atol=1e-6
     )
