@@ -42,8 +42,8 @@ With --keep, the sensors of the model file are there already and count among --s
     "directions",
     multiple=True,
     type=click.Choice(DIRECTIONS),
-    help="Direction in which a sensor may measure; may be repeated. All translations where "
-    "none is given.",
+    help="Direction in which a sensor may measure; may be repeated. By default all "
+    "translations.",
 )
 @click.option("--together", is_flag=True, help="Each site has a sensor in every direction.")
 @click.option("--keep", is_flag=True, help="Keep the sensors of the model file.")

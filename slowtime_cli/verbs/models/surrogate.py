@@ -26,8 +26,14 @@ A table is text with a heading and one run a row, between commas, semicolons or 
 """,
 )
 @click.argument("runs", type=EXISTING)
-@click.option("--output", required=True, metavar="NAME", help="Column that the model gives.")
-@click.option("--inputs", type=Names(), help="Columns given to the model; by default the rest.")
+@click.option(
+    "--output", required=True, metavar="NAME", help="Column with the output of the model."
+)
+@click.option(
+    "--inputs",
+    type=Names(),
+    help="Columns with the inputs of the model; by default all others.",
+)
 @click.option(
     "--kind",
     "kinds",

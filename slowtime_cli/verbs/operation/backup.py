@@ -27,8 +27,8 @@ Examples:
 def backup(**_given: object) -> None:
     """Copy a twin's database while the server is running.
 
-    The copy is of one instant and holds everything acknowledged by then. It is checked before
-    it gets its name, so a file of that name is complete and undamaged.
+    The copy shows one instant and contains everything acknowledged by then. It is checked
+    before it is given its name, so a file with that name is complete and undamaged.
     """
 
 

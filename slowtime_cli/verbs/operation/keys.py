@@ -54,7 +54,7 @@ def keys() -> None:
     "hosts",
     multiple=True,
     type=PlainText(),
-    help="Name or address at which others reach the router; localhost always.",
+    help="Name or address at which others reach the router, in addition to localhost.",
 )
 @days_option
 @out_option

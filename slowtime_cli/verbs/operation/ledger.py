@@ -58,5 +58,5 @@ def head(**_given: object) -> None:
 def verify(**_given: object) -> None:
     """Compare the features of a recording with the signed ledger.
 
-    The exit status is 0 if nothing was changed, and 2, with a sentence, otherwise.
+    The exit status is 0 if nothing was changed, and otherwise 2, with a message.
     """

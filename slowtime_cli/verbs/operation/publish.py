@@ -39,7 +39,7 @@ Examples:
     type=Number(min=-0.05, max=0.05),
     default=0.0,
     show_default=True,
-    help="Relative error of its clock; positive if fast.",
+    help="Relative error of the sensor's clock; positive if fast.",
 )
 @click.option(
     "--loss",

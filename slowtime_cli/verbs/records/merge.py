@@ -28,16 +28,18 @@ Channels of one name are one place and direction on the structure.
 @click.option(
     "--references",
     type=Names(),
-    help="Channels that stayed in place; by default those that all files have.",
+    help="Reference channels, which stayed in place; by default those that all files have.",
 )
 @click.option(
     "--before",
     is_flag=True,
-    help="FILES are records, identified all at once (PreGER): where the excitation differs and "
-    "the structure does not.",
+    help="FILES are records, identified together (PreGER); for set-ups between which the "
+    "excitation has changed but the structure has not.",
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="With --before: samples per second, where files say none."
+    "--rate-hz",
+    type=POSITIVE,
+    help="With --before: sampling rate, if the files do not state one.",
 )
 @click.option(
     "--band-hz",

@@ -48,7 +48,7 @@ def test_a_folder_that_is_not_whole_says_what_it_lacks(tmp_path):
     with pytest.raises(CredentialsError, match=r"has no access\.json.*router's folder"):
         Credentials.read(folder).router_options()
     (folder / "certificate.pem").write_text("nonsense")
-    with pytest.raises(CredentialsError, match="is no certificate"):
+    with pytest.raises(CredentialsError, match="is not a valid certificate"):
         Credentials.read(folder)
     (folder / "key.pem").unlink()
     with pytest.raises(CredentialsError, match=r"has no key\.pem.*keys/server"):
