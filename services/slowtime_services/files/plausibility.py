@@ -311,7 +311,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
         if not any(_near(rate, other, NOMINAL_RATE_TOLERANCE) for other in _rates_of(fact))
     ]
     notes = (
-        (f"The heading states {', '.join(overruled)}; {rate:g} Hz was given, and used.",)
+        (f"The heading states {', '.join(overruled)}; {rate:g} Hz was given and is used.",)
         if overruled
         else ()
     )

@@ -120,6 +120,7 @@ def list_events(**_given: object) -> None:
 @_said
 @_server
 def undo(**_given: object) -> None:
-    """Undo EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported. The
-    event stays in the list, with the note that undid it.
+    """Undo EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
+
+    The event stays in the list, with the note that undid it.
     """

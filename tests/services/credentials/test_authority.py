@@ -124,7 +124,7 @@ def test_credentials_do_not_travel_to_an_endpoint_in_the_clear(tmp_path):
 
 
 def test_a_router_without_credentials_stays_on_this_machine():
-    with pytest.raises(CredentialsError, match=r"At tcp/0\.0\.0\.0:7447 whoever.*--insecure"):
+    with pytest.raises(CredentialsError, match=r"At tcp/0\.0\.0\.0:7447 anybody.*--insecure"):
         run(["tcp/127.0.0.1:7447", "tcp/0.0.0.0:7447"])
 
 

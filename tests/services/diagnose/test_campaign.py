@@ -36,7 +36,7 @@ def test_units_that_a_record_states_are_turned_into_the_models(slide, arrays):
     campaign, notes = campaign_of(slide, [source_of(said, units=("kN", "mm", "g"))])
     np.testing.assert_allclose(campaign.trials[0].inputs[:, 0], arrays["u"])
     np.testing.assert_allclose(campaign.trials[0].outputs[:, 1], arrays["a"])
-    assert "x turned from mm into the model's m" in " ".join(notes)
+    assert "x converted from mm to the model's m" in " ".join(notes)
     with pytest.raises(RecordError, match="x in V, the model in m"):
         campaign_of(slide, [source_of(arrays, units=("N", "V", "m/s^2"))])
 
@@ -53,11 +53,11 @@ def test_roles_make_a_channel_of_columns_and_single_numbers(slide, arrays):
 @pytest.mark.parametrize(
     ("role", "says"),
     [
-        ("u", "gives no role"),
+        ("u", "maps no channel"),
         ("u=__import__('os')", "is neither a column nor an expression"),
         ("u=volts**2", "is neither a column nor an expression"),
         ("u=nowhere*2", "holds nothing called 'nowhere'"),
-        ("y=u", "'y', which is not a channel of the model. It has: u, x, a"),
+        ("y=u", "'y', which is not a channel of the model. The model has: u, x, a"),
     ],
 )
 def test_a_role_that_cannot_be_read_says_what_is_allowed(slide, arrays, role, says):
@@ -140,7 +140,7 @@ def test_an_input_that_was_not_recorded_is_told(slide, arrays):
         slide, {name: arrays[name] for name in ("x", "a")}
     )
     assert "input 'u' never changes" in refused(slide, arrays | {"u": 0 * arrays["u"]})
-    assert "'u' is nowhere finite" in refused(slide, arrays | {"u": np.nan * arrays["u"]})
+    assert "'u' has no finite values" in refused(slide, arrays | {"u": np.nan * arrays["u"]})
 
 
 def test_a_structure_that_was_let_go_needs_no_input(slide):
@@ -181,7 +181,7 @@ def test_what_is_held_out_is_not_learnt_from(slide, arrays):
     half = {name: values[300:] for name, values in arrays.items()}
     first = {name: values[:300] for name, values in arrays.items()}
     for learnt, judged in ((arrays, arrays), (arrays, half), (half, arrays)):
-        with pytest.raises(RecordError, match="the gap on it would prove nothing"):
+        with pytest.raises(RecordError, match="its error would prove nothing"):
             campaign_of(slide, [source_of(learnt)], [source_of(judged)])
     campaign, _ = campaign_of(slide, [source_of(first)], [source_of(half)])
     assert len(campaign.holdout) == 1

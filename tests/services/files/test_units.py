@@ -122,7 +122,9 @@ def test_a_sensitivity_without_a_signal_is_a_question(units, given, said):
 def test_volts_without_a_sensitivity_are_said_to_be_volts():
     found = in_si(record(np.ones((2, 2)), ["V", "g"]))
     assert found.units == ("V", "m/s^2")
-    assert any("Left in volts, for want of a sensitivity: a0" in note for note in found.notes)
+    assert any(
+        "Left in volts, because no sensitivity is known: a0" in note for note in found.notes
+    )
     assert mixed_units(found.channels, found.units) == "a0 in V; a1 in m/s^2"
 
 

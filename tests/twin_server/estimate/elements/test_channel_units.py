@@ -83,7 +83,10 @@ def test_a_channel_in_volts_beside_accelerations_is_left_out_and_said(frame, pla
     other = told(frame.model, measured_in(plain, volts, (1, 1, 7.0), (2, 2, 2)))
     np.testing.assert_allclose(changes(first[1]), changes(other[1]), atol=1e-8)
     (notice,) = first[2]
-    assert "a_floor3 in 'V': no unit of motion beside others, and left out" in notice.message
+    assert (
+        "a_floor3 in 'V': not a unit of motion, while other channels have one, so left out"
+        in notice.message
+    )
     assert all(mode["shape"] is None for body in first[1] for mode in body["modes"])
 
 

@@ -212,7 +212,7 @@ def test_what_cannot_be_told_is_said_and_not_guessed(frame, shapes, word):
     assert [n.details["suspect"] for n in changed] == [word]
     assert told(bodies)[-1]["suspects"] == [word]
     if not shapes:
-        assert changed[0].message.startswith("k1 or k4 has changed, the readings cannot tell")
+        assert changed[0].message.startswith("k1 or k4 has changed; the readings do not")
         assert changed[0].message.count("has lost") == 2
         ratio = told(bodies)[-1]["posterior_to_prior"]
         assert min(ratio["k1"], ratio["k4"]) > 3 * min(ratio["k2"], ratio["k3"], 0.03)
