@@ -58,7 +58,7 @@ def test_a_taken_port_is_said_to_be_one(tmp_path, settings, caplog):
             update={"port": taken.getsockname()[1], "database": tmp_path / "x.sqlite"}
         )
         assert run(own, bus=MemoryBus()) == 2
-    assert "cannot be listened on" in caplog.text
+    assert "cannot listen on" in caplog.text
     assert "--port" in caplog.text
 
 

@@ -83,8 +83,8 @@ def scaling_of(
     for column, unit in given.items():
         if said[column] and said[column] != unit.value:
             notes.append(
-                f"By file or layout {channels[column]} is in {said[column]}; {unit.value} was "
-                "given, and used."
+                f"By file or layout {channels[column]} is in {said[column]}; {unit.value} "
+                "was given and is used."
             )
         said[column] = unit.value
     factors, targets = _factors(channels, said, scales)

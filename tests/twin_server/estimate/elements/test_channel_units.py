@@ -98,7 +98,7 @@ def test_a_channel_without_a_unit_beside_known_ones_has_the_model_s_and_that_is_
     )
     np.testing.assert_allclose(changes(bodies), changes(alone[1]), atol=1e-9)
     (notice,) = said
-    assert "a_floor2 has no unit beside channels that have one" in notice.message
+    assert "a_floor2 has no unit while other channels have one" in notice.message
 
 
 @pytest.mark.parametrize(("unit", "doubts"), [("m/s^2", 0), ("", 0), ("1", 0), ("V", 1)])

@@ -271,7 +271,9 @@ def test_while_learning_there_is_no_change_and_a_reason(frame):
     assert told(bodies)[0]["elements"] == {}
     assert len(told(bodies)[0]["modes"]) == 3
     assert [(n.kind, n.row) for n in notices] == [("nominal_learnt", 19)]
-    assert notices[0].message.startswith("The structure is learnt by 3 of its modes: 2.")
+    assert notices[0].message.startswith(
+        "The structure has been learnt from 3 of its modes: 2."
+    )
     first = states["frequency_hz"][:, 0]
     assert np.isfinite(first).all()
     assert first.max() < 3.0
