@@ -145,7 +145,9 @@ class Campaign:
         if not self.trials:
             raise ValueError("There is no record to learn from. Give at least one trial.")
         if not self.description.sensors:
-            raise ValueError("The model lists no sensors. Say which channel measures what.")
+            raise ValueError(
+                "The model lists no sensors. State which quantity each channel measures."
+            )
         for trial in (*self.trials, *self.holdout):
             _check_channels(self.description, trial)
 

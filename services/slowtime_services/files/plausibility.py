@@ -119,7 +119,8 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
         raise RecordError(
             f"{name} states a rate that can be read in two ways "
             f"({_quoted(facts, 'rate', 'interval')}): "
-            f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Say which with --rate-hz."
+            f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Give the right one "
+            "with --rate-hz."
         )
     rate = chosen.rate_hz
     said: tuple[str, ...] = ()
@@ -144,8 +145,8 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
         raise RecordError(
             f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is not a "
             f"plausible sampling rate for vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} "
-            "Hz are). Say in which unit "
-            f"times are with --time-unit, or give --rate-hz, {rate_hz:.6g} if that is right."
+            "Hz are). Give the unit of the times with --time-unit, or give --rate-hz, "
+            f"{rate_hz:.6g} if that is right."
         )
 
 
@@ -165,7 +166,8 @@ def refuse_disagreement(
     if measured.width > 1 and not measured.named and measured.series in counted:
         raise RecordError(
             f"The heading of {name} states {_quoted(facts, 'count')}, as many as its "
-            f"{measured.rows} rows of {measured.width} columns hold together. Say --wrapped if "
+            f"{measured.rows} rows of {measured.width} columns hold together. "
+            "Give --wrapped if "
             "all are one series, or --not-wrapped and --rate-hz if columns are channels."
         )
 

@@ -132,7 +132,7 @@ def edge(
     )
     if rate_hz is not None and file is None and source is None:
         raise click.UsageError(
-            "--rate-hz goes with --file or --source; other inputs say their rate."
+            "--rate-hz goes with --file or --source; other inputs state their own rate."
         )
     if (units or sensitivities) and not (file or recording or source):
         raise click.UsageError(

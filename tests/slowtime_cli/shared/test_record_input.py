@@ -86,7 +86,7 @@ def test_a_given_rate_is_used_and_the_contradiction_told(read, record, run):
     for name in ("record.csv", "record.mcap"):
         found, said = read(name, "--rate-hz", 50)
         assert found["rate_hz"] == 50.0
-        assert "states 100 Hz; the given 50 Hz is used instead." in said
+        assert "100 Hz; 50 Hz was given and is used." in said
         assert "was given" not in read(name, "--rate-hz", 100)[1]
 
 

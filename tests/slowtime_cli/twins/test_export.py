@@ -86,7 +86,7 @@ def test_a_server_gives_the_same(run, database):
     ("arguments", "says"),
     [
         (("--out", "a.csv"), "database or a record, or --server"),
-        (("twin.sqlite", "--out", "a.csv"), "Say which twin with --asset"),
+        (("twin.sqlite", "--out", "a.csv"), "Name the twin with --asset"),
         (("twin.sqlite", "--asset", "lab.no", "--out", "a.csv"), "There is no twin lab.no"),
         (("twin.sqlite", "--out", "a.xlsx"), "does not end in"),
         (("twin.sqlite", "--out", "a.json", "--start", "slow:1"), "a graph is of now"),
