@@ -69,8 +69,8 @@ class LiveInput(Frozen):
     rate_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """A relative difference to `rate_hz` that lasts is another rate, not an inexact clock."""
     units: tuple[str, ...] = ()
-    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule layout and
-    device. Motion is turned into SI."""
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they override layout and
+    device. Motion is converted to SI."""
     sensitivities: tuple[str, ...] = ()
     """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     password_file: Path | None = None
@@ -179,7 +179,7 @@ def _layout_of(said: dict[str, str]) -> JsonLayout | CsvLayout | PackedLayout:
     }  # fmt: skip
     if kind not in kinds:
         raise ValueError(
-            f"layout={kind!r} is no layout. Allowed: json, csv, packed, or a .toml "
+            f"layout={kind!r} is not a valid layout. Allowed: json, csv, packed, or a .toml "
             "or .json file."
         )
     scale, unit = float(said.get("scale", "1")), said.get("unit", "m/s^2")

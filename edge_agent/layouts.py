@@ -132,7 +132,9 @@ class JsonLayout(_Layout):
     def _has_paths(self) -> "JsonLayout":
         for what, part in (("counter", self.counter), ("stamp", self.stamp)):
             if part is not None and not isinstance(part.at, str):
-                raise ValueError(f"{what}.at={part.at!r} is no path. Give one, such as 'n'.")
+                raise ValueError(
+                    f"{what}.at={part.at!r} is not a valid path. Give one, such as 'n'."
+                )
         return self
 
 
@@ -248,7 +250,9 @@ class PackedLayout(_Layout):
         said = [what for what, kind, _ in self.fields if what != "skip"]
         for what, kind, _ in self.fields:
             if what != "skip" and kind not in NUMBERS:
-                raise ValueError(f"{what}:{kind} is no number. Allowed: {', '.join(NUMBERS)}.")
+                raise ValueError(
+                    f"{what}:{kind} is not a number. Allowed: {', '.join(NUMBERS)}."
+                )
         for what, part in (("counter", self.counter), ("stamp", self.stamp)):
             if (part is not None) != (what in said):
                 raise ValueError(
@@ -278,7 +282,7 @@ def read_layout(path: Path) -> JsonLayout | CsvLayout | PackedLayout:
         Where there is no such file, or it holds no layout.
     """
     if path.suffix not in (".toml", ".json"):
-        raise ValueError(f"{path.name} is no layout file. Allowed: .toml and .json.")
+        raise ValueError(f"{path.name} is not a valid layout file. Allowed: .toml and .json.")
     try:
         text = path.read_text()
     except OSError as error:

@@ -98,8 +98,8 @@ class FileInput(Frozen):
     """Columns to keep that would be set aside, as counters or constants; `all` for each. Those
     of covariates are kept in any case."""
     units: tuple[str, ...] = ()
-    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule the file.
-    Motion is turned into SI."""
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they override the file.
+    Motion is converted to SI."""
     sensitivities: tuple[str, ...] = ()
     """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     block_s: Positive = 0.1
@@ -117,8 +117,8 @@ class RecordingInput(Frozen):
     asset: Name | None = None
     """Whose blocks, where the recording holds those of several."""
     units: tuple[str, ...] = ()
-    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule the
-    recording, and motion is then turned into SI. Without any, blocks stay as recorded."""
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they override the
+    recording, and motion is then converted to SI. Without any, blocks stay as recorded."""
     sensitivities: tuple[str, ...] = ()
     """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     speed: NotNegative = 0.0

@@ -278,7 +278,7 @@ def connect(
     Raises
     ------
     ValueError
-        If `url` is no address.
+        If `url` is not a valid address.
 
     Examples
     --------

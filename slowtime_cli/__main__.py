@@ -28,7 +28,7 @@ class Verb(NamedTuple):
 # holds them to the verbs' own.
 VERBS = {
     "demo": Verb(
-        "operation.demo:demo", "Run router, edge agents, twin server and page on this machine."
+        "operation.demo:demo", "Run router, edge agents, twin server and page on this computer."
     ),
     "edge": Verb(
         "operation.edge:edge", "Run an edge agent: samples in, features with uncertainty out."
@@ -42,11 +42,11 @@ VERBS = {
     ),
     "keys": Verb(
         "operation.keys:keys",
-        "Make, renew and withdraw certificates of a site's bus.",
+        "Create, renew and revoke the TLS certificates of a site.",
     ),
     "tokens": Verb(
         "operation.tokens:tokens",
-        "Make, list and revoke tokens for REST and the page.",
+        "Create, list and revoke tokens for REST and the page.",
     ),
     "alarms": Verb(
         "twins.alarms:alarms",
@@ -72,14 +72,16 @@ VERBS = {
         "Print the script that completes verbs and options in a shell.",
     ),
     "check": Verb("operation.check:check", "Check a twin's database for damage."),
-    "ledger": Verb("operation.ledger:ledger", "Verify that a history was not rewritten."),
+    "ledger": Verb(
+        "operation.ledger:ledger", "Verify that a twin's history was not altered or deleted."
+    ),
     "composite": Verb(
         "twins.composite:composite", "Combine twins into sites, lines and structures of parts."
     ),
     "backup": Verb(
-        "operation.backup:backup", "Copy a twin's database while the server writes it."
+        "operation.backup:backup", "Copy a twin's database while the server is running."
     ),
-    "restore": Verb("operation.backup:restore", "Replace a twin's database by a backup."),
+    "restore": Verb("operation.backup:restore", "Restore a twin's database from a backup."),
     "export": Verb(
         "twins.export:export", "Export the history of a twin, or the samples of a record."
     ),
@@ -102,7 +104,7 @@ VERBS = {
     ),
     "identify": Verb(
         "records.identify:identify",
-        "Find natural frequencies and damping in a record, with errors.",
+        "Identify natural frequencies and damping, with uncertainty.",
     ),
     "simulate": Verb(
         "records.simulate:simulate",
@@ -110,7 +112,7 @@ VERBS = {
     ),
     "publish": Verb(
         "operation.publish:publish",
-        "Simulate an acceleration board on a simulated structure.",
+        "Simulate an acceleration sensor and publish its samples.",
     ),
     "diagnose": Verb(
         "models.diagnose:diagnose",
@@ -118,7 +120,7 @@ VERBS = {
     ),
     "effects": Verb(
         "models.effects:effects",
-        "List the effects that a model may contain or lack.",
+        "List the physical effects that slowtime knows.",
     ),
     "distortion": Verb(
         "records.distortion:distortion",
@@ -126,7 +128,7 @@ VERBS = {
     ),
     "merge": Verb(
         "records.merge:merge",
-        "Merge the modes of several set-ups of sensors.",
+        "Merge modes measured with several sensor set-ups.",
     ),
     "scale": Verb(
         "records.scale:scale",
@@ -134,7 +136,7 @@ VERBS = {
     ),
     "orders": Verb(
         "records.orders:orders",
-        "Track the orders of a machine against its speed, by a tacho.",
+        "Track the orders of a rotating machine, with a tacho signal.",
     ),
     "track": Verb(
         "records.track:track", "Track the constants of a nonlinear structure over slow time."
@@ -148,7 +150,7 @@ VERBS = {
     ),
     "forecast": Verb(
         "twins.forecast:forecast",
-        "Forecast a twin, and when thresholds are reached.",
+        "Forecast a twin, and when it will reach thresholds.",
     ),
     "plan": Verb(
         "twins.plan:plan",
@@ -158,13 +160,13 @@ VERBS = {
         "twins.whatif:whatif", "Simulate a twin's current structure under a load, with bands."
     ),
     "risk": Verb(
-        "twins.risk:risk", "Compute a twin's probability of failure, by each limit state."
+        "twins.risk:risk", "Compute a twin's probability of failure for each limit state."
     ),
     "reliability": Verb(
         "models.reliability:reliability", "Compute a probability of failure by several methods."
     ),
     "surrogate": Verb(
-        "models.surrogate:surrogate", "Learn a fast approximation from runs of a slow model."
+        "models.surrogate:surrogate", "Fit a fast surrogate to runs of a slow model."
     ),
     "design": Verb(
         "models.design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
@@ -184,7 +186,7 @@ VERBS = {
         "models.update:update", "Update a finite-element model from measured modes."
     ),
     "place": Verb(
-        "models.place:place", "Choose places of sensors that tell most about a model."
+        "models.place:place", "Choose the sensor positions that are most informative."
     ),
 }
 ROOMS = (
@@ -248,7 +250,7 @@ class Verbs(click.Group):
     epilog=with_example(
         """\b
 Examples:
-  slowtime demo                                    all parts on this machine, with a page
+  slowtime demo                                    all parts on this computer, with a page
   slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
   slowtime router & slowtime twin &                the parts of the demo,
   slowtime edge --simulate tower                   one by one
@@ -257,21 +259,21 @@ Examples:
     ),
 )
 @click.version_option(None, "-V", "--version", package_name="slowtime", prog_name="slowtime")
-@click.option("-v", "--verbose", count=True, help="Log more; twice: libraries too.")
+@click.option("-v", "--verbose", count=True, help="Log more; twice: also from libraries.")
 @click.option("-q", "--quiet", is_flag=True, help="Log errors only.")
 @click.option(
     "--log-format",
     type=click.Choice(["text", "json"]),
     default="text",
     envvar="SLOWTIME_LOG_FORMAT",
-    help="How processes log: lines for people, or one JSON object a line.",
+    help="Log format: text for people, or one JSON object per line.",
 )
 def app(verbose: int, quiet: bool, log_format: Format) -> None:
-    """Digital twin for things that vibrate.
+    """Digital twin for vibrating structures.
 
-    `identify` reads a record and finds natural frequencies and damping. `diagnose` finds what a
-    model lacks. `demo` runs everything on this machine, with a page in the browser. Each
-    command has its own help and examples: slowtime COMMAND --help.
+    `identify` reads a record and finds natural frequencies and damping. `diagnose` finds
+    physical effects that a model lacks. `demo` runs everything on this computer, with a page in
+    the browser. Each command has its own help and examples: slowtime COMMAND --help.
     """
     level = logging.DEBUG if verbose > 1 else logging.INFO
     handler = logging.StreamHandler(sys.stderr)
@@ -313,8 +315,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
         _say(
-            f"An internal error of slowtime: {type(error).__name__}: {error}. "
-            "Set SLOWTIME_DEBUG=1 to see where, and report it with that text."
+            f"Internal error in slowtime: {type(error).__name__}: {error}. Run again with "
+            "SLOWTIME_DEBUG=1 for the traceback, and include it in a bug report."
         )
         sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)

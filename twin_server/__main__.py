@@ -325,8 +325,8 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
             listening.bind((host, port))
         except OSError as error:
             raise _AddressError(
-                f"{host}:{port} cannot be listened on: {error.strerror or error}. Give another "
-                "--port or --host, or end the process that has it."
+                f"The server cannot listen on {host}:{port}: {error.strerror or error}. "
+                "Give another --port or --host, or stop the process that uses it."
             ) from error
         yield listening
 

@@ -359,7 +359,9 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
 def _integer_parameter(query: Query, name: str, otherwise: int) -> int:
     text = query.parameters.get(name, str(otherwise))
     if not (text.isascii() and text.isdigit()):
-        raise ValueError(f"{name}={text!r} is no sequence. Give a whole number from 0.")
+        raise ValueError(
+            f"{name}={text!r} is not a valid sequence number. Give a whole number from 0."
+        )
     return int(text)
 
 
@@ -370,5 +372,7 @@ def _seconds(query: Query) -> float:
     except ValueError:
         seconds = -1.0
     if not 0 < seconds < float("inf"):
-        raise ValueError(f"seconds={text!r} is no time. Give seconds above 0, such as 10.")
+        raise ValueError(
+            f"seconds={text!r} is not a valid time. Give seconds above 0, such as 10."
+        )
     return seconds

@@ -46,4 +46,4 @@ def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettin
         return TomlConfigSettingsSource(settings, path)
     if path.suffix == ".json":
         return JsonConfigSettingsSource(settings, path)
-    raise ValueError(f"{path.name} is no settings file. Allowed: .toml and .json.")
+    raise ValueError(f"{path.name} is not a valid settings file. Allowed: .toml and .json.")

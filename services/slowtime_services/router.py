@@ -71,9 +71,10 @@ def _secured(
         return Credentials.read(credentials).router_options()
     if (open_to_all := reachable_from_elsewhere(listen)) and not insecure:
         raise CredentialsError(
-            f"At {', '.join(open_to_all)} whoever reaches this machine could read and write "
-            "everything. Make certificates with `slowtime keys` and give --credentials "
-            "keys/router, or listen at tcp/127.0.0.1:7447, or say --insecure."
+            f"At {', '.join(open_to_all)} anybody who can reach this computer could read "
+            "and write everything. Create certificates with `slowtime keys` and give "
+            "--credentials keys/router, or listen at tcp/127.0.0.1:7447 only, or accept "
+            "the risk with --insecure."
         )
     return {}
 

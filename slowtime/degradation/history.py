@@ -40,7 +40,8 @@ class Event:
         """Refuse a share outside 0 to 1 and a negative spread."""
         if not 0.0 <= self.restored <= 1.0 or not self.sd >= 0.0 or not np.isfinite(self.time):
             raise ValueError(
-                f"{self} is no event. Give a finite time, a restored share from 0 to 1, and a "
+                f"{self} is not a valid event. Give a finite time, a restored "
+                "share from 0 to 1, and a "
                 "standard deviation that is not negative."
             )
 

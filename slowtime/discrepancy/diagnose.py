@@ -29,8 +29,8 @@ from .search.input_holds import search_with_holds, with_best_holds
 from .selection.refutation import refute
 
 QUICK = (
-    "It was to be quick: few laws were tried, of one effect. Without --quick more are, before "
-    "any is called unknown."
+    "With --quick, only a few laws for a single effect were tried. Run again without "
+    "--quick before treating an effect as unknown."
 )
 
 
@@ -84,7 +84,7 @@ def diagnose(
     how = SearchSettings(known, tell, options, stated, decays=decays)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
-    tell("judging by what was not fitted", 0.92)
+    tell("validating on data that were not fitted", 0.92)
     monitor = None if options.quick else tell
     answer = report(campaign, found.trials, findings, found, known, monitor)
     if options.quick and answer.verdict == "unknown_effect":

@@ -53,7 +53,7 @@ class Trial:
     def __post_init__(self) -> None:
         if not (0 < self.rate_hz < np.inf):
             raise ValueError(
-                f"rate_hz={self.rate_hz} is no sampling rate. Give one above 0 Hz."
+                f"rate_hz={self.rate_hz} is not a valid sampling rate. Give one above 0 Hz."
             )
         if len(self.inputs) != len(self.outputs):
             raise ValueError(
@@ -62,8 +62,8 @@ class Trial:
             )
         if len(self.outputs) < MIN_SAMPLES:
             raise ValueError(
-                f"The record has {len(self.outputs)} samples; fewer than {MIN_SAMPLES} tell "
-                "nothing. Give a longer one."
+                f"The record has {len(self.outputs)} samples; at least {MIN_SAMPLES} are "
+                "needed. Give a longer record."
             )
         finite = np.isfinite(self.outputs)
         kept = finite if self.use is None else self.use & finite
@@ -145,7 +145,9 @@ class Campaign:
         if not self.trials:
             raise ValueError("There is no record to learn from. Give at least one trial.")
         if not self.description.sensors:
-            raise ValueError("The model lists no sensors. Say which channel measures what.")
+            raise ValueError(
+                "The model lists no sensors. State which quantity each channel measures."
+            )
         for trial in (*self.trials, *self.holdout):
             _check_channels(self.description, trial)
 
@@ -174,6 +176,7 @@ def _check_channels(description: Description, trial: Trial) -> None:
     if bad.any():
         name = description.inputs[int(np.nonzero(bad.any(axis=0))[0][0])].channel
         raise ValueError(
-            f"Input {name!r} is not finite in {int(bad.any(axis=1).sum())} samples. What "
-            "shakes the structure must be known throughout: fill the gap or cut the record."
+            f"Input {name!r} is not finite in {int(bad.any(axis=1).sum())} samples. The "
+            "excitation must be known throughout the record: fill the gap, or cut the "
+            "record there."
         )

@@ -289,8 +289,8 @@ def _check_nodes(description: Description) -> None:
         if node.kind == "point" and (node.held or node.rotary_inertia_kg_m2):
             raise DescriptionError(
                 ("nodes", i, "held" if node.held else "rotary_inertia_kg_m2"),
-                f"Node {node.id!r} is a point, which neither turns nor is held. Say `kind: "
-                "beam`, or leave it out.",
+                f"Node {node.id!r} is a point mass, which has no rotation and no support. "
+                "Write `kind: beam`, or leave the entry out.",
             )
     if not description.dofs and not description.moved:
         raise DescriptionError(("nodes",), "All nodes are held: nothing can move. Free one.")
@@ -307,8 +307,9 @@ def _check_elements(description: Description) -> None:
             if isinstance(element, Beam) and kinds[node] != "beam":
                 raise DescriptionError(
                     where,
-                    f"Beam {element.id!r} ends at {node!r}, a point, which does not turn. Say "
-                    "`kind: beam` at the node; a support takes springs alone.",
+                    f"Beam {element.id!r} ends at {node!r}, a point mass, which has no "
+                    "rotation. Write `kind: beam` at the node; a support takes springs "
+                    "alone.",
                 )
         if len(set(element.between)) < 2:
             raise DescriptionError(

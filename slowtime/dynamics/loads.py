@@ -115,5 +115,7 @@ def white(times: Series, psd: float, rate_hz: float, rng: np.random.Generator) -
     True
     """
     if not psd >= 0:
-        raise ValueError(f"{psd=} is no density. Give 0 or more, in the load's unit^2/Hz.")
+        raise ValueError(
+            f"{psd=} is not a valid density. Give 0 or more, in the load's unit^2/Hz."
+        )
     return math.sqrt(0.5 * psd * rate_hz) * rng.standard_normal(len(times))

@@ -65,9 +65,11 @@ def simulate_structure(
     array([1., 1.])
     """
     if hold not in ("zero", "first"):
-        raise ValueError(f"{hold=} is no way to hold a force. Allowed: zero, first.")
+        raise ValueError(f"{hold=} is not a valid way to hold a force. Allowed: zero, first.")
     if not 0 < rate_hz < math.inf:
-        raise ValueError(f"{rate_hz=} is no sampling rate. Give samples per second, above 0.")
+        raise ValueError(
+            f"{rate_hz=} is not a valid sampling rate. Give samples per second, above 0."
+        )
     if force.shape[1] != structure.dofs:
         raise ValueError(
             f"The force has {force.shape[1]} columns, the structure {structure.dofs} degrees "
@@ -121,7 +123,7 @@ def ambient_structure(
     Record of the channels, in SI units of the quantity.
     """
     if samples < 1:
-        raise ValueError(f"{samples=} is no length of a record. Give 1 or more.")
+        raise ValueError(f"{samples=} is not a valid number of samples. Give 1 or more.")
     modes = complex_modes(structure)
     poles, shapes, norms = modes.all()
     slowest = -float(poles.real.max())

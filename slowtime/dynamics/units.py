@@ -60,5 +60,7 @@ def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m
     known = UNITS[coordinate, quantity]
     if unit not in known:
         what = "torque" if (coordinate, quantity) == ("rad", "force") else quantity
-        raise ValueError(f"{unit!r} is no unit of {what}. Allowed: {', '.join(known)}.")
+        raise ValueError(
+            f"{unit!r} is not a valid unit of {what}. Allowed: {', '.join(known)}."
+        )
     return known[unit]

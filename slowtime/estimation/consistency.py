@@ -142,7 +142,9 @@ def noise_factors(log_likelihood: Objective) -> NoiseFactors:
 
 def _judge(total: np.ndarray, freedom: np.ndarray, level: float) -> Consistency:
     if not 0.0 < level < 1.0:
-        raise ValueError(f"{level=} is no probability. Give one between 0 and 1, such as 0.95.")
+        raise ValueError(
+            f"{level=} is not a valid probability. Give one between 0 and 1, such as 0.95."
+        )
     if not np.all(freedom > 0):
         raise ValueError(
             "Nothing was read, so there is nothing to judge. Give steps with readings."

@@ -276,8 +276,8 @@ class Periodic(Leaf):
             return self.harmonics
         if self.edges:
             raise ValueError(
-                "A function with edges has endlessly many harmonics. Say how many with "
-                "harmonics=8 or so."
+                "A function with edges has infinitely many harmonics. State how many to "
+                "use, for example harmonics=8."
             )
         sharpest = float(np.max(np.asarray(self.length) ** -2.0))
         order = np.arange(1, 2000)

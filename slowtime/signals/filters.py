@@ -156,7 +156,9 @@ def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarr
     """
     check_odd_window(window)
     if not threshold > 0:
-        raise ValueError(f"{threshold=} is no threshold. Give a positive number, such as 3.")
+        raise ValueError(
+            f"{threshold=} is not a valid threshold. Give a positive number, such as 3."
+        )
     half = window // 2
     edge = np.full(half, np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(np.concatenate((edge, x, edge)), window)
@@ -179,7 +181,7 @@ def check_odd_window(window: int) -> None:
 
 def _check_window(window: int) -> None:
     if window < 1:
-        raise ValueError(f"{window=} is no number of readings. Give 1 or more.")
+        raise ValueError(f"{window=} is not a valid number of readings. Give 1 or more.")
 
 
 def check_weight(a: float) -> None:

@@ -42,7 +42,7 @@ def taper(name: str, count: int) -> Float[np.ndarray, " time"]:
         return np.ones(count)
     if name == "hann":
         return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count))
-    raise ValueError(f"{name!r} is no taper. Allowed: boxcar, hann.")
+    raise ValueError(f"{name!r} is not a valid taper. Allowed: boxcar, hann.")
 
 
 def kaiser_order(stop_db: float, width: float) -> tuple[int, float]:

@@ -121,7 +121,9 @@ def polynomials(series: Series, hold: str) -> Float[np.ndarray, "time power"]:
     Coefficients, in the unit of the series.
     """
     if hold not in HOLDS:
-        raise ValueError(f"{hold=} is no way to hold a signal. Allowed: {', '.join(HOLDS)}.")
+        raise ValueError(
+            f"{hold=} is not a valid way to hold a signal. Allowed: {', '.join(HOLDS)}."
+        )
     found = np.zeros((len(series), DEGREE + 1))
     found[:, 0] = series
     if hold == "first":

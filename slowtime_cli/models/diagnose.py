@@ -69,7 +69,8 @@ def diagnose(
     description = read_any_description(model, kinds, note=note)
     if not description.sensors:
         raise click.UsageError(
-            f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
+            f"{model.name} lists no sensors. State under `sensors` which quantity each "
+            "channel measures."
         )
     read = functools.partial(
         read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
@@ -99,8 +100,7 @@ def _refuse_unwritable(out: Path) -> None:
             pass
     except OSError as error:
         raise click.UsageError(
-            f"Nothing can be written into {out}: {error.strerror}. Give another folder with "
-            "--out."
+            f"Cannot write to {out}: {error.strerror}. Give another folder with --out."
         ) from None
 
 

@@ -111,6 +111,6 @@ def _tell(ended: Sequence[Outcome], count: int, out: Path) -> None:
     counts = Counter(one.status for one in ended)
     note(f"{counts['done']} of {plural(count, 'case')} diagnosed: {out / 'summary.csv'}")
     if len(ended) < count:
-        note(f"{count - len(ended)} left. The same command goes on with them.")
+        note(f"{count - len(ended)} left. Run the same command again to continue.")
     if counts["done"] < count:
         raise click.exceptions.Exit(1)

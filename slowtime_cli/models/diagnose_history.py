@@ -91,7 +91,7 @@ def _read(store: Store, twin: str | None) -> History:
         twin = known[0]
     row = None if twin is None else store.twin(twin)
     if row is None:
-        said = "Say which twin with --twin" if twin is None else f"There is no twin {twin!r}"
+        said = "Name the twin with --twin" if twin is None else f"There is no twin {twin!r}"
         raise RecordError(f"{said}. There are: {', '.join(known) or 'none'}.")
     registration = Registration.model_validate_json(row.registration)
     with tempfile.TemporaryDirectory() as folder:

@@ -29,8 +29,8 @@ def place(model: Path, number: int, **given: Any) -> None:
     read = read_matrix_model(model)
     if not read.matrices.names or read.matrices.dofs is None:
         raise MatrixFileError(
-            f"{model.name} needs `parameters` and `dofs` under `matrices`: what is to be "
-            "learnt, and where sensors can be."
+            f"{model.name} needs `parameters` (the quantities to identify) and `dofs` "
+            "(possible sensor positions) under `matrices`."
         )
     kept = len(read.channels) if given["keep"] else 0
     rows, sites, names = _candidates(read, read.matrices.dofs, given)
@@ -115,4 +115,7 @@ def _print(best: Placement, even: Placement, chosen: list[Candidate], *, as_json
     )
     unseen = [name for name, ratio in zip(best.names, best.ratio, strict=True) if ratio > 0.5]
     if unseen:
-        note(f"Hardly told (more than half of the prior remains): {', '.join(unseen)}.")
+        note(
+            "Poorly identifiable (more than half of the prior standard deviation remains): "
+            f"{', '.join(unseen)}."
+        )

@@ -99,8 +99,8 @@ def _predict(
     beyond = fitted.extrapolates(x)
     if beyond.any():
         note(
-            f"{int(beyond.sum())} of {len(x)} points lie where no run was made; their values "
-            "are extrapolated."
+            f"{int(beyond.sum())} of {len(x)} points lie outside the range of the runs; "
+            "their values are extrapolated."
         )
     return [
         (row.tolist(), float(m), float(s), float(low), float(high), bool(out))
@@ -152,7 +152,7 @@ def _show(chosen: Choice, shares: list[tuple[str, float, float]]) -> None:
     good = [one for one in chosen.candidates if one.failure is None]
     show(
         "Points left out, predicted",
-        ("surrogate", "crps", "rmse", "held by the 95 % band [%]"),
+        ("surrogate", "crps", "rmse", "inside the 95 % band [%]"),
         [
             (one.name, f"{one.crps:.3g}", f"{one.rmse:.3g}", f"{100 * one.coverage:.0f}")
             for one in good

@@ -48,7 +48,8 @@ def update(
     read = read_matrix_model(model)
     if not read.matrices.names:
         raise MatrixFileError(
-            f"{model.name} has no `parameters`. Name what may differ from the model."
+            f"{model.name} has no `parameters`. List there which quantities may differ "
+            "from the model."
         )
     measured = read_measured_modes(
         modes, read, frequency_error=frequency_error, shape_error=shape_error
@@ -153,8 +154,9 @@ def _misfit(found: StructurePosterior) -> list[str]:
     if found.p_value >= UNLIKELY:
         return []
     return [
-        f"The updated model does not explain the modes (p = {found.p_value:.2g}): another "
-        "part is wrong, or the errors of frequencies and shapes are larger than said."
+        f"The updated model does not explain the modes (p = {found.p_value:.2g}): a part "
+        "without parameters is wrong, or the stated errors of frequencies and shapes are "
+        "too small."
     ]
 
 

@@ -19,7 +19,8 @@ from slowtime_services.virtual_sensors.sensor import make_sensor, si_factors
 from slowtime_services.virtual_sensors.settings import Asked
 
 REASON_TEXTS = {
-    "unseen_mode_": "{}: no sensor sees this mode, so that its part rests on the model alone.",
+    "unseen_mode_": "{}: no sensor sees this mode, so its contribution comes from the model "
+    "alone.",
     "model_misfit": "{}: the model does not explain the spectra of the channels. Update it.",
 }
 
@@ -146,7 +147,10 @@ def estimate_quantity(
         )
     every = (*windows, *last)
     if description.tolerance is None:
-        note("The model states no tolerance: its own error is not in the standard deviation.")
+        note(
+            "The model states no tolerance, so its own error is not part of the standard "
+            "deviation."
+        )
     return {
         "values": np.concatenate([window.values[:, 0] for window in every]),
         "sd": np.concatenate([window.sd[:, 0] for window in every]),
@@ -163,8 +167,8 @@ def estimate_quantity(
 def note_limits(found: dict[str, Any]) -> None:
     """Note the lower edge of the band, and reasons for larger errors than stated."""
     note(
-        f"Only motion above {found['lowest_hz']:.3g} Hz: accelerations do not show what is "
-        "slower."
+        f"Only motion above {found['lowest_hz']:.3g} Hz is included: accelerations do not "
+        "show slower motion."
     )
     for reason in found["reasons"]:
         note(REASON_TEXTS.get(reason.rstrip("0123456789"), "{}").format(reason))

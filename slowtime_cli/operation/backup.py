@@ -12,11 +12,11 @@ from twin_server.persist import restore as put_back
 def backup(database: Path, out: Path) -> None:
     """Copy a twin's database while the server writes it."""
     database_errors_told(lambda: copy_database(database, out, print_progress))
-    click.echo(f"{out} is whole and sound.")
+    click.echo(f"{out} is complete and undamaged.")
 
 
 def restore(copy: Path, database: Path) -> None:
     """Replace a twin's database by a backup."""
     aside = database_errors_told(lambda: put_back(copy, database, print_progress))
-    kept = f" What was there is {aside} now." if aside else ""
-    click.echo(f"{database} is as {copy} was.{kept}")
+    kept = f" The previous database was moved to {aside}." if aside else ""
+    click.echo(f"{database} was restored from {copy}.{kept}")

@@ -56,7 +56,8 @@ def demo(
     """Run router, edge agents, twin server and page on this machine."""
     if _port_in_use(port):
         raise click.UsageError(
-            f"Port {port} is taken on this machine. Give another, such as --port {port + 1}; "
+            f"Port {port} is in use on this computer. Give another, such as --port "
+            f"{port + 1}; "
             "`slowtime doctor` says whether a twin server answers there."
         )
     if recording is not None and recording.exists():

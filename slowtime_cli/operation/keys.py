@@ -49,8 +49,13 @@ def withdraw(asset: str | None, role: str | None, home: Path) -> None:
     """Withdraw all certificates of an edge or a role, from the router's next start."""
     count = Authority.open(home).withdraw(role or "edge", asset)
     if not count:
-        raise click.UsageError(f"Nothing valid was issued to {asset or role}.")
-    ERR.print(f"{plural(count, 'certificate')} withdrawn. Restart the router with keys/router.")
+        raise click.UsageError(
+            f"{asset or role} has no valid certificate, so there is nothing to revoke."
+        )
+    ERR.print(
+        f"{plural(count, 'certificate')} revoked. Restart the router with the folder "
+        "keys/router, so that it refuses them."
+    )
 
 
 def list_(home: Path) -> None:

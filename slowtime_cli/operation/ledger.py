@@ -22,17 +22,23 @@ def key(out: Path) -> None:
         made = make_key(out)
     except CredentialsError as error:
         raise click.ClickException(str(error)) from error
-    click.echo(f"{out} signs; {made} ({out}.pub) shows that it has.")
+    click.echo(
+        f"{out} is the private key for signing; {made} ({out}.pub) is the public key for "
+        "verification."
+    )
 
 
 def head(server: str, out: Path) -> None:
     """Fetch the newest signed head."""
     if out.exists():
-        raise click.UsageError(f"{out} exists. Give a new file, or take that one away.")
+        raise click.UsageError(
+            f"{out} exists already. Give a new file name, or move that file away."
+        )
     found = Client(server).heads()
     if not found:
         raise click.ClickException(
-            f"{server} has signed nothing. Give it a key: `slowtime ledger key`."
+            f"{server} has no signing key, so it has signed nothing. Create one with "
+            "`slowtime ledger key` and start it with --ledger-key."
         )
     out.write_text(json.dumps(found[-1], indent=2) + "\n")
     click.echo(f"{out} has head {found[-1]['number']}. Keep it where the server cannot write.")
@@ -60,7 +66,7 @@ def verify(recording: Path, key: str | None) -> None:
         wrong += [f"{asset}: {what}" for what in one.wrong]
     if wrong:
         raise click.ClickException(f"{recording} has been changed: {'; '.join(wrong[:5])}.")
-    click.echo(f"{recording} is as it was accepted{_by(key)}.")
+    click.echo(f"{recording} is unchanged since it was accepted{_by(key)}.")
 
 
 def print_audit(found: "Audit", database: Path, key: str | None) -> None:
@@ -69,10 +75,10 @@ def print_audit(found: "Audit", database: Path, key: str | None) -> None:
         click.echo(f"  {note}")
     if found.wrong:
         raise click.ClickException(
-            f"{database} is not what was accepted: {'; '.join(found.wrong[:5])}."
+            f"{database} differs from what was accepted: {'; '.join(found.wrong[:5])}."
         )
     if found.last is None:
-        click.echo(f"{database} agrees with its chains, which no signed head covers.")
+        click.echo(f"{database} agrees with its hash chains, but no signed head covers them.")
         return
     click.echo(
         f"{database} is as it was accepted{_by(key)}: "
@@ -95,7 +101,7 @@ def kept_head(path: Path) -> Head:
         return Head.of(json.loads(path.read_text()))
     except (ValueError, TypeError) as error:
         raise click.UsageError(
-            f"{path} is no head: {error} Give what `slowtime ledger head` wrote."
+            f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."
         ) from error
 
 

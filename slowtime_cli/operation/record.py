@@ -48,8 +48,9 @@ def record(
         click.echo(_describe(recorder.recording))
     if recorder.full:
         click.echo(
-            "slowtime: The recording has ended, as its files have reached what --keep allows. "
-            "Allow more, move some away, or give --when-full drop-oldest.",
+            "slowtime: The recording stopped because its files have reached the size "
+            "that --keep allows. Raise --keep, move old files away, or give --when-full "
+            "drop-oldest.",
             err=True,
         )
         return 1

@@ -82,8 +82,8 @@ def _onto_the_bus(
         return INTERRUPTED
     if played.features == 0:
         note(
-            f"{recording} holds no features, which are what a twin takes. Where it holds "
-            f"samples: slowtime edge --recording {recording}"
+            f"{recording} holds no features, and a twin reads only features. If it holds "
+            f"samples, run: slowtime edge --recording {recording}"
         )
     if server is not None:
         for asset in _assets(recording):
@@ -96,7 +96,7 @@ def _asked_of(server: str, asset: str) -> Mapping[str, object]:
         return Client(server).digest(asset).model_dump()
     except (AnswerError, UnreachableError, ValueError) as error:
         raise click.UsageError(
-            f"--server {server} did not tell the hash of {asset}: {error}"
+            f"--server {server} did not return the hash of {asset}: {error}"
         ) from error
 
 
@@ -114,8 +114,9 @@ def _into(recording: Path, database: Path) -> int:
     if through_the_edge:
         assets = _assets_of(recording, RAW)
         note(
-            f"{recording} holds samples and no features; an edge agent with default settings "
-            "reads them here. For settings of yours: slowtime edge --recording."
+            f"{recording} holds samples but no features; an edge agent with default "
+            "settings computes them here. To choose the settings, run slowtime edge "
+            "--recording."
         )
     if not assets:
         raise click.UsageError(

@@ -179,9 +179,10 @@ def _level(found: Distortion, mode: Resonance | None) -> Plain:
 
 SYMMETRIES = {
     "none": "No nonlinear distortion was found above the noise.",
-    "odd": "The nonlinearity is odd: the same in both directions, such as "
+    "odd": "The nonlinearity is odd (equal in both directions), such as "
     "a cubic spring or dry friction.",
-    "even": "The nonlinearity is even: it differs with direction, such as a one-sided stop "
+    "even": "The nonlinearity is even (different in the two directions), such as a one-sided "
+    "stop "
     "or a quadratic spring.",
     "odd and even": "The nonlinearity has odd and even parts.",
     "unknown": "The symmetry is not determined. Measure several periods of an odd multisine, "

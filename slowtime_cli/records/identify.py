@@ -102,7 +102,10 @@ def identify(
         _say_force(force, span_s, told, whole)
         _say_lines(told)
         if not (force.flags or told.modes or (whole and whole.modes)):
-            note("no mode stands out of the noise. Record longer, or give --band-hz.")
+            note(
+                "no mode stands out from the noise. Give a longer record, or a band with "
+                "--band-hz."
+            )
         if whole is None:
             modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
             result["modes"] = [_as_json(mode) for mode in modes]
@@ -171,9 +174,9 @@ def reference_modes(
 def note_mixed_units(mixed: str) -> None:
     """Explain why there are no shapes."""
     note(
-        f"channels are of several units ({mixed}), so that no shapes are told: components "
-        "would be of several sizes. Give --unit or --sensitivity, or choose with --channels. "
-        "Frequencies and damping do not depend on it."
+        f"channels are of several units ({mixed}), so no mode shapes are given: their "
+        "components could not be compared. Give --unit or --sensitivity, or select "
+        "channels with --channels. Frequencies and damping do not depend on units."
     )
 
 
@@ -201,13 +204,14 @@ def _say_force(
     if force.period_s is not None:
         why.append(f"it repeats itself after {force.period_s:.4g} s, as a multisine does")
     if told.modes or whole is not None:
-        doing = "The errors of modes found all the same do not hold."
+        doing = "The standard deviations of the modes found are not reliable."
     else:
         doing = (
-            "No mode is claimed: its spectrum would pass for the structure's. Give a record "
-            "under a steady random force or of free decay; --method modes tries all the same."
+            "No modes are reported, because the spectrum of the force would be mistaken "
+            "for that of the structure. Give a record under a steady random force or of "
+            "a free decay; --method modes identifies modes nevertheless."
         )
-    note(f"the force was no steady random one: {', and '.join(why)}. {doing}")
+    note(f"the force was not steady and random: {', and '.join(why)}. {doing}")
 
 
 def _say_lines(told: ModesAndLines) -> None:
@@ -234,8 +238,9 @@ def _accelerations_of(record: Record) -> Record:
     if not left_out:
         return record
     note(
-        f"identified from {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
-        "acceleration by name or unit. --channels chooses others."
+        f"identified from {', '.join(chosen)}; {', '.join(left_out)} left out, because "
+        "name and unit do not show an acceleration. Choose other channels with "
+        "--channels."
     )
     columns = [record.channels.index(name) for name in chosen]
     return dataclasses.replace(
@@ -253,7 +258,9 @@ def _say_constant(record: Record, samples: Samples) -> None:
         if constant
     ]
     if dead and len(dead) < len(record.channels):
-        note(f"{', '.join(dead)} never changes and says nothing. Check the sensor.")
+        note(
+            f"{', '.join(dead)} never changes, so it carries no information. Check the sensor."
+        )
 
 
 def _longest(record: Record, samples: Samples) -> Samples:

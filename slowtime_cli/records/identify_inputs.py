@@ -82,7 +82,9 @@ def identify(
     if mixed and len(outputs) > 1:
         note_mixed_units(mixed)
     if not found.result.modes:
-        note("no mode stands out of the noise. Record longer, or give --band-hz.")
+        note(
+            "no mode stands out from the noise. Give a longer record, or a band with --band-hz."
+        )
     models = reference_modes(model, outputs, mixed)
     silent = out is not None and str(out) == "-"
     if not silent:
@@ -144,7 +146,7 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
     if excitation == "auto":
         base = all(unit is not None for unit in motion)
         excitation = "base" if base else kind_of_excitation(inputs)
-        note(f"taken for excitation by {excitation}. --excitation overrules it.")
+        note(f"treated as excitation by {excitation}. --excitation overrides this.")
     if excitation == "hammer" and len(columns) > 1:
         raise click.UsageError(
             f"--excitation hammer has one input, and {len(columns)} were given. Give a record "
@@ -156,7 +158,10 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
     if excitation != "base" and len(quantities) == 1:
         kind = quantities.pop()
     elif excitation != "base":
-        note("responses taken for accelerations, for want of one unit. --unit states it.")
+        note(
+            "responses are treated as accelerations, because they state no common unit. Give "
+            "it with --unit."
+        )
     return Measured(
         inputs=inputs,
         outputs=samples[:, others],
@@ -174,8 +179,9 @@ def _responses(record: Record, others: list[int]) -> list[int]:
     left_out = [name for name in names if name not in chosen]
     if left_out:
         note(
-            f"responses are {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
-            "acceleration by name or unit. --channels chooses others."
+            f"responses are {', '.join(chosen)}; {', '.join(left_out)} left out, because "
+            "name and unit do not show an acceleration. Choose other channels with "
+            "--channels."
         )
     return [k for k in others if record.channels[k] in chosen]
 

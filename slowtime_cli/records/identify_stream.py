@@ -108,8 +108,8 @@ def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
     first = next(blocks, None)
     if first is None:
         raise RecordError(
-            f"{path.name} holds no raw blocks. A recording of another program is read at once: "
-            "give --whole."
+            f"{path.name} holds no raw blocks of slowtime. To read a recording of another "
+            "program, give --whole."
         )
     head = overridden_by_flags(_record(first), path, given)
     quiet = dataclasses.replace(given, rate_hz=None)
@@ -118,8 +118,8 @@ def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
         for block in itertools.chain([first], blocks):
             if block.rate_hz != first.rate_hz or block.channels != first.channels:
                 raise RecordError(
-                    f"{path.name}: rate or channels change within it, so that its blocks are "
-                    "no one record. Give a recording of one set-up."
+                    f"{path.name}: sampling rate or channels change within it, so its "
+                    "blocks do not form one record. Give a recording of a single set-up."
                 )
             told = overridden_by_flags(_record(block), path, quiet)
             yield (
@@ -204,7 +204,9 @@ def _tell(
     for text in said:
         note(text)
     if not modes:
-        note("no mode stands out of the noise. Record longer, or give --band-hz.")
+        note(
+            "no mode stands out from the noise. Give a longer record, or a band with --band-hz."
+        )
     chosen = [head.units[head.channels.index(name)] for name in channels]
     mixed = mixed_units(channels, chosen) if len(channels) > 1 else ""
     if mixed:

@@ -42,7 +42,10 @@ def merge_setups(
     setups = [SetUp(modes=_modes(one), channels=one.channels) for one in read]
     found = merge(setups, references)
     if not found:
-        raise click.UsageError("The set-ups have no structural mode. Look at each by itself.")
+        raise click.UsageError(
+            "The set-ups have no structural mode in common. Check the modes file of each "
+            "set-up."
+        )
     channels = max((mode.channels for mode in found), key=len)
     whole = [mode for mode in found if mode.channels == channels]
     for mode in found:
@@ -67,7 +70,7 @@ def _merge_records(
     modes, heading = merged_records(files, references, rate_hz, band_hz)
     if not modes:
         raise click.UsageError(
-            "No mode stands out of the noise. Record longer, or give another --band-hz."
+            "No mode stands out from the noise. Give longer records, or another --band-hz."
         )
     if out is not None:
         span = (0.0, heading["duration_s"])
@@ -95,12 +98,13 @@ def _read(path: Path) -> ModesFile:
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         raise click.UsageError(
-            f"{path.name} is no modes file ({fault['msg']}). Give what `slowtime identify "
+            f"{path.name} is not a valid modes file ({fault['msg']}). Give what "
+            "`slowtime identify "
             "RECORD --method modes --out modes.json` wrote."
         ) from None
     if found.modes is None:
         raise click.UsageError(
-            f"{path.name} holds modes window by window. Give the modes of whole records."
+            f"{path.name} holds modes for each window of a record. Give modes of whole records."
         )
     if all(mode.shape is None for mode in found.modes):
         raise click.UsageError(

@@ -37,8 +37,8 @@ def orders(
     others = [k for k in range(len(record.channels)) if k != column]
     if not others:
         raise click.UsageError(
-            f"{path.name} has the tacho {record.channels[column]} alone. Give a record with "
-            "channels beside it."
+            f"{path.name} has only the tacho channel {record.channels[column]}. Give a "
+            "record that has vibration channels too."
         )
     samples = np.asarray(record.samples, dtype=float)
     rotation = rotation_of(samples[:, column], record.rate_hz, pulses_per_revolution=pulses)

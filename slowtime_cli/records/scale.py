@@ -36,7 +36,8 @@ def scale(
         if others != channels:
             raise click.UsageError(
                 f"{path.name} has the channels {', '.join(others)}, and {modes.name} "
-                f"{', '.join(channels)}. Identify both with the same sensors in one order."
+                f"{', '.join(channels)}. Identify both with the same sensors in the same "
+                "order."
             )
         heavier.append((found, _masses(words, channels)))
     scaled = [(mode, _scaled(mode, heavier)) for mode in bare if mode.kind == "structural"]

@@ -49,10 +49,12 @@ def simulate_model(
     description = _started(read_any_description(model, kinds, note=note), initial)
     if not description.sensors:
         raise click.UsageError(
-            f"{model.name} lists no sensors. Say under `sensors` what to hear."
+            f"{model.name} lists no sensors. List under `sensors` the quantities to write."
         )
     if noise and seed is None:
-        raise click.UsageError("--noise is random. Give --seed, so that it can be made again.")
+        raise click.UsageError(
+            "--noise is random. Give --seed, so that the result can be reproduced."
+        )
     if description.inputs:
         if record_path is None:
             wanted = ", ".join(entry.channel for entry in description.inputs)
@@ -181,10 +183,10 @@ def _between(entry: Input, unit: str, description: Description) -> float:
         return 1.0
     if unit not in known:
         raise click.UsageError(
-            f"The record has {entry.channel} in {unit}, the model in {entry.unit}: no such "
-            f"change is known. Allowed: {', '.join(known)}."
+            f"The record has {entry.channel} in {unit}, the model in {entry.unit}, which "
+            f"cannot be converted into each other. Allowed: {', '.join(known)}."
         )
-    note(f"{entry.channel} is in {unit} in the record; turned into the model's {entry.unit}.")
+    note(f"{entry.channel} is in {unit} in the record; converted to the model's {entry.unit}.")
     return known[unit] / known[entry.unit]
 
 

@@ -32,7 +32,7 @@ class SettingsFile(click.Path):
         """Refuse a kind that is not read."""
         path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
         if path.suffix not in (".toml", ".json"):
-            self.fail(f"{path.name} is no settings file. Allowed: .toml and .json.")
+            self.fail(f"{path.name} is not a valid settings file. Allowed: .toml and .json.")
         return path
 
 
@@ -79,8 +79,8 @@ UNITS = (
         "units",
         multiple=True,
         metavar="[CHANNEL=]UNIT",
-        help="Unit of the samples, where it is not stated: g, mg, gal, in/s^2, mV ...; "
-        "overrules what is stated. Motion is turned into SI.",
+        help="Unit of the samples (g, mg, gal, in/s^2, mV ...); overrides a unit stated in "
+        "the file. Motion is converted to SI.",
     ),
     click.option(
         "--sensitivity",
@@ -96,7 +96,7 @@ READING = (
     click.option(
         "--rate-hz",
         type=POSITIVE,
-        help="Samples per second, where the file does not say; overrules what it says.",
+        help="Sampling rate; overrides a rate stated in the file.",
     ),
     click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
     click.option(

@@ -57,7 +57,7 @@ class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
         """Refuse names that cannot be part of a key."""
         if not self._pattern.fullmatch(str(value)):
             self.fail(
-                f"{value!a} is no name{invisible_character(str(value))}. "
+                f"{value!a} is not a valid name{invisible_character(str(value))}. "
                 f"Allowed: {self._allowed}.",
                 param,
                 ctx,
@@ -91,7 +91,7 @@ class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in th
         """Refuse an invalid endpoint before anything is opened."""
         if not re.fullmatch(r"[a-z][a-z0-9_+.-]*/\S+", str(value)):
             self.fail(
-                f"{value!r} is no endpoint. Give PROTOCOL/ADDRESS, such as {ROUTER}.",
+                f"{value!r} is not a valid endpoint. Give PROTOCOL/ADDRESS, such as {ROUTER}.",
                 param,
                 ctx,
             )
@@ -111,7 +111,9 @@ class Database(click.ParamType):  # type: ignore[type-arg]  # generic only in th
         if text.startswith(("postgresql://", "postgres://")):
             return text
         if "://" in text:
-            self.fail(f"{text!r} is no database. Give a file or postgresql://...", param, ctx)
+            self.fail(
+                f"{text!r} is not a database. Give a file or postgresql://...", param, ctx
+            )
         if Path(text).is_dir():
             self.fail(f"{text} is a folder. Give a file in it.", param, ctx)
         return Path(text)
@@ -136,7 +138,9 @@ class Size(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
         match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-zA-Z]*)", str(value))
         unit = self._UNITS.get(match[2].lower()) if match else None
         if match is None or unit is None or not float(match[1]):
-            self.fail(f"{value!a} is no size. Give one such as 500MB or 4GB.", param, ctx)
+            self.fail(
+                f"{value!a} is not a valid size. Give one such as 500MB or 4GB.", param, ctx
+            )
         return round(float(match[1]) * unit)
 
 
@@ -154,7 +158,9 @@ class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the
         try:
             when = datetime.datetime.fromisoformat(value)
         except ValueError:
-            self.fail(f"{value!r} is no time. Give one as 2022-07-19T22:55:00Z.", param, ctx)
+            self.fail(
+                f"{value!r} is not a valid time. Give one as 2022-07-19T22:55:00Z.", param, ctx
+            )
         when = when if when.tzinfo else when.replace(tzinfo=datetime.UTC)
         since = when - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
         t_ns = (since // datetime.timedelta(microseconds=1)) * 1000
@@ -187,7 +193,7 @@ class OutFile(click.Path):
             allowed = " or ".join(self._suffixes)
             self.fail(f"{path.name!r} does not end in {allowed}. Give one that does.")
         if not path.parent.is_dir():
-            self.fail(f"There is no folder {path.parent} for {path.name}. Make it first.")
+            self.fail(f"There is no folder {path.parent} for {path.name}. Create it first.")
         return path
 
 
@@ -228,7 +234,7 @@ connect_option = click.option(
     type=Endpoint(),
     default=(ROUTER,),
     show_default=True,
-    help="Endpoint of the router; may be given several times.",
+    help="Endpoint of the router; may be repeated.",
 )
 
 credentials_option = click.option(
@@ -263,5 +269,5 @@ class Names(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
             return value
         found = tuple(part.strip() for part in str(value).split(","))
         if not all(found):
-            self.fail(f"{value!r} names nothing between two commas.", param, ctx)
+            self.fail(f"{value!r} has an empty name between two commas.", param, ctx)
         return found

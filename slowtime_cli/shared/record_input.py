@@ -99,7 +99,7 @@ def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Reco
             )
         record = dataclasses.replace(record, channels=columns)
     if rate_hz is not None and abs(rate_hz / record.rate_hz - 1) > 1e-3:
-        note(f"{path.name} says {record.rate_hz:g} Hz; {rate_hz:g} Hz was given, and used.")
+        note(f"{path.name} states {record.rate_hz:g} Hz; {rate_hz:g} Hz was given and is used.")
         record = dataclasses.replace(record, rate_hz=rate_hz)
     if channels is not None:
         record = _chosen(record, channels)

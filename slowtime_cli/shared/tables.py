@@ -25,7 +25,9 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " row"]]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
-        raise click.UsageError(f"{path.name} is no UTF-8 text. Give a table of text.") from None
+        raise click.UsageError(
+            f"{path.name} is not UTF-8 text. Give a table of text."
+        ) from None
     lines = [line for line in lines if line.strip()]
     if len(lines) < 2:
         raise click.UsageError(f"{path.name} has no rows below a heading. Give some.")
@@ -53,6 +55,6 @@ def _number(field: str, path: Path, row: int, name: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise click.UsageError(
-            f"{path.name}, row {row + 1}: {field!r:.40} of {name} is no finite number."
+            f"{path.name}, row {row + 1}: {field!r:.40} of {name} is not a finite number."
         )
     return value

@@ -30,8 +30,9 @@ def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> in
     if reached == len(sent["receivers"]):
         return 0
     note(
-        f"{reached} of {len(sent['receivers'])} receivers have accepted it in {wait_s:g} s. "
-        f"The server goes on trying; `slowtime alarms deliveries {twin}` shows how that fares."
+        f"{reached} of {len(sent['receivers'])} receivers have accepted it within "
+        f"{wait_s:g} s. The server keeps trying; `slowtime alarms deliveries {twin}` "
+        "shows the progress."
     )
     return 1
 

@@ -205,7 +205,8 @@ def _of_text(source: Path) -> Iterator[Features]:
             features = _of_row(number, row)
         except (TypeError, ValueError) as error:
             raise click.UsageError(
-                f"{source}, line {table.line_num}: {_fault(error)}. Mend or remove that line."
+                f"{source}, line {table.line_num}: {_fault(error)}. Correct or remove "
+                "that line."
             ) from error
         if features.slow_time is not None and features.slow_time <= before:
             raise click.UsageError(
@@ -230,7 +231,7 @@ def _number(row: dict[str, str | None], name: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{name} is {text!r}, which is no number") from None
+        raise ValueError(f"{name} is {text!r}, which is not a number") from None
 
 
 def _of_row(number: int, row: dict[str, str | None]) -> Features:

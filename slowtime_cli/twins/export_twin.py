@@ -110,7 +110,7 @@ def _one_of(known: list[str], asset: str | None) -> str:
     if asset is None and len(known) == 1:
         return known[0]
     if asset not in known:
-        said = "Say which twin with --asset" if asset is None else f"There is no twin {asset}"
+        said = "Name the twin with --asset" if asset is None else f"There is no twin {asset}"
         raise click.UsageError(f"{said}. There are: {', '.join(sorted(known)) or 'none'}.")
     return asset
 

@@ -48,8 +48,9 @@ def _refuse_calendar(source: Path | None, registration: Registration) -> None:
     text = source is not None and source.suffix.lower() not in (".json", ".mcap")
     if text and costs is not None and costs.time_unit != "slow_time":
         raise click.UsageError(
-            f"costs.time_unit is {costs.time_unit!r}, and {source} does not tell in which unit "
-            "its slow_time is. Give costs.time_unit='slow_time', with rates and times in it."
+            f"costs.time_unit is {costs.time_unit!r}, and {source} does not state the "
+            "unit of its slow_time. Give costs.time_unit='slow_time', with rates and "
+            "times in it."
         )
 
 

@@ -23,7 +23,7 @@ NORMAL_QUANTILE_97_5 = 1.959963984540054
 KINDS = {
     "rough": "an irregular fluctuation",
     "repeating": "a wave that repeats itself",
-    "teeth": "teeth: a rise or fall that jumps back at regular intervals",
+    "teeth": "sawtooth: a rise or fall that jumps back at regular intervals",
 }
 
 
@@ -104,7 +104,7 @@ def _tell(summary: dict[str, Any]) -> None:
     )
     if summary["better_model"] == "mixture":
         note(
-            "A mixture of experts foretells the readings better (log odds "
+            "A mixture of experts predicts the readings better (log odds "
             f"{-summary['log_odds']:.1f}): the history may change its character at some time."
         )
 

@@ -52,7 +52,7 @@ def whatif(
     for reason in body["reasons"]:
         note(reason)
     if body["assumed"]:
-        note(f"taken for granted: {', '.join(body['assumed'])}.")
+        note(f"assumed: {', '.join(body['assumed'])}.")
 
 
 def _recorded(

@@ -17,7 +17,7 @@ def test_the_table_of_formats_is_made_from_the_registry():
 
 
 def test_units_and_sensitivities_that_are_named_are_understood():
-    (units,) = re.findall(r"^Accelerations in (.*?) become", TEXT, re.M | re.S)
+    (units,) = re.findall(r"^Accelerations in (.*?) are converted", TEXT, re.M | re.S)
     named = re.findall(r"`([^`]+)`", units)
     assert len(named) >= 8
     assert all(unit_of(unit) is not None for unit in named)

@@ -104,7 +104,7 @@ def test_a_file_that_is_not_there_or_of_another_kind_is_named(tmp_path):
         EdgeSettings(config=tmp_path / "none.toml")
     (tmp_path / "edge.yaml").write_text("a: 1")
     with pytest.raises(
-        ValueError, match=r"edge\.yaml is no settings file. Allowed: \.toml and"
+        ValueError, match=r"edge\.yaml is not a valid settings file. Allowed: \.toml and"
     ):
         EdgeSettings(config=tmp_path / "edge.yaml")
 

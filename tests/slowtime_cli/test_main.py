@@ -76,8 +76,8 @@ def fails_with(error):
         (click.FileError("x.json", "is a folder"), 2, r"^slowtime: .*x\.json.*is a folder"),
         (KeyboardInterrupt(), 130, r"^\n?slowtime: Ended by Ctrl-C\.\n$"),
         (click.Abort(), 130, r"^\n?slowtime: Ended by Ctrl-C\.\n$"),
-        (KeyError("boot"), 1, r"^slowtime: An internal error of slowtime: KeyError: 'boot'\."),
-        (MemoryError("much"), 1, r"internal error of slowtime: MemoryError: much\. Set SLOW"),
+        (KeyError("boot"), 1, r"^slowtime: Internal error in slowtime: KeyError: 'boot'\."),
+        (MemoryError("much"), 1, r"Internal error in slowtime: MemoryError: much\. Run again"),
     ],
 )
 def test_every_error_has_its_exit_status_and_no_traceback(

@@ -58,7 +58,7 @@ def test_a_taken_port_is_said_to_be_one(tmp_path, settings, caplog):
             update={"port": taken.getsockname()[1], "database": tmp_path / "x.sqlite"}
         )
         assert run(own, bus=MemoryBus()) == 2
-    assert "cannot be listened on" in caplog.text
+    assert "cannot listen on" in caplog.text
     assert "--port" in caplog.text
 
 
@@ -119,4 +119,4 @@ def test_a_wrong_file_of_registrations_is_the_user_s_to_mend(tmp_path, settings,
         update={"database": tmp_path / "x.sqlite", "registrations": tmp_path / "r.json"}
     )
     assert run(own, bus=MemoryBus()) == 2
-    assert "'beam' is no twin's id" in caplog.text
+    assert "'beam' is not a valid twin's id" in caplog.text

@@ -126,7 +126,8 @@ class Reception:
             raise Refused(
                 "future_clock" if off_s > 0 else "stale_clock",
                 f"A sender's clock {abs(off_s):.0f} s {_side(off_s)} ours was given. Allowed: "
-                f"up to {self._limits.max_ahead_s:.0f} s. Set that machine's clock, or ours.",
+                f"up to {self._limits.max_ahead_s:.0f} s. Set the clock of the sender's "
+                "computer, or of the server.",
             )
 
     def _age_s(self, features: Features, now_ns: int) -> float:

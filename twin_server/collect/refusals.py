@@ -51,7 +51,7 @@ class Refusals:
     def refuse(self, reason: str, sentence: str) -> None:
         """Count one refusal, and log it unless its reason has just been logged."""
         if reason not in REASONS:
-            raise KeyError(f"{reason!r} is no reason. Allowed: {', '.join(REASONS)}.")
+            raise KeyError(f"{reason!r} is not a valid reason. Allowed: {', '.join(REASONS)}.")
         now = time.monotonic()
         with self._lock:
             self._counts[reason] += 1

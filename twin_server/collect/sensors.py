@@ -112,8 +112,8 @@ class SensorWatch:
                 *key,
                 "sensor_silent",
                 "alarm",
-                f"The sensor has sent nothing for {sensor.silent_s} s. Look at its supply, its "
-                "cable and its network; the edge agent goes on listening.",
+                f"The sensor has sent nothing for {sensor.silent_s} s. Check its power "
+                "supply, cable and network; the edge agent keeps listening.",
                 {"silent_s": sensor.silent_s},
             )
         elif was_silent and not sensor.is_silent:
@@ -156,8 +156,8 @@ class SensorWatch:
                 *key,
                 "source_restarted",
                 "warning",
-                f"The sensor's source, an installed part, ended or hung, and was started "
-                f"again{times}, {restarts:,} times in all. The log of the edge agent says why.",
+                f"The sensor's source plug-in ended or hung, and was restarted{times}, "
+                f"{restarts:,} times in all. The log of the edge agent gives the reason.",
                 {"more": more, "restarts": restarts},
             )
 

@@ -77,8 +77,9 @@ def refusal_of(
     if run.number and sequence < run.next:
         if any(first <= sequence <= last for first, last in run.lost):
             return "too_late", (
-                f"{what}which was given up as lost. Allowed: what comes while it is asked "
-                "for. Raise the patience in the healing settings if edges need longer."
+                f"{what}which was already counted as lost. Allowed: messages that arrive "
+                "while they are requested. Raise the patience in the healing settings if "
+                "edges need longer."
             )
         return "duplicate", (f"{what}which is known. Allowed: each once. Nothing needs doing.")
     if sequence in run.held:
@@ -91,12 +92,12 @@ def refusal_of(
     if sequence >= SEQUENCES or (run.number and sequence > max(run.next, run.told) + max_jump):
         return "sequence_jump", (
             f"{what}but {run.next} was expected. Allowed: up to {max_jump:,} ahead. "
-            "Number the features of a boot from 0 without leaps."
+            "Number the features of a boot from 0 without jumps."
         )
     if len(run.held) >= settings.max_held:
         return "held_full", (
-            f"{what}but {len(run.held):,} are held already since {run.next} is missing. "
-            "Allowed: up to max_held. It is asked for again once there is room."
+            f"{what}but {len(run.held):,} are held already because {run.next} is missing. "
+            "Allowed: up to max_held. The message is requested again once there is room."
         )
     return None
 

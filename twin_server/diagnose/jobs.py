@@ -115,7 +115,8 @@ class Jobs:
             waiting = len(self._queue)
         if waiting >= self._settings.max_queued:
             raise QueueFullError(
-                f"{waiting} diagnoses wait already. Allowed: {self._settings.max_queued} "
+                f"{waiting} diagnoses are waiting already. Allowed: "
+                f"{self._settings.max_queued} "
                 "(diagnose.max_queued). Wait for one to end, or cancel one."
             )
 
@@ -202,8 +203,9 @@ class Jobs:
         if why == "late":
             return Ended(
                 "failed",
-                f"It took longer than {self._settings.max_s:g} s and was ended. Give fewer or "
-                "shorter samples, ask for a quick one, or raise diagnose.max_s.",
+                f"It took longer than {self._settings.max_s:g} s and was stopped. Give "
+                "fewer or shorter samples, ask for a quick diagnosis, or raise "
+                "diagnose.max_s.",
             )
         if process.returncode == 0:
             try:
@@ -248,9 +250,9 @@ class Jobs:
         with contextlib.suppress(OSError):
             logger.error("A diagnosis ended with %d: %s", status, log.read_text()[-_LONGEST:])
         return (
-            f"Its process ended with status {status}, without a message. It probably had too "
-            "little memory: give fewer samples, or raise diagnose.max_memory_bytes. The log of "
-            "the server says more."
+            f"Its process ended with status {status} and without a message, probably for "
+            "lack of memory. Give fewer samples, or raise diagnose.max_memory_bytes. See "
+            "the server's log for details."
         )
 
 

@@ -58,7 +58,7 @@ def diagnose_with_plugins(
         why = _why_not(task, folder, say, stop)
         if not why:
             return PluginRun(True, task)
-        whose = f"There was no diagnosis with the own effects of {', '.join(names)}"
+        whose = f"No diagnosis was made with the plug-in effects of {', '.join(names)}"
         notes = (*notes, f"{whose}: {why} They were left out.")
     missing = _missing(task)
     error = f"{' '.join(notes)} The model itself has {missing}." if missing else ""
@@ -93,7 +93,9 @@ def _why_not(
         return errors[-1]
     if time.monotonic() - began_s >= task.max_own_s:
         return f"it took longer than {task.max_own_s:g} s, half of diagnose.max_s."
-    return f"its process ended with status {process.returncode}; the server's log says more."
+    return (
+        f"its process ended with status {process.returncode}; see the server's log for details."
+    )
 
 
 def _listen(

@@ -109,8 +109,8 @@ def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Pi
     if not learnt:
         total = sum(piece.seconds for piece in pieces)
         raise NoSamplesError(
-            f"holdout_s={seconds:g} leaves nothing to learn from: there are {total:.1f} s of "
-            "samples. Hold back fewer, or give more."
+            f"holdout_s={seconds:g} leaves nothing for fitting: there are {total:.1f} s "
+            "of samples. Hold back less, or give more samples."
         )
     return learnt, judged[::-1]
 

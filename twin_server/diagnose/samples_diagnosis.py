@@ -110,8 +110,8 @@ def _long_enough(pieces: list[Piece]) -> list[Piece]:
     if not kept:
         longest = max(len(piece.record.samples) for piece in pieces)
         raise NoSamplesError(
-            f"No {MIN_SAMPLES} samples follow each other without a hole; {longest} at most. "
-            "Ask for a longer span."
+            f"No {MIN_SAMPLES} consecutive samples without a gap are available, but at "
+            f"most {longest}. Ask for a longer span."
         )
     return kept
 

@@ -189,8 +189,9 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
             row,
             "nominal_not_learnt",
             "warning",
-            "None of the modes of the first epochs is one of the model's: learning begins "
-            "anew. Compare the model's frequencies and sensors' channels with the edge's.",
+            "None of the modes of the first epochs matches a mode of the model, so "
+            "learning starts again. Compare the frequencies and sensor channels of the "
+            "model with those of the edge agent.",
             {},
         )
     modes = found.memory.baselines
@@ -199,7 +200,8 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
         row,
         "nominal_learnt",
         "info",
-        f"The structure is learnt by {count} of its modes: {said}. The model is moved there.",
+        f"The structure has been learnt from {count} of its modes: {said}. The model is "
+        "moved there.",
         {f"mode_{one.mode + 1}_hz": one.frequency_hz for one in modes},
     )
 

@@ -29,7 +29,7 @@ class Scope(enum.IntEnum):
             return cls[word.upper()]
         except KeyError:
             raise ValueError(
-                f"{word!r} is no scope. Allowed: {', '.join(s.word for s in cls)}."
+                f"{word!r} is not a valid scope. Allowed: {', '.join(s.word for s in cls)}."
             ) from None
 
     @property

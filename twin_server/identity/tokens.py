@@ -101,7 +101,8 @@ class TokenFile:
                 )
             if mode := access_of_others(path):
                 raise WrongTokenFileError(
-                    f"Others may use {path} (mode {mode:03o} for them). Say chmod 600 {path}."
+                    f"Other users of this computer can use {path} (permissions {mode:03o} "
+                    f"for them), which holds secrets. Run: chmod 600 {path}."
                 )
         self._read()
 

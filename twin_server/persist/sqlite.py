@@ -209,7 +209,8 @@ def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> N
         )
         if (application, version) != (APPLICATION, VERSION):
             raise WrongStoreError(
-                f"{path} is no database of this version of slowtime. Start the twin server on "
+                f"{path} is not a database of this version of slowtime. Start the "
+                "twin server on "
                 "it once, which brings an older one up to date."
             )
         reader.execute("begin")

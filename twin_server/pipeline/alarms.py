@@ -86,10 +86,10 @@ class Alarms:
             return
         hours = (delivery.ended_ns - delivery.created_ns) / 3.6e12
         message = (
-            f"{delivery.receiver} could not be told of an event ({delivery.kind}) in "
-            f"{hours:.3g} h and {delivery.tries} attempts, and it is given up. The last "
-            f"attempt: {delivery.error} Tell them otherwise, and look at the receiver's "
-            "settings."
+            f"{delivery.receiver} could not be notified of an event ({delivery.kind}) in "
+            f"{hours:.3g} h and {delivery.tries} attempts; no more attempts are made. The "
+            f"last attempt: {delivery.error} Inform them by other means, and check the "
+            "receiver's settings."
         )
         details = {
             "receiver": delivery.receiver,
@@ -164,8 +164,8 @@ class Alarms:
             raise ProblemError(
                 409,
                 "acknowledged-already",
-                f"The alarm {event_id} was acknowledged by {before.by} already. The first "
-                "acknowledgement stays.",
+                f"The alarm {event_id} was already acknowledged by {before.by}. The first "
+                "acknowledgement is kept.",
             )
         found = next(
             (

@@ -84,9 +84,9 @@ class AssetEvents:
                 raise ProblemError(
                     409,
                     "another-event",
-                    f"An event with the id {order.event} is recorded already, and says "
-                    f"otherwise: {sentence(before.message)} Give another id; to correct what "
-                    "is recorded, take it back (reverses) and record the event again.",
+                    f"An event with the id {order.event} is already recorded with other "
+                    f"content: {sentence(before.message)} Give another id. To correct the "
+                    "recorded event, undo it (reverses) and record it again.",
                 )
             told = self._event_document(
                 twin_id, before, before.message, _undone(rows, order.event)
@@ -114,7 +114,7 @@ class AssetEvents:
                 409,
                 "too-many-events",
                 f"{twin_id} has {len(rows):,} recorded events. Allowed: {MOST_KEPT:,}. "
-                "Register a new twin for what follows.",
+                "Register a new twin for further events.",
             )
         names = quantities_of(registration)
         if order.quantity is not None and order.quantity not in names:
@@ -128,7 +128,8 @@ class AssetEvents:
             raise ProblemError(
                 422,
                 "not-valid",
-                "At body.quantity, nothing was given with a measured value. Say of what it is: "
+                "At body.quantity, nothing was given with a measured value. Name the "
+                "quantity: "
                 f"{', '.join(names)}.",
             )
         self._check_time(twin_id, order)
@@ -154,8 +155,8 @@ class AssetEvents:
                     422,
                     "not-yet",
                     f"At body.slow_time, {order.slow_time:.9g} was given. Allowed: up to "
-                    f"{last:.9g}, that of the latest reading. Give `at` for what came after, "
-                    "or leave both out.",
+                    f"{last:.9g}, that of the latest reading. Give `at` for a later "
+                    "event, or leave both out.",
                 )
 
     def _event_document(
@@ -271,9 +272,9 @@ def _check_reverses(name: str, rows: Sequence[AssetEventRow]) -> None:
         raise ProblemError(
             409,
             "no-such-event",
-            f"At body.reverses, {name} was given. Recorded, and not taken back: "
-            f"{there[:500] or 'none'}. A note that takes an event back cannot be taken back: "
-            "record the event again, under another id.",
+            f"At body.reverses, {name} was given. Events that can be undone: "
+            f"{there[:500] or 'none'}. A note that undoes an event cannot be undone "
+            "itself: record the event again, under another id.",
         )
     by = _undone(rows, name)
     if by is not None:

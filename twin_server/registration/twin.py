@@ -333,7 +333,8 @@ def registrations(path: Path | None) -> dict[str, Registration]:
     for twin_id, given in content.items() if isinstance(content, dict) else [(content, None)]:
         if not re.fullmatch(ID, str(twin_id)):
             raise WrongRegistrationsError(
-                f"{path}: {twin_id!a:.60} is no twin's id. Give SITE.ASSET in lower case, such "
+                f"{path}: {twin_id!a:.60} is not a valid twin's id. Give "
+                "SITE.ASSET in lower case, such "
                 'as "lab.beam"; in TOML with quotes: ["lab.beam"].'
             )
         try:

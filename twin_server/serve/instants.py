@@ -57,7 +57,7 @@ def parse_moment(text: str) -> Moment:
     except ValueError:
         pass
     raise MomentError(
-        f"{text:.60} is no moment. Give RFC 3339 with a time zone, such as "
+        f"{text:.60} is not a valid date and time. Give RFC 3339 with a time zone, such as "
         "2026-11-20T12:00:00Z; nanoseconds since 1970-01-01 UTC, such as "
         "1795176000000000000; or slow time, such as slow:812.5."
     )

@@ -142,5 +142,5 @@ def sender_to(url: str, rate_hz: float, router: str) -> Sender:
     if parts.scheme == "zenoh" and site and asset:
         return _Zenoh(site, asset, rate_hz, router)
     raise ValueError(
-        f"{url!r:.200} is no destination. Allowed: {'; '.join(DESTINATIONS.values())}."
+        f"{url!r:.200} is not a valid destination. Allowed: {'; '.join(DESTINATIONS.values())}."
     )

@@ -24,13 +24,15 @@ def check_key(key: str, *, wildcards: bool) -> str:
     chunks = key.split("/")
     if not all(chunks) or any(mark in key for mark in "?#$"):
         raise InvalidKeyError(
-            f"{key!r} is no key. Allowed: chunks joined by '/', none empty, without '?', '#' "
-            "and '$', such as 'slowtime/v1/lab/beam/features'."
+            f"{key!r} is not a valid bus address (key expression). Use parts separated by "
+            "single '/', without '?', '#' and '$', for example "
+            "'slowtime/v1/lab/beam/features'."
         )
     starred = [chunk for chunk in chunks if "*" in chunk]
     if any(chunk not in ("*", "**") for chunk in starred):
         raise InvalidKeyError(
-            f"{key!r} mixes '*' with other characters. Allowed: '*' and '**' as whole chunks."
+            f"{key!r} mixes '*' with other characters. Allowed: '*' and '**' as "
+            "whole parts between '/'."
         )
     if starred and not wildcards:
         raise InvalidKeyError(f"{key!r} has a wildcard. Give one key: a message has one.")

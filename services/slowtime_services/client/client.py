@@ -67,7 +67,7 @@ class Client:
     'http://127.0.0.1:8000'
     >>> Client("127.0.0.1")
     Traceback (most recent call last):
-    ValueError: '127.0.0.1' is no address of a server. Give one such as http://127.0.0.1:8000.
+    ValueError: '127.0.0.1' is not a valid address of a server. Give one such as http://127.0.0.1:8000.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Client:
             found: dict[str, Any] = from_json(text)
         except ValueError as error:
             raise UnreachableError(
-                f"{self.url} is no twin server: it answered {text[:40]!r}. Give its address."
+                f"{self.url} is not a twin server: it answered {text[:40]!r}. Give its address."
             ) from error
         return found
 

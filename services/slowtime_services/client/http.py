@@ -57,7 +57,7 @@ class HttpConnection:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.netloc:
             raise ValueError(
-                f"{url!r} is no address of a server. Give one such as http://127.0.0.1:8000."
+                f"{url!r} is not a valid address of a server. Give one such as http://127.0.0.1:8000."
             )
         self.url, self._timeout_s = url.rstrip("/"), timeout_s
         self._headers = {"Authorization": f"Bearer {token}"} if token else {}

@@ -170,7 +170,7 @@ class Authority:
         from cryptography.hazmat.primitives.asymmetric import ec
 
         if role not in ROLES:
-            raise ValueError(f"{role!r} is no role. Allowed: {', '.join(ROLES)}.")
+            raise ValueError(f"{role!r} is not a valid role. Allowed: {', '.join(ROLES)}.")
         if (asset is None) == (role == "edge"):
             raise ValueError(f"An edge has an asset, others have none; given {role}, {asset}.")
         own_key, own = self._own_certificate()

@@ -61,14 +61,17 @@ class Credentials:
         if access_of_others(folder / KEY):
             mode = stat.S_IMODE((folder / KEY).stat().st_mode)
             raise CredentialsError(
-                f"Others may read {folder / KEY} (mode {mode:04o}). Allowed: 0600. Say chmod "
-                f"600 {folder / KEY}, and have it issued again if others may have read it."
+                f"{folder / KEY} holds a secret, but other users of this computer can "
+                f"read it (permissions {mode:04o}; must be 0600). Run: chmod 600 "
+                f"{folder / KEY}. If somebody may have read it, revoke the certificate "
+                "with `slowtime keys withdraw` and issue a new one."
             )
         try:
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         except ValueError as error:
             raise CredentialsError(
-                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued again."
+                f"{folder / CERTIFICATE} is not a valid certificate: {error}. "
+                "Have it issued again."
             ) from error
         names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         found = cls(
@@ -91,8 +94,11 @@ class Credentials:
             )
         if now < begins:
             raise NotNowError(
-                f"The certificate in {self.folder} is valid from {begins:%Y-%m-%d %H:%M} UTC, "
-                f"and it is {now:%Y-%m-%d %H:%M} here. Set this machine's clock."
+                f"The certificate in {self.folder} is not valid yet: it starts at "
+                f"{begins:%Y-%m-%d %H:%M} UTC, but the clock of this computer says "
+                f"{now:%Y-%m-%d %H:%M} UTC. Correct the clock. If it is right, the "
+                "certificate was issued on a computer whose clock was ahead: issue it "
+                "again."
             )
         if self.expires - now < SOON:
             logger.warning(

@@ -53,15 +53,17 @@ class Signer:
         if access_of_others(path):
             mode = stat.S_IMODE(path.stat().st_mode)
             raise CredentialsError(
-                f"Others may read {path} (mode {mode:04o}). Allowed: 0600. Say chmod 600 "
-                f"{path}, and make another if others may have read it."
+                f"{path} holds a secret, but other users of this computer can read it "
+                f"(permissions {mode:04o}; must be 0600). Run: chmod 600 {path}. If "
+                "somebody may have read it, create a new key with `slowtime ledger key` "
+                "and stop using this one."
             )
         key = None
         with contextlib.suppress(ValueError, TypeError):
             key = load_pem_private_key(path.read_bytes(), password=None)
         if not isinstance(key, Ed25519PrivateKey):
             raise CredentialsError(
-                f"{path} is no Ed25519 private key in PEM. Make one: slowtime ledger key."
+                f"{path} is not an Ed25519 private key in PEM. Make one: slowtime ledger key."
             )
         return cls(key)
 
@@ -113,7 +115,7 @@ def public_key(text: str) -> str:
         if len(base64.b64decode(given, validate=True)) == _BYTES:
             return given
     raise CredentialsError(
-        f"{text:.80} is no public key. Give the file that ends in {PUBLIC}, or its 44 "
+        f"{text:.80} is not a public key. Give the file that ends in {PUBLIC}, or its 44 "
         "characters."
     )
 

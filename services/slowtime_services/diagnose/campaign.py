@@ -99,11 +99,12 @@ def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:
     for trial, name in zip(trials, origins, strict=True):
         if len(trial.outputs) < 3 * MIN_SAMPLES:
             holed = list(origins).count(name) > 1
-            why = ", for its clock or inputs have holes" if holed else ""
+            why = ", because its clock or inputs have gaps" if holed else ""
             raise RecordError(
-                f"{name} has {len(trial.outputs)} samples in a row{why}. Without --holdout "
-                f"the last third is kept to judge by, which takes {3 * MIN_SAMPLES} at least. "
-                "Give a longer record, or one to judge by with --holdout."
+                f"{name} has {len(trial.outputs)} consecutive samples without a gap{why}. "
+                "Without --holdout the last third is held back for validation, which "
+                f"takes at least {3 * MIN_SAMPLES} samples. Give a longer record, or a "
+                "separate validation record with --holdout."
             )
 
 
@@ -112,8 +113,8 @@ def _refuse_known(learnt: Sequence[Trial], judged: Sequence[Trial]) -> None:
     for one, other in itertools.product(judged, learnt):
         if _holds(one.outputs, other.outputs):
             raise RecordError(
-                "A record that is held out is among those to learn from, too, or a part of it "
-                "is: the gap on it would prove nothing. Hold out another, or other seconds of "
+                "A held-out record, or a part of it, is also used for fitting, so its "
+                "error would prove nothing. Hold out another record, or another part of "
                 "it with FILE@FROM:TO."
             )
 
@@ -135,7 +136,8 @@ def _refuse_unknown(roles: Roles, description: Description) -> None:
     for channel in roles:
         if channel not in known:
             raise RecordError(
-                f"A role is given to {channel!r}, which is no channel of the model. It has: "
+                f"--channel maps {channel!r}, which is not a channel of the model. The "
+                "model has: "
                 f"{', '.join(known)}."
             )
 
@@ -187,23 +189,23 @@ def _trials(
             if not np.isfinite(c).any()
         )  # fmt: skip
         raise RecordError(
-            f"{source.name}: input {name!r} is nowhere finite. What shakes the structure must "
-            "be measured; if it was not, take it out of the model's inputs."
+            f"{source.name}: input {name!r} has no finite values. The excitation must be "
+            "measured; if it was not, remove this input from the model."
         )
     pieces = list(_pieces(record, known))
     kept = [piece for piece in pieces if piece[1] - piece[0] >= MIN_SAMPLES]
     if not kept:
         longest = max(last - first for first, last, _ in pieces)
         raise RecordError(
-            f"{source.name} has no {MIN_SAMPLES} samples in a row: {longest} at most. Fewer "
-            "tell nothing of a structure; give a longer record, or one without holes."
+            f"{source.name} needs {MIN_SAMPLES} consecutive samples without a gap and has "
+            f"at most {longest}. Give a longer record, or one without gaps."
         )
     if len(pieces) > 1:
         lost = count - sum(last - first for first, last, _ in kept)
         dropped = f"; {lost} samples between are left out" if lost else ""
         parts = f"{len(kept)} records, each with a start of its own" if len(kept) > 1 else "one"
         notes.append(
-            f"{source.name} has holes in its clock or inputs: read as {parts}{dropped}."
+            f"{source.name} has gaps in its clock or inputs: read as {parts}{dropped}."
         )
     for first, last, late in kept:
         yield Trial(
@@ -232,7 +234,10 @@ def _sensor_series(
     """Read a sensor, and whether the record has it at all."""
     if sensor.channel in roles or _find(sensor.channel, source.record) is not None:
         return _column(description, sensor, source, roles, notes), True
-    notes.append(f"{source.name} has no channel {sensor.channel!r}; it is judged by the rest.")
+    notes.append(
+        f"{source.name} has no channel {sensor.channel!r}; it is compared on the other "
+        "channels only."
+    )
     return np.zeros(len(source.record.samples)), False
 
 
@@ -265,8 +270,8 @@ def _find(channel: str, record: Record) -> int | None:
 def _no_channel(source: Source, channel: str, kind: str) -> RecordError:
     return RecordError(
         f"{source.name} has no channel called {channel!r}, which is among the model's {kind}. "
-        f"It has: {', '.join(source.record.channels)}. Say which it is with "
-        f"--channel {channel}=NAME; if it was not measured, take it out of the model's {kind}."
+        f"It has: {', '.join(source.record.channels)}. Map it with --channel "
+        f"{channel}=NAME; if it was not measured, remove it from the model's {kind}."
     )
 
 
@@ -280,11 +285,11 @@ def _between(
     known = UNITS[description.unit_of_coordinate, quantity]
     if unit not in known:
         raise RecordError(
-            f"{file} has {entry.channel} in {unit}, the model in {entry.unit}: no such change "
-            f"is known. Allowed: {', '.join(known)}. Mend the one that is wrong, or give the "
-            f"role with --channel."
+            f"{file} has {entry.channel} in {unit}, the model in {entry.unit}: these "
+            f"cannot be converted into each other. Allowed: {', '.join(known)}. Correct "
+            "the wrong unit, or map the channel with --channel."
         )
-    notes.append(f"{file}: {entry.channel} turned from {unit} into the model's {entry.unit}.")
+    notes.append(f"{file}: {entry.channel} converted from {unit} to the model's {entry.unit}.")
     return known[unit] / known[entry.unit]
 
 
@@ -297,8 +302,8 @@ def _refuse_unheard(
             continue
         if channel in roles or any(_find(channel, s.record) is not None for s in sources):
             raise RecordError(
-                f"{channel!r} has no finite sample in any record to learn from. Give a record "
-                "in which it has some, or take it out of the model's sensors."
+                f"{channel!r} has no finite sample in any record used for fitting. Give a "
+                "record that has some, or remove the channel from the model's sensors."
             )
         found = sorted({name for source in sources for name in source.record.channels})
         said = [text for source in sources for text in source.record.notes]

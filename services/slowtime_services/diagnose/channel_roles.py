@@ -41,11 +41,12 @@ def roles_of(pairs: Sequence[str]) -> Roles:
         channel, equals, said = (part.strip() for part in pair.partition("="))
         if not (channel and equals and said):
             raise RecordError(
-                f"{pair!r} gives no role. Write CHANNEL=COLUMN or CHANNEL=EXPRESSION, such as "
+                f"{pair!r} maps no channel. Write CHANNEL=COLUMN or CHANNEL=EXPRESSION, "
+                "such as "
                 "force=gtau*vir."
             )
         if channel in roles:
-            raise RecordError(f"Channel {channel!r} is given two roles. Give it one.")
+            raise RecordError(f"Channel {channel!r} is mapped twice. Map it once.")
         if len(said) > LONGEST:
             raise RecordError(
                 f"The role of {channel!r} has {len(said)} characters. Give at most {LONGEST}."
@@ -104,6 +105,7 @@ def _named(name: str, record: Record, file: str) -> float | Series:
 
 def _refusal(said: str) -> RecordError:
     return RecordError(
-        f"{said!r} is no column and no expression. Allowed: names of columns and of single "
+        f"{said!r} is neither a column nor an expression. Allowed: names of columns and "
+        "of single "
         "numbers in the record, numbers, + - * / and brackets."
     )

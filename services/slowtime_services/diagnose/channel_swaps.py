@@ -59,9 +59,10 @@ def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None
     after, share, one, two = min(tried)
     if after <= share * before:
         raise RecordError(
-            f"{name}: {one} and {two} look exchanged: refitted within its tolerances, the "
+            f"{name}: {one} and {two} appear to be exchanged: refitted within its "
+            "tolerances, the "
             f"model leaves {before:.0%} of the record unexplained, and {after:.2g} of it with "
-            f"these two exchanged. Say --channel {one}={two} --channel {two}={one}. {cure}"
+            f"these two exchanged. Give --channel {one}={two} --channel {two}={one}. {cure}"
         )
 
 

@@ -73,7 +73,7 @@ def run_charts(diagnosis: Diagnosis) -> list[Chart]:
         part = _loudest(traces.measured[:, i])
         lines = [
             _line(traces.times_s[part], traces.measured[part, i], "measured", MEASURED, 2.5),
-            _line(traces.times_s[part], traces.nominal[part, i], "model as given", NOMINAL),
+            _line(traces.times_s[part], traces.nominal[part, i], "original model", NOMINAL),
             _line(traces.times_s[part], traces.augmented[part, i], "augmented", AUGMENTED),
         ]
         charts.append(

@@ -170,7 +170,7 @@ def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Secti
         words = [f"{e.sentence[0].upper()}{e.sentence[1:]}." for e in report.effects]
         yield Section("What is missing", words, [Table(headings, rows)])
     if report.experiment:
-        yield Section("What would decide", [report.experiment])
+        yield Section("Experiment that would decide", [report.experiment])
     curves = [_curve(effect) for effect in report.effects if effect.curve is not None]
     if curves:
         yield Section("What each effect does", (), curves)

@@ -107,7 +107,7 @@ def _columns(path: Path) -> Mapping[str, Series]:
             )
         except (ValueError, UnicodeDecodeError) as error:
             raise RecordError(
-                f"{path.name} is no table: {error} Give text with one line of names, then "
+                f"{path.name} is not a table: {error} Give text with one line of names, then "
                 "numbers between commas, or .npz."
             ) from None
         found = {key: np.atleast_1d(table[key]) for key in table.dtype.names or ()}

@@ -14,7 +14,7 @@ VERDICTS = {
     "sensor_fault": "A sensor is at fault",
     "input_fault": "An input is at fault",
     "undecided": "These records cannot decide",
-    "unknown_effect": "Something is missing that is not known here",
+    "unknown_effect": "An effect is missing that is not in slowtime's catalogue",
 }
 
 

@@ -37,7 +37,7 @@ millionths of a second."""
 BETTER_CLOCK = 0.8
 """Error with the clock as read over that with any other [1] up to which it is the better one.
 Source: judgement; motion far below resonance gives about 0.1."""
-ANYWAY = "If it is so, diagnose it all the same with --unchecked."
+ANYWAY = "If this is correct, skip this check with --unchecked."
 
 Sizes = Float[np.ndarray, " sensor"]
 
@@ -156,8 +156,8 @@ def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard
         if np.all(np.abs(np.log(again)) < np.log(PLAUSIBLE_SIZE_RATIO)):
             one, other = sensors[i].channel, sensors[j].channel
             return (
-                f"With {one} and {other} exchanged it would fit: are they swapped? Say "
-                f"--channel {one}={other} --channel {other}={one}."
+                f"With {one} and {other} exchanged, the record would fit. If they are "
+                f"swapped, give --channel {one}={other} --channel {other}={one}."
             )
     factor = float(np.exp(np.mean(np.log(ratio))))
     alike = bool(np.all(np.abs(np.log(ratio / factor)) < np.log(PLAUSIBLE_SIZE_RATIO)))

@@ -26,7 +26,7 @@ def _sections(diagnosis: Diagnosis, document: DiagnosisFile) -> Iterator[Section
         law = named(document.effects[0].effect) if document.effects else None
         chart = surface_chart(diagnosis.surface, law, diagnosis.nominal.unit_of_coordinate)
         yield Section("The force recovered", (), [chart])
-    yield Section("Measured, and what the models say", (), run_charts(diagnosis))
+    yield Section("Measured and simulated motion", (), run_charts(diagnosis))
     yield Section("What is left", _whiteness(document), residual_charts(diagnosis))
     yield _where(document)
     yield _constants(diagnosis, document)
@@ -62,15 +62,15 @@ def _effects(document: DiagnosisFile) -> Iterator[Section]:
     tables = [Table(headings, rows, "± is one standard deviation.")]
     if rivals:
         tables.append(
-            Table(
-                ("rival", "where", "instead of", "probability"), rivals, "What else it may be."
-            )
+            Table(("rival", "where", "instead of", "probability"), rivals, "Alternatives.")
         )
     yield Section("What is missing", [e.sentence for e in document.effects], tables)
 
 
 def _undecided(document: DiagnosisFile) -> Iterator[Section]:
-    words = [f"What would decide: {document.experiment}"] if document.experiment else []
+    words = (
+        [f"Experiment that would decide: {document.experiment}"] if document.experiment else []
+    )
     rows = [
         (named(r.effect), placed(r.where.kind, r.where.id), _chance(r))
         for r in document.undecided
@@ -84,9 +84,9 @@ def _whiteness(document: DiagnosisFile) -> list[str]:
     """Write whether the residual is noise."""
     over = document.chi2_per_datum
     if document.residual_white:
-        word = "What the augmented model leaves cannot be told from the sensors' noise"
+        word = "The residual of the augmented model cannot be distinguished from sensor noise"
     else:
-        word = "What the augmented model leaves is more than the sensors' noise"
+        word = "The residual of the augmented model exceeds the sensor noise"
     return [
         f"{word}: its mean square is {over:.3g} times that of the noise (1 is the best there "
         f"is); the chance of so much or more, were it noise, is {rare(document.white_p_value)}."
@@ -101,7 +101,12 @@ def _where(document: DiagnosisFile) -> Section:
         )
         for place in document.where
     ]  # fmt: skip
-    headings = ("place", "score", "chance if nothing is missing", "explains of what was left")
+    headings = (
+        "place",
+        "score",
+        "p-value if nothing is missing",
+        "share of the residual explained",
+    )
     told = (
         "How much likelier one unknown force at a place makes what the refitted model leaves."
     )
@@ -135,7 +140,8 @@ def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
             (name, f"{value:.6g}", f"{refitted[name]:.6g}", f"{augmented[name]:.6g}", change)
         )
     words = [
-        f"{moved.name} left its tolerance: {moved.value:.5g} ± {moved.sd:.2g} {moved.unit}."
+        f"{moved.name} is outside its tolerance: {moved.value:.5g} ± {moved.sd:.2g} "
+        f"{moved.unit}."
         for moved in document.moved
     ]
     headings = ("constant", "as given", "refitted", "augmented", "change")
@@ -158,11 +164,13 @@ def _values(model: Description) -> Iterator[tuple[str, float]]:
 
 
 def _account(document: DiagnosisFile) -> Section:
-    words = [f"Learnt from {', '.join(document.records)}."] if document.records else []
+    words = [f"Fitted to {', '.join(document.records)}."] if document.records else []
     if document.holdout:
-        words.append(f"Judged by {', '.join(document.holdout)}, which nothing was fitted to.")
+        words.append(
+            f"Validated on {', '.join(document.holdout)}, which was not used for fitting."
+        )
     words.append(f"{document.seconds:.1f} s of computing.")
-    return Section("Of what it was made", [*words, *document.notes])
+    return Section("Records and settings", [*words, *document.notes])
 
 
 def _chance(told: FoundEffect | Rival) -> str:

@@ -38,8 +38,8 @@ LAST_STOP = 5.0
 """[1] Times the patience in processor time after which the clock ends a diagnosis whatever work
 is left: on a machine five times as slow, or where time goes into what is not counted."""
 CLOCK = (
-    "The clock ended it: this machine took more than {limit:g} s of processor time. On another "
-    "one, or with a longer --patience, more effects may be found."
+    "The time limit ended the search: it took more than {limit:g} s of processor time. "
+    "With a higher --patience, or on a faster computer, more effects may be found."
 )
 
 

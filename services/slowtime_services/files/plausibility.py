@@ -119,7 +119,8 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
         raise RecordError(
             f"{name} states a rate that can be read in two ways "
             f"({_quoted(facts, 'rate', 'interval')}): "
-            f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Say which with --rate-hz."
+            f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Give the right one "
+            "with --rate-hz."
         )
     rate = chosen.rate_hz
     said: tuple[str, ...] = ()
@@ -142,9 +143,10 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
     """Ask about a rate that no record of vibration has."""
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise RecordError(
-            f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is no sampling rate "
-            f"of vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} Hz are). Say in which unit "
-            f"times are with --time-unit, or give --rate-hz, {rate_hz:.6g} if that is right."
+            f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is not a "
+            f"plausible sampling rate for vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} "
+            "Hz are). Give the unit of the times with --time-unit, or give --rate-hz, "
+            f"{rate_hz:.6g} if that is right."
         )
 
 
@@ -164,7 +166,8 @@ def refuse_disagreement(
     if measured.width > 1 and not measured.named and measured.series in counted:
         raise RecordError(
             f"The heading of {name} states {_quoted(facts, 'count')}, as many as its "
-            f"{measured.rows} rows of {measured.width} columns hold together. Say --wrapped if "
+            f"{measured.rows} rows of {measured.width} columns hold together. "
+            "Give --wrapped if "
             "all are one series, or --not-wrapped and --rate-hz if columns are channels."
         )
 
@@ -310,7 +313,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
         if not any(_near(rate, other, NOMINAL_RATE_TOLERANCE) for other in _rates_of(fact))
     ]
     notes = (
-        (f"The heading states {', '.join(overruled)}; {rate:g} Hz was given, and used.",)
+        (f"The heading states {', '.join(overruled)}; {rate:g} Hz was given and is used.",)
         if overruled
         else ()
     )

@@ -43,4 +43,6 @@ def refuse_implausible_options(rate_hz: float | None, time_unit: str | None) -> 
             f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}."
         )
     if time_unit is not None and time_unit not in UNITS:
-        raise RecordError(f"{time_unit!r} is no unit of time. Allowed: {', '.join(UNITS)}.")
+        raise RecordError(
+            f"{time_unit!r} is not a valid unit of time. Allowed: {', '.join(UNITS)}."
+        )

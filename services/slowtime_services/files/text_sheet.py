@@ -228,7 +228,8 @@ class _Rows:
             if len(fields) != width:
                 raise RecordError(
                     f"Line {index + 1} has {len(fields)} fields, the lines before it {width}. "
-                    "Mend or remove that line; if the first rows are not data, skip them with "
+                    "Correct or remove that line; if the first rows are not data, skip "
+                    "them with "
                     "--skip-lines."
                 )
             rows.append(fields)
@@ -263,8 +264,9 @@ class _Rows:
         dialect = self._layout.dialect
         if dialect.kind(text) not in ("number", "missing"):
             raise RecordError(
-                f"Line {line} has {text[:40]!r} where a number should be. Mend or remove that "
-                "line, or say where the numbers begin with --skip-lines."
+                f"Line {line} has {text[:40]!r} where a number should be. Correct or "
+                "remove that line, or give the number of lines before the numbers with "
+                "--skip-lines."
             )
         return dialect.number(text)
 
@@ -276,7 +278,7 @@ class _Rows:
         except ValueError as error:
             said, row = error.args if len(error.args) == 2 else (str(error), 0)
             raise RecordError(
-                f"Line {numbers[row]}, field {at + 1}: {said}. Mend or remove that line."
+                f"Line {numbers[row]}, field {at + 1}: {said}. Correct or remove that line."
             ) from error
         return Column(self._names[at], self._units[at], stamps.ns, kind, stamps)
 

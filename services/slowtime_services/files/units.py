@@ -113,7 +113,8 @@ def sensitivity_of(text: str) -> Sensitivity:
         motion = unit_of(over.removeprefix("(").removesuffix(")")) if signal else None
     if signal is None or motion is None or not 0 < number < 1e15:
         raise ValueError(
-            f"{text!r} is no sensitivity. Give volts or counts per unit of motion, such as "
+            f"{text!r} is not a valid sensitivity. Give volts or counts per unit "
+            "of motion, such as "
             "100mV/g, 10.2mV/(m/s^2) or 256LSB/g."
         )
     of, worth = signal

@@ -90,7 +90,7 @@ def read_dense_text(path: Path) -> np.ndarray:
     try:
         return np.array(rows, dtype=float)
     except ValueError as error:
-        raise MatrixFileError(f"{path.name} is no matrix of numbers: {error}.") from error
+        raise MatrixFileError(f"{path.name} is not a matrix of numbers: {error}.") from error
 
 
 def node_directions(table: np.ndarray) -> list[np.ndarray]:

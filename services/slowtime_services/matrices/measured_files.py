@@ -48,7 +48,8 @@ def read_measured_modes(
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         raise MatrixFileError(
-            f"{path.name} is no modes file ({fault['msg']}). Give what `slowtime identify "
+            f"{path.name} is not a valid modes file ({fault['msg']}). Give what "
+            "`slowtime identify "
             "RECORD --method modes --out modes.json` wrote."
         ) from None
     modes = [mode for mode in found.modes or () if mode.kind == "structural"]

@@ -94,7 +94,7 @@ def read_reduced(path: Path) -> AdaptiveModel:
         )
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise MatrixFileError(
-            f"{path.name} is no reduced model ({str(error)[:120]}). Give a file that "
+            f"{path.name} is not a valid reduced model ({str(error)[:120]}). Give a file that "
             "`slowtime reduce --out` wrote."
         ) from error
 

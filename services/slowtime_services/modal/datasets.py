@@ -38,7 +38,8 @@ def datasets_of(path: Path) -> list[Dataset]:
     marks = [number for number, line in enumerate(lines) if _MARK.fullmatch(line)]
     if not marks or any(line.strip() for line in lines[: marks[0]]):
         raise RecordError(
-            f"{path.name} is no universal file: it does not begin with a line -1. Give one."
+            f"{path.name} is not a valid universal file: it does not begin with a "
+            "line -1. Give one."
         )
     if len(marks) % 2:
         raise RecordError(

@@ -163,7 +163,7 @@ def _of_table(path: Path) -> Geometry:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordError(f"{path.name} is no CSV text: {error}. Save it as CSV.") from error
+        raise RecordError(f"{path.name} is not CSV text: {error}. Save it as CSV.") from error
     nodes: dict[int, tuple[float, float, float]] = {}
     places: dict[str, Place] = {}
     for number, row in enumerate(rows, start=2):
@@ -178,7 +178,7 @@ def _of_table(path: Path) -> Geometry:
             axis = AXES[direction if direction[:1] in "+-" else f"+{direction}"]
         except (KeyError, ValueError) as error:
             raise RecordError(
-                f"Line {number} of {path.name} is no row of a geometry ({error}). Give the "
+                f"Line {number} of {path.name} is not a row of a geometry ({error}). Give the "
                 f"columns {', '.join(NEEDED)}, and direction (+X, -X, +Y ...) and node where "
                 "they are known."
             ) from None

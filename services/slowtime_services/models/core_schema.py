@@ -81,7 +81,7 @@ def _scalar(pattern: re.Pattern[str], read: Any) -> Any:
     def construct(loader: Any, node: yaml.ScalarNode) -> Any:
         text = loader.construct_scalar(node)
         if not pattern.fullmatch(text):  # under an explicit tag, such as !!int
-            raise ValueError(f"{text[:40]!r} is no number of YAML 1.2")
+            raise ValueError(f"{text[:40]!r} is not a number of YAML 1.2")
         return read(text)
 
     return construct

@@ -146,7 +146,7 @@ def _content(text: str, name: str) -> tuple[dict[str, Any], Mapping[Path, int]]:
         raise ModelFileError(f"{name}, line {error.line}: {error}") from None
     if not isinstance(values, dict):
         raise ModelFileError(
-            f"{name} is no model file. Begin it with `slowtime_model: 1`, or 2."
+            f"{name} is not a valid model file. Begin it with `slowtime_model: 1`, or 2."
         )
     version = values.get("slowtime_model", 1)
     if version not in VERSIONS or isinstance(version, bool):

@@ -30,7 +30,7 @@ def load(path: str | Path) -> tuple[Kind, ...]:
     path = Path(path)
     spec = importlib.util.spec_from_file_location(f"slowtime_own_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise EffectFileError(f"{path.name} is no Python file. Give one that ends in .py.")
+        raise EffectFileError(f"{path.name} is not a Python file. Give one that ends in .py.")
     module = importlib.util.module_from_spec(spec)
     # Compiled laws are kept on disk, and ask for their module by its name when they come back.
     sys.modules[spec.name] = module

@@ -91,7 +91,8 @@ def _try_at(kind: Kind, shape: Mapping[str, float], motion: Motion) -> None:
     if series.shape != motion.e.shape or not np.isfinite(series).all():
         told = ", ".join(f"{name} = {value:g}" for name, value in parameters.items())
         raise EffectFileError(
-            f"{kind.name} with {told} gave what is no finite number for each sample of a "
+            f"{kind.name} with {told} gave values that are not finite numbers for "
+            "each sample of a "
             f"motion of {1e3 * _AMPLITUDE_M:g} mm. Bound its law there."
         )
 

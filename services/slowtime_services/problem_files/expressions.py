@@ -91,7 +91,7 @@ class Expression:
         try:
             self._tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise ExpressionError(f"{text[:80]!r} is no formula. {ALLOWED}") from None
+            raise ExpressionError(f"{text[:80]!r} is not a valid formula. {ALLOWED}") from None
         self.text, self.names = text, tuple(names)
         self._check(self._tree, 0)
 
@@ -122,7 +122,7 @@ class Expression:
                 if name in self.names or name in CONSTANTS:
                     return
                 raise ExpressionError(
-                    f"{name!r} is no input. Inputs: {', '.join(self.names)}. {ALLOWED}"
+                    f"{name!r} is not an input. Inputs: {', '.join(self.names)}. {ALLOWED}"
                 )
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATIONS:
                 return self._check(operand, depth + 1)
@@ -140,7 +140,7 @@ class Expression:
 
     def _check_call(self, name: str, given: list[ast.expr], depth: int) -> None:
         if name not in FUNCTIONS:
-            raise ExpressionError(f"{name!r} is no function. {ALLOWED}")
+            raise ExpressionError(f"{name!r} is not a valid function. {ALLOWED}")
         _, fewest, most = FUNCTIONS[name]
         if not fewest <= len(given) <= most:
             wanted = str(fewest) if fewest == most else f"at least {fewest}"

@@ -62,7 +62,7 @@ def read_problem(
         problem = _executed(path, "problem")
         if not isinstance(problem, Problem):
             raise ReliabilityFileError(
-                f"`problem` of {path.name} is no slowtime.reliability.Problem."
+                f"`problem` of {path.name} is not a slowtime.reliability.Problem."
             )
         return problem
     text = read_text(path, ReliabilityFileError)
@@ -180,7 +180,9 @@ def _executed(path: pathlib.Path, wanted: str) -> Any:
     """Execute a Python file that its owner has named, and return one of its names."""
     spec = importlib.util.spec_from_file_location(f"slowtime_own_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise ReliabilityFileError(f"{path.name} is no Python file. Give one that ends in .py.")
+        raise ReliabilityFileError(
+            f"{path.name} is not a Python file. Give one that ends in .py."
+        )
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

@@ -134,7 +134,7 @@ def recover(path: Path | str, out: Path | str) -> Recovered:
     Raises
     ------
     ValueError
-        If `path` is no MCAP file at all.
+        If `path` is not a valid MCAP file at all.
     FileExistsError
         If `out` exists.
     """
@@ -176,7 +176,7 @@ def _check_magic(path: Path, file: BinaryIO) -> None:
     file.seek(0)
     if begins != MCAP0_MAGIC:
         raise ValueError(
-            f"{path} is no MCAP file: it begins with {begins!r}, an MCAP file with "
+            f"{path} is not a valid MCAP file: it begins with {begins!r}, an MCAP file with "
             f"{MCAP0_MAGIC!r}. There is nothing in it to recover."
         )
 

@@ -192,7 +192,7 @@ def _check_ends(path: Path, file: BinaryIO) -> None:
     begins = file.read(mark)
     if begins != MCAP0_MAGIC:
         raise RecordingError(
-            f"{path} is no recording: it begins with {begins!r}, an MCAP file with "
+            f"{path} is not a recording: it begins with {begins!r}, an MCAP file with "
             f"{MCAP0_MAGIC!r}. Give an MCAP file; `slowtime import` makes one from text, NumPy "
             "and MATLAB files."
         )

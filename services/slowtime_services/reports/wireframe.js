@@ -24,12 +24,12 @@ const plain = (x, many) => (+x.toPrecision(many)).toString().replace("-", MINUS)
 
 // Of a report, which is English; a page in another language gives words of its own.
 const ENGLISH = {
-  corner: "Corner", front: "Front", side: "Side", above: "Above", mode: "Mode", amplitude: "Amplitude", start: "Let it move", stop: "Hold still",
+  corner: "Corner", front: "Front", side: "Side", above: "Above", mode: "Mode", amplitude: "Amplitude", start: "Animate", stop: "Stop the animation",
   measured: "{frequency} measured", in_model: "{frequency} in the model", no_shape: "no shape to compare", only_model: "{title} (model)", only_measured: "{title} (measured)",
   chosen: "Mode {title}. {values}.", none: "No modes yet.", nodes: "A structure of {n} nodes in space.",
-  legend_both: "Blue lines: model; orange dots: measured at sensors, on a stalk from the model.", legend_rest: "Pale lines: at rest.",
+  legend_both: "Blue lines: model; orange dots: measured at the sensors, joined to the model by thin lines.", legend_rest: "Pale lines: at rest.",
   legend_changed: "Thick orange lines: {elements}, suspected to have changed.",
-  legend_turn: "Drag sideways, or press the arrow keys, to turn it. Displacements are drawn far larger than they are.",
+  legend_turn: "Drag sideways or press the arrow keys to rotate. Displacements are strongly exaggerated.",
 };
 const english = (key, values = {}) => ENGLISH[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
 const SPOKEN = { words: english, digits: plain, fixed: (x, places) => x.toFixed(places) };

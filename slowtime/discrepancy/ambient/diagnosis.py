@@ -380,5 +380,5 @@ def _verdict(
         )
     if moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
-        return "parameters_only", f"Constants left their tolerance: {told}."
+        return "parameters_only", f"Constants are outside their tolerances: {told}."
     return "nothing_missing", "The spectra are those of the model, within its tolerances."

@@ -284,7 +284,9 @@ def normal_equations(
     matrix[known, known] += 1 / prior.sd**2
     gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
     if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
-        raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
+        raise FloatingPointError(
+            "The free-run simulation, or one of its derivatives, diverged."
+        )
     return NormalEquations(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(
         made
     )

@@ -47,11 +47,11 @@ LEVEL_RESOLUTION = float(np.finfo(np.float32).eps)
 """[1] Relative resolution of a level. Source: single precision; recorders keep no more."""
 
 SENTENCES = {
-    "missing": "has no numbers in",
+    "missing": "has no finite values in",
     "constant": "never changes in",
     "stuck": "is stuck in",
     "zero": "is exactly zero in",
-    "clipped": "is cut off at its extremes in",
+    "clipped": "is clipped in",
 }
 
 

@@ -127,7 +127,8 @@ def _other_levels() -> list[Experiment]:
 def _releases() -> list[Experiment]:
     return [
         Experiment(
-            f"Release it again from {_level_words(level)} the displacement.",
+            f"Release the structure again from {_level_words(level)} the initial "
+            "displacement.",
             level=level, excitation="release",
         )
         for level in RELEASES
@@ -144,7 +145,8 @@ def _other_excitations(low: float, broad: tuple[float, float], top: float) -> li
     below = 0.2 * low, 0.7 * low
     options = [
         Experiment(
-            f"Shake in a band from {broad[0]:.3g} to {broad[1]:.3g} Hz, all modes in it"
+            f"Excite in a band from {broad[0]:.3g} to {broad[1]:.3g} Hz, which contains "
+            "all modes"
             + ("." if level == 1 else f", at {_level_words(level)} the level."),
             level=level, band_hz=broad, excitation="multisine",
         )
@@ -152,14 +154,15 @@ def _other_excitations(low: float, broad: tuple[float, float], top: float) -> li
     ]  # fmt: skip
     options.append(
         Experiment(
-            f"Shake in a band from {below[0]:.3g} to {below[1]:.3g} Hz, below all modes.",
+            f"Excite in a band from {below[0]:.3g} to {below[1]:.3g} Hz, below all modes.",
             band_hz=below, excitation="multisine",
         )
     )  # fmt: skip
     if top > 1.5 * broad[1]:
         options += [
             Experiment(
-                f"Shake in a band from {broad[0]:.3g} to {top:.3g} Hz, far above the modes"
+                f"Excite in a band from {broad[0]:.3g} to {top:.3g} Hz, up to far above "
+                "the modes"
                 + ("." if level == 1 else f", at {_level_words(level)} the level."),
                 level=level, band_hz=(broad[0], top), excitation="multisine",
             )
@@ -167,8 +170,14 @@ def _other_excitations(low: float, broad: tuple[float, float], top: float) -> li
         ]  # fmt: skip
     return [
         *options,
-        Experiment(f"Hold a sine at {low:.3g} Hz.", band_hz=(low, low), excitation="sine"),
-        Experiment("Strike it once and let it ring.", band_hz=broad, excitation="free_decay"),
+        Experiment(
+            f"Excite with a steady sine at {low:.3g} Hz.", band_hz=(low, low), excitation="sine"
+        ),
+        Experiment(
+            "Strike the structure once and record the free decay.",
+            band_hz=broad,
+            excitation="free_decay",
+        ),
     ]
 
 
@@ -179,7 +188,7 @@ def _later_repeats(trials: Sequence[Trial]) -> list[Experiment]:
     start = float(math.ceil(2 * last - first))
     return [
         Experiment(
-            f"Repeat the strongest record later, {start:g} s into the campaign.", start_s=start
+            f"Repeat the strongest record later, at campaign time {start:g} s.", start_s=start
         )
     ]
 
@@ -203,10 +212,10 @@ def _added_sensors(
     sets: list[tuple[Sensor, ...]] = [(sensor,) for sensor in missing]
     every = tuple(s for s in missing if s.quantity == "acceleration")
     sets += [every] if len(every) > 1 else []
-    shaken = "" if band is None else f", and shake from {band[0]:.3g} to {band[1]:.3g} Hz"
+    shaken = "" if band is None else f", and excite from {band[0]:.3g} to {band[1]:.3g} Hz"
     return [
         Experiment(
-            f"Measure the {_sensor_words(sensors)} too{shaken}.",
+            f"Also measure the {_sensor_words(sensors)}{shaken}.",
             band_hz=band, excitation="multisine" if band else None, add_sensors=sensors,
         )
         for sensors in sets
@@ -219,8 +228,8 @@ def _added_forces(description: Description, band: tuple[float, float]) -> list[E
     driven = {entry.node for entry in description.inputs if entry.kind == "force"}
     return [
         Experiment(
-            f"Drive {node.id} with a force that is measured, from {band[0]:.3g} to "
-            f"{band[1]:.3g} Hz, and nothing else.",
+            f"Excite only {node.id}, with a measured force from {band[0]:.3g} to "
+            f"{band[1]:.3g} Hz.",
             band_hz=band, excitation="multisine",
             add_inputs=(
                 Input(

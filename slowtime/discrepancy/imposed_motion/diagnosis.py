@@ -307,8 +307,8 @@ def _closing(held_out: bool, found: _Found) -> str:
     worse = (
         ""
         if found.holds
-        else f" That is {errors[-1] / found.rest:.2g} times the error on what was fitted: the "
-        "law does not hold on what was not."
+        else f" That is {errors[-1] / found.rest:.2g} times the error on the fitted samples: "
+        "the law does not hold on the validation samples."
     )
     return (
         f" The error of the force on {on} is {_percent(errors[-1])}; without a law "
@@ -382,7 +382,10 @@ def _sentence(
         )
     if verdict == "unknown_effect":
         near = f" The nearest is {effects[0].sentence}" if effects else ""
-        return f"The force in {rig.spring.id} follows none of the laws known here.{near}"
+        return (
+            f"The force in {rig.spring.id} follows none of the laws in slowtime's "
+            f"catalogue.{near}"
+        )
     if verdict == "nothing_missing":
         return (
             f"Nothing is missing: the force in {rig.spring.id} is that of its spring and its "

@@ -165,7 +165,7 @@ class Localization:
             if place in group.places:
                 return group
         raise ValueError(
-            f"{place} was not looked at. Places: "
+            f"{place} was not examined. Places: "
             f"{', '.join(str(p) for group in self.groups for p in group.places)}."
         )
 

@@ -96,13 +96,18 @@ CLOCK_ERROR_SHARE = 0.5
 decision."""
 
 NOT_HELD_OUT = (
-    "No record was held out: the gap is that of the last third of each record, by numbers "
-    "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
+    "No record was held out: the error is that on the last third of each record, of a "
+    "model fitted to the rest. Hold a record out to see how well the model predicts "
+    "other conditions."
 )
-NEARER = " Tighter tolerances of the constants, or a record of another level, would decide."
+NEARER = (
+    " Narrower tolerances of the constants, or a record at another excitation level, would "
+    "decide."
+)
 LITTLE = (
-    "The model leaves more than the noise of its sensors, but less than 2 % of the motion, and "
-    "no law of stiffness or damping explains it significantly. It is not called an effect."
+    "The model leaves a residual above the sensor noise, but below 2 % of the motion, "
+    "and no law of stiffness or damping explains it significantly. It is not reported as "
+    "an effect."
 )
 LOUD = (
     "The residual does not have the spectrum that was assumed for the noise, but the error on "
@@ -115,18 +120,18 @@ IMPROBABLE_PULL = 0.05
 """[probability] That any constant is as far within its tolerance, below which it is reported.
 Source: the 5 % level."""
 FLOATS = (
-    "No element connects the structure to the base, so that the model moves freely. If the "
-    "structure does not, connect a node to `base`."
+    "No element connects the structure to the base, so the model can move as a rigid "
+    "body. If the structure is attached to the ground, connect a node to `base`."
 )
 NOT_KEPT = (
-    "On the held-out record, the model as given has a smaller error than the fitted one: "
-    "it is left as it was."
+    "On the held-out record, the original model has a smaller error than the fitted one: "
+    "it is kept unchanged."
 )
 NO_SURFACE = (
     "No force surface was fitted: what is missing is a link or an unmeasured motion, not a "
     "force in an element of the model."
 )
-HURRIED = "The budget ran out before every law was tried; --patience gives it more."
+HURRIED = "The computing budget ran out before every law was tried; raise it with --patience."
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -203,7 +208,7 @@ def report(
     doubted = bool(found.pair) and not judged.unknown
     experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
     if experiment is not None:
-        sentence += f" What would decide: {experiment.sentence}"
+        sentence += f" Experiment that would decide: {experiment.sentence}"
     white_p_value = chi2_p_value(last)
     named = found.effects or judged.unknown
     return Diagnosis(
@@ -397,9 +402,9 @@ def _note_on_refit(refitted: FreeRunRefit, last: Fit, error: float, after: float
     )
     share = 100 * (1 - np.exp(-refitted.gain))
     return (
-        f"Constants of the final model were refitted to the plain error of free runs: {told}. "
-        f"On pieces of the records to which they were not fitted, the error falls by "
-        f"{share:.0f} %; on what was not fitted at all, from {_percent(error)} to "
+        "Constants of the final model were refitted to minimise the error of free-run "
+        f"simulations: {told}. On parts of the records that this refit did not use, the "
+        f"error falls by {share:.0f} %; on the validation data, from {_percent(error)} to "
         f"{_percent(after)}."
     )
 
@@ -669,15 +674,16 @@ def _besides(found: Hypothesis) -> tuple[str, ...]:
     rest = found.rest.groups[0]
     share = _still_left(found)
     return (
-        f"What is left is not all noise: some of it points to {rest.places[0]}, "
-        f"{100 * share:.2g} % of what was missing at first.",
+        "The remaining residual is not only noise: part of it points to "
+        f"{rest.places[0]}, and it is {100 * share:.2g} % of the initial discrepancy.",
     )
 
 
 def _pieced(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
     """Say of two curves at one place that they may be one that is not known."""
     return tuple(
-        f"Two laws over the {variable} at {place} may be one that is none of those known here."
+        f"The two laws over the {variable} at {place} may together imitate one law that "
+        "is not in slowtime's catalogue."
         for place, variable in pieces_of_one(found.effects, kinds).items()
     )
 
@@ -695,8 +701,8 @@ def _as_well(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
     }  # fmt: skip
     least = misfit(best, best.noise, found.trials)
     return tuple(
-        f"{kinds[name].words} at {answer.effect.place}, a law of more numbers, would do as "
-        "well: what sets it apart does not show in these records."
+        f"{kinds[name].words} at {answer.effect.place}, a law with more parameters, would "
+        "fit equally well: these records do not show the difference."
         for name, one in others.items()
         if len(kinds[name].names) > len(answer.effect.parameters)
         and misfit(one.fit, best.noise, found.trials) < least + EQUIVALENT_CHI2
@@ -711,8 +717,9 @@ def _far(fit: Fit) -> tuple[str, ...]:
         for name, pull in pulls.items()
     }
     return tuple(
-        f"The {name[0]} of {name[1]} had to be {abs(pulls[name]):.1f} tolerances off: allowed, "
-        f"but so far is any of them by a chance of {_percent(chance)}."
+        f"The {name[0]} of {name[1]} had to be changed by {abs(pulls[name]):.1f} times "
+        "its tolerance. This is allowed, but the probability that any constant is so far "
+        f"off is {_percent(chance)}."
         for name, chance in chances.items()
         if chance < IMPROBABLE_PULL
     )
@@ -747,30 +754,43 @@ def _verdict_and_sentence(
         together &= {(r.effect, r.place) for r in found.undecided} == {
             (a.effect.kind, a.effect.place) for a in found.effects
         }
-        word = " with " if together else " or "
+        word = " together with " if together else " or "
         names = word.join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
-        names += ", or no more than constants that are off" if found.constants_suffice else ""
-        names += ", or a law near it that is not known here" if found.near_unknown else ""
-        told = f"Something is missing, and these records cannot tell which: {names}."
+        names += ", or only wrong constants of the model" if found.constants_suffice else ""
+        names += (
+            ", or a similar law that is not in slowtime's catalogue"
+            if found.near_unknown
+            else ""
+        )
+        told = (
+            "Something is missing, but these records do not identify it uniquely. Possible "
+            f"explanations: {names}."
+        )
         return "undecided", told + (NEARER if found.near_unknown else "")
     if answers:
         return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
     moved = moved_of(found.fits[0]) | renumbered(found.fits[0], given)
     if moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
-        return "parameters_only", f"Nothing is missing; constants left their tolerance: {told}."
+        return (
+            "parameters_only",
+            f"No effect is missing, but constants are outside their tolerances: {told}.",
+        )
     return "nothing_missing", "Nothing is missing beyond the stated tolerances."
 
 
 def _unnamed(
     found: Hypothesis, nearest: Sequence[NamedEffect], kinds: Mapping[str, Kind]
 ) -> str:
-    near = " with ".join(f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in nearest)
+    near = " together with ".join(
+        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in nearest
+    )
     if found.link is not None:
         return (
-            f"Something is missing that the model has no element for: {found.link} explains "
-            "more than any effect known here. If there may be one, add it to the model and "
-            "look again." + (f" The nearest effect is {near}." if near else "")
+            f"Something is missing for which the model has no element: {found.link} "
+            "explains more than any effect in slowtime's catalogue. If such a link may "
+            "exist, add it to the model and diagnose again."
+            + (f" The nearest effect is {near}." if near else "")
         )
     place, but = found.refuted_at, "follows another curve"
     if place is None:
@@ -779,18 +799,22 @@ def _unnamed(
         assert first is not None
         assert rest is not None
         far = _still_left(found) > UNEXPLAINED_SHARE
-        place, but = (first if far else rest).best_structural, "leaves more than the noise"
+        place, but = (
+            (first if far else rest).best_structural,
+            "leaves a residual above the noise",
+        )
         near = "" if far else near
     impossible = _impossible_constants(found)
     if impossible:
         return (
             f"The constants of the model cannot be those of the structure: {impossible}. "
-            "Correct the model first; what is missing, and where, cannot be told with it."
+            "Correct the model first; with these constants, neither the missing effect "
+            "nor its place can be determined."
         )
     return (
-        f"Something is missing at {place} that is none of the effects known here. "
-        "The report shows its force as recovered from the records."
-        + (f" The nearest, {near}, {but}." if near else "")
+        f"Something is missing at {place} that is not in slowtime's catalogue of effects. "
+        "The report shows its force as reconstructed from the records."
+        + (f" The nearest effect, {near}, {but}." if near else "")
     )
 
 
@@ -817,10 +841,12 @@ def _closing(kept: FreeRunResult, evaluation: Evaluation) -> str:
     before, after = float(evaluation.nominal.error.mean()), float(kept.error.mean())
     floor = evaluation.floor
     on = "the held-out record" if evaluation.held_out else "the last third of the records"
-    fell = f"falls from {_percent(before)} to" if after < FALLEN_ERROR_SHARE * before else "is"
+    fell = after < FALLEN_ERROR_SHARE * before
+    opening = "With the updated model, the error" if fell else "The error"
+    course = f"falls from {_percent(before)} to" if fell else "is"
     close = after <= floor / FALLEN_ERROR_SHARE
-    rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."
-    return f" The error on {on} {fell} {_percent(after)}{rest}"
+    rest = ", the noise floor." if close else f"; noise alone would give {_percent(floor)}."
+    return f" {opening} on {on} {course} {_percent(after)}{rest}"
 
 
 def _percent(share: float) -> str:

@@ -99,10 +99,11 @@ def close_gap(
             return closed
         told.append(closed)
     best = min(told, key=lambda one: one.error)
-    cut = "" if best.finished else " Its fit was cut by the budget of work."
+    cut = "" if best.finished else " Its fit was stopped by the computing budget."
     return (
-        f"A force surface was fitted at {best.place}, and not adopted: with it the error on "
-        f"what was not fitted is {100 * best.error:.2g} %, without it {100 * error:.2g} %.{cut}"
+        f"A force surface was fitted at {best.place}, but not adopted: with it the error "
+        f"on the validation data is {100 * best.error:.2g} %, without it "
+        f"{100 * error:.2g} %.{cut}"
     )
 
 
@@ -171,5 +172,7 @@ def describe_gap_closure(
         "it is extrapolated linearly, which no record supports."
     )
     if not closed.finished:
-        text += " Its fit was cut by the budget of work; --patience does not change that."
+        text += (
+            " Its fit was stopped by its own computing budget; --patience does not change that."
+        )
     return text + describe_likeness(closed.fit, closed.place, found, kinds)

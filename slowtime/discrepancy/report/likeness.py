@@ -77,7 +77,7 @@ def describe_likeness(
         text += f"; not above {' and '.join(limits)})" if limits else ")"
         told.append(text)
     return (
-        " Of the laws known here, it is most like "
+        " Of the laws in slowtime's catalogue, it most resembles "
         f"{' and '.join(told)} along the motion of these records."
     )
 

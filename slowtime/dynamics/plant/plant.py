@@ -288,7 +288,7 @@ class Plant:
             )
         if not 0 < rate_hz < math.inf:
             raise ValueError(
-                f"{rate_hz=} is no sampling rate. Give samples per second, above 0."
+                f"{rate_hz=} is not a valid sampling rate. Give samples per second, above 0."
             )
         if inputs.shape[1] != len(self.description.inputs):
             raise ValueError(

@@ -138,7 +138,8 @@ def damping_from_decrement(decrement: float) -> float:
     """
     if not 0 <= decrement < math.inf:
         raise ValueError(
-            f"{decrement=} is no logarithmic decrement of a decaying oscillation. Give the "
+            f"{decrement=} is not a valid logarithmic decrement of a decaying "
+            "oscillation. Give the "
             "logarithm of a peak over the next one, zero or more."
         )
     return decrement / math.hypot(2 * math.pi, decrement)

@@ -41,7 +41,9 @@ def transition(
     :math:`A`, :math:`B_0` and :math:`B_1`.
     """
     if not 0 < step_s < math.inf:
-        raise ValueError(f"{step_s=} is no time step. Give a positive number of seconds.")
+        raise ValueError(
+            f"{step_s=} is not a valid time step. Give a positive number of seconds."
+        )
     m, c, k = (
         oscillator.mass_kg,
         oscillator.damping_n_s_per_m,
@@ -92,7 +94,7 @@ def simulate(
     0.25
     """
     if hold not in ("zero", "first"):
-        raise ValueError(f"{hold=} is no way to hold a force. Allowed: zero, first.")
+        raise ValueError(f"{hold=} is not a valid way to hold a force. Allowed: zero, first.")
     if len(force) == 0:
         return force * 0.0, force * 0.0, force * 0.0
     a, b0, b1 = transition(oscillator, 1.0 / rate_hz)
@@ -157,7 +159,7 @@ def ambient_acceleration(
     Acceleration [m/s^2].
     """
     if samples < 1:
-        raise ValueError(f"{samples=} is no length of a record. Give 1 or more.")
+        raise ValueError(f"{samples=} is not a valid number of samples. Give 1 or more.")
     if oscillator.damping_n_s_per_m == 0:
         raise ValueError(
             "An undamped oscillator under ambient force never becomes stationary. Give it "

@@ -112,7 +112,8 @@ def moment(
         part = _element(description, element)
         if not isinstance(part, Beam):
             raise ValueError(
-                f"Element {element!r} is no beam. Ask for the moment of a beam, or for a force."
+                f"Element {element!r} is not a beam. Ask for the moment of a "
+                "beam, or for a force."
             )
         return _sum(description, part.dofs, part.stiffness()[1 if end == "first" else 3])
 

@@ -37,5 +37,5 @@ class VirtualSettings:
                 raise ValueError(f"{name}={value} is not allowed. Give a positive number.")
         if self.members < 1 or self.members & (self.members - 1):
             raise ValueError(
-                f"members={self.members} is no power of 2. Give 1, 2, 4, 8, 16 or 32."
+                f"members={self.members} is not a power of 2. Give 1, 2, 4, 8, 16 or 32."
             )

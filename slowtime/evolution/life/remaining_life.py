@@ -131,7 +131,7 @@ class RemainingLife:
         """
         share = np.asarray(p, dtype=float)
         if np.any(~((share >= 0.0) & (share <= 1.0))):
-            raise ValueError(f"{p} is no probability. Give numbers from 0 to 1.")
+            raise ValueError(f"{p} is not a valid probability. Give numbers from 0 to 1.")
         if not len(self.time):
             return np.full(share.shape, np.inf)
         place = np.searchsorted(self.probability, share, side="left")

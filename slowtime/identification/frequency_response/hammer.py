@@ -82,7 +82,9 @@ def hammer_response(
             "or overloads, further apart."
         )
     if not (np.isfinite(decay_rate) and decay_rate >= 0):
-        raise ValueError(f"{decay_rate=} is no decay of a window. Give 0 or more [1/s].")
+        raise ValueError(
+            f"{decay_rate=} is not a valid decay of a window. Give 0 or more [1/s]."
+        )
     u, y = _transforms(force, responses, rate_hz, used, decay_rate)
     spectra = spectral_matrices(u, y)
     noise = output_noise(spectra)

@@ -86,8 +86,8 @@ def find_period(series: Series) -> int:
     if best < MIN_REPETITION:
         raise ValueError(
             f"The input repeats with a correlation of {best:.2f} at best: there are no two "
-            f"periods of one multisine in {count} samples. Say how long one is with --period, "
-            "or cut the record with FILE@FROM:TO."
+            f"periods of one multisine in {count} samples. Give the length of one with "
+            "--period, or cut the record with FILE@FROM:TO."
         )
     return int(peaks[np.flatnonzero(alike[peaks] >= best - SAME_REPETITION)[0]])
 

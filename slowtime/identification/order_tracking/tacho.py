@@ -84,7 +84,9 @@ def rotation_of(
         Where there are fewer than four pulses, or pulses were missed.
     """
     if pulses_per_revolution < 1:
-        raise ValueError(f"{pulses_per_revolution=} is no number of marks. Give 1 or more.")
+        raise ValueError(
+            f"{pulses_per_revolution=} is not a valid number of marks. Give 1 or more."
+        )
     low, high = np.quantile(tacho, [0.001, 0.999])
     upper = low + (0.5 + HYSTERESIS / 2) * (high - low)
     lower = low + (0.5 - HYSTERESIS / 2) * (high - low)

@@ -219,8 +219,8 @@ def _whitening(
     if weighting != "none":
         if mixing is None and references != channels:
             raise ValueError(
-                f"{references} references of {channels} channels were given without `mixing`. "
-                "Say which they are, or choose weighting='none'."
+                f"{references} references of {channels} channels were given without "
+                "`mixing`. State in `mixing` which they are, or choose weighting='none'."
             )
         mean = correlations.mean[:rows]
         own = mean if mixing is None else np.einsum("rc,lcs->lrs", mixing, mean)

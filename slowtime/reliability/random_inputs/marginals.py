@@ -277,6 +277,7 @@ def as_marginal(given: Any) -> Marginal:
     if all(hasattr(given, name) for name in ("ppf", "isf", "cdf", "sf", "mean", "std")):
         return Marginal(given)
     raise TypeError(
-        f"{given!r} is no marginal. Give marginal('normal', mean=..., sd=...) or a frozen "
+        f"{given!r} is not a valid distribution. Give marginal('normal', "
+        "mean=..., sd=...) or a frozen "
         "distribution of scipy.stats."
     )

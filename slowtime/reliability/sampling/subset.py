@@ -60,7 +60,7 @@ def subset_simulation(
        41 (2015) 89-103.
     """
     if samples % LENGTH or samples < 10 * LENGTH:
-        raise ValueError(f"{samples=} is no multiple of {LENGTH} from {10 * LENGTH} on.")
+        raise ValueError(f"{samples=} is not a multiple of {LENGTH} from {10 * LENGTH} on.")
     g = Evaluator(problem)
     runs: list[float] = []
     while True:

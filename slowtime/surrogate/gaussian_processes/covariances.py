@@ -449,7 +449,8 @@ def covariance(name: str) -> Covariance:
     for one in (word.strip() for word in name.split("+")):
         if one not in (*SHAPES, "periodic"):
             raise ValueError(
-                f"{one!r} is no covariance function. Allowed: {', '.join(SHAPES)}, periodic, "
+                f"{one!r} is not a valid covariance function. Allowed: "
+                f"{', '.join(SHAPES)}, periodic, "
                 "and sums of them with +."
             )
         parts.append(Periodic() if one == "periodic" else Stationary(one))

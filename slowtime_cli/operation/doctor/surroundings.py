@@ -66,11 +66,14 @@ def _no_router(name: str, where: str, connect: Sequence[str], timeout_s: float) 
     for endpoint in connect:
         host, _, port = endpoint.partition("/")[2].rpartition(":")
         if port.isdigit() and _listens(host.strip("[]"), int(port), timeout_s):
-            text = f"{endpoint} is taken by something that is no router (or wants credentials)"
+            text = (
+                f"{endpoint} is used by a program that is not a router (or by a router that "
+                "requires credentials)"
+            )
             return Finding(
                 NETWORK, name, "problem", text,
-                "End it, start the router on another port (slowtime router --listen ...), or "
-                "give --credentials.",
+                "Stop that program, start the router on another port (slowtime router "
+                "--listen ...), or give --credentials.",
             )  # fmt: skip
     text = f"nothing listens at {where}; the port is free"
     return Finding(NETWORK, name, "note", text, "Start one: slowtime router")
@@ -85,7 +88,7 @@ def twin_server(url: str, timeout_s: float) -> Iterator[Finding]:
             healthy = "status" in json.loads(answer.read(10_000))
             date = answer.headers.get("Date")
     except urllib.error.HTTPError as error:
-        text = f"{url} answers with status {error.code}: it is no twin server"
+        text = f"{url} answers with status {error.code}: it is not a twin server"
         yield Finding(NETWORK, name, "problem", text, _ANOTHER_PORT)
         return
     except (ValueError, http.client.HTTPException):
@@ -114,7 +117,7 @@ def _no_server(name: str, url: str, error: OSError, timeout_s: float) -> Finding
     if isinstance(reason, ssl.SSLError):
         return Finding(
             NETWORK, name, "problem", f"{url}: {reason}",
-            "Let this machine trust the server's certificate: SSL_CERT_FILE=ca.pem",
+            "Make this computer trust the server's certificate: SSL_CERT_FILE=ca.pem",
         )  # fmt: skip
     if _listens(host, port, timeout_s):
         text = f"{url} is taken by a program that does not speak HTTP, or is too slow"
@@ -152,7 +155,7 @@ def mqtt(address: str, timeout_s: float) -> Iterator[Finding]:
         yield Finding(NETWORK, name, "problem", text, "Start one: mosquitto -p 1883")
         return
     if told[:2] != b"\x20\x02":
-        text = f"{host}:{number} is no MQTT broker"
+        text = f"{host}:{number} is not an MQTT broker"
         yield Finding(NETWORK, name, "problem", text, "Give its HOST:PORT; TLS is not tried.")
     elif told[3:] == b"\0":
         yield Finding(NETWORK, name, "ok", f"answers at {host}:{number}")

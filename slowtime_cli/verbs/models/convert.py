@@ -29,17 +29,18 @@ Nastran (.bdf, .dat, .nas) and of Abaqus or CalculiX (.inp). docs/matrices.md li
     type=click.Choice(["m", "mm", "in"]),
     default="m",
     show_default=True,
-    help="Unit of length of the mesh: m, N, kg; mm, N, tonne; or in, lbf, lbf s^2/in.",
+    help="Unit system of the mesh, by its length unit: m (m, N, kg), mm (mm, N, tonne) or in "
+    "(in, lbf, lbf s^2/in).",
 )
 @click.option(
     "--parameters",
     is_flag=True,
-    help="Make the stiffness of each property or section a parameter.",
+    help="Define a stiffness parameter for each property or section.",
 )
 def convert(**_given: object) -> None:
     """Convert a mesh of beams, bars and shells to a model file.
 
     The sections of the mesh become groups of elements, which parameters scale. Entries that are
-    not understood and may matter are an error that lists them. `slowtime reduce` prints the
+    not supported and may affect the result are listed in an error. `slowtime reduce` prints the
     natural frequencies of the model file; sensors and inputs are added to it by hand.
     """

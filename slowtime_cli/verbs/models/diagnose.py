@@ -60,7 +60,7 @@ Examples:
     "slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with _sd if known; "
     "other columns are covariates.",
 )
-@click.option("--twin", metavar="SITE.ASSET", help="Twin of the database.")
+@click.option("--twin", metavar="SITE.ASSET", help="Twin in the database.")
 @click.option(
     "--holdout",
     multiple=True,
@@ -82,7 +82,7 @@ Examples:
     multiple=True,
     type=Effects(),
     metavar="FILE|NAME",
-    help="Python file that holds effects of your own, or name of an installed part; may be "
+    help="Python file with effects of your own, or name of an installed plug-in; may be "
     "repeated.",
 )
 @click.option(
@@ -90,16 +90,16 @@ Examples:
     "channels",
     multiple=True,
     metavar="NAME=WHAT",
-    help="Name in the records of a channel of the model, or its formula of their columns and "
-    "single numbers with + - * /: force=gtau*vir; may be repeated.",
+    help="Map a channel of the model to a column of the records, or to a formula of their "
+    "columns and single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="Samples per second; overrules what the files say."
+    "--rate-hz", type=POSITIVE, help="Sampling rate; overrides rates stated in the files."
 )
 @click.option(
     "--skip-lines",
     type=click.IntRange(min=0),
-    help="Lines of text before header or data.  [default: detected]",
+    help="Number of text lines before the header or data.  [default: detected]",
 )
 @click.option(
     "--time-column",
@@ -127,8 +127,8 @@ Examples:
     metavar="FOLDER",
     help="Instead of a model and records: diagnose many. Each subfolder with records is a "
     "case, with its model file in it or in FOLDER, and held-out records called holdout*; or "
-    "FOLDER/cases.csv lists them (name, model, records, holdout). Writes --out/summary.csv; "
-    "the same command goes on where it was interrupted.",
+    "FOLDER/cases.csv lists them (name, model, records, holdout). Writes "
+    "--out/summary.csv; run the same command again to resume after an interruption.",
 )
 @click.option(
     "--jobs",
@@ -140,25 +140,25 @@ Examples:
     default="local",
     show_default=True,
     metavar="local|ray[://HOST:PORT]",
-    help="Where a batch runs: on this machine; or on a Ray cluster, whose machines see the "
+    help="Where a batch runs: on this computer, or on a Ray cluster whose computers see the "
     "same folders (needs slowtime[ray]).",
 )
 @click.option(
     "--limit-s",
     type=POSITIVE,
-    help="Seconds that a case of a batch may take.  [default: none]",
+    help="Time limit of a case of a batch [s].  [default: none]",
 )
 @click.option(
     "--limit-mib",
     type=click.IntRange(min=1),
-    help="Memory that a case of a batch may allocate [MiB].  [default: none]",
+    help="Memory limit of a case of a batch [MiB].  [default: none]",
 )
 @click.option(
     "--retries",
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="How often a case of a batch is run again whose process was killed.",
+    help="How often a case of a batch is repeated if its process was killed.",
 )
 def diagnose(
     model: Path | None,
@@ -170,8 +170,8 @@ def diagnose(
 ) -> None:
     """Find effects that a model lacks, with their place and size.
 
-    The model's constants are refitted first, so that constants that are off are not reported
-    as effects. Records have the channels of the model by name, on one clock; each may be MCAP,
+    The model's constants are refitted first, so that wrong constants are not reported as
+    effects. Records have the channels of the model by name, on one clock; each may be MCAP,
     text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of one, in
     seconds from its beginning.
 

@@ -22,8 +22,9 @@ In a model file, an effect stands under effects: with its place and parameters, 
 @click.argument("names", nargs=-1, metavar="[EFFECT]...")
 @click.option("--markdown", is_flag=True, help="Write the whole catalogue as Markdown.")
 def effects(**_given: object) -> None:
-    """List the effects that a model may contain or lack.
+    """List the physical effects that slowtime knows.
 
-    With names: equation, parameters with units and ranges, source, and the special cases that
-    an effect contains.
+    They are the effects that a model may include, and that a diagnosis can find missing. With
+    EFFECT names: equation, parameters with units and allowed ranges, literature reference, and
+    the simpler laws that the effect includes as special cases.
     """

@@ -27,7 +27,7 @@ median. A constant for amplitudes is multiplied by 2^slope.
 """,
 )
 @record_flags
-@click.option("--channel", help="That measures stress.  [default: the only one]")
+@click.option("--channel", help="Channel that measures stress.  [default: the only one]")
 @click.option(
     "--model", type=EXISTING, help="Model file: stress is estimated from accelerations instead."
 )
@@ -35,13 +35,29 @@ median. A constant for amplitudes is multiplied by 2^slope.
 @click.option(
     "--detail-category",
     type=POSITIVE,
-    help="Of EN 1993-1-9, such as 71: stress is in MPa, and the median is taken of its curve.",
+    help="Detail category of EN 1993-1-9, such as 71. Stress is in MPa; the median of its S-N "
+    "curve is used.",
 )
 @click.option("--sn", "slope", type=POSITIVE, help="Slope of the S-N curve.")
-@click.option("--sn-constant", "constant", type=POSITIVE, help="Its constant, for ranges.")
-@click.option("--knee", type=Number(min=0), default=0.0, help="Range of the second slope.")
+@click.option(
+    "--sn-constant",
+    "constant",
+    type=POSITIVE,
+    help="Constant of the S-N curve, for stress ranges.",
+)
+@click.option(
+    "--knee",
+    type=Number(min=0),
+    default=0.0,
+    help="Stress range at the knee, below which the second slope holds.",
+)
 @click.option("--sn2", "lower_slope", type=POSITIVE, help="Slope below the knee.")
-@click.option("--cut-off", type=Number(min=0), default=0.0, help="Range without damage below.")
+@click.option(
+    "--cut-off",
+    type=Number(min=0),
+    default=0.0,
+    help="Cut-off: stress range below which there is no damage.",
+)
 @click.option(
     "--sn-sd",
     "log10_sd",
@@ -55,10 +71,10 @@ median. A constant for amplitudes is multiplied by 2^slope.
     type=click.Choice(["none", "goodman", "gerber"]),
     default="none",
     show_default=True,
-    help="How means of cycles are taken into account; with --strength.",
+    help="Correction for the mean stress of cycles; needs --strength.",
 )
 @click.option("--strength", type=POSITIVE, help="Tensile strength, in the unit of the stress.")
-@click.option("--constant-mean", type=Number(), default=0.0, help="Stress at rest.")
+@click.option("--constant-mean", type=Number(), default=0.0, help="Static (mean) stress.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with the histogram.")
 def fatigue(model: Path | None, **given: object) -> None:
     """Count stress cycles and sum fatigue damage, with its scatter.

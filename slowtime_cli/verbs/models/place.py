@@ -42,8 +42,8 @@ With --keep, the sensors of the model file are there already and count among --s
     "directions",
     multiple=True,
     type=click.Choice(DIRECTIONS),
-    help="Direction in which a sensor may measure; may be repeated. All translations where "
-    "none is given.",
+    help="Direction in which a sensor may measure; may be repeated. By default all "
+    "translations.",
 )
 @click.option("--together", is_flag=True, help="Each site has a sensor in every direction.")
 @click.option("--keep", is_flag=True, help="Keep the sensors of the model file.")
@@ -70,7 +70,7 @@ With --keep, the sensors of the model file are there already and count among --s
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def place(together: bool, keep: bool, **_given: object) -> None:
-    """Choose places of sensors that tell most about a model.
+    """Choose the sensor positions that are most informative.
 
     Maximises the information that frequencies and mode shapes will give about the parameters,
     and prints the places, the expected posterior standard deviation of each parameter, and

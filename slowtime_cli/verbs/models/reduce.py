@@ -38,14 +38,14 @@ what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
     type=click.IntRange(min=1),
     default=100,
     show_default=True,
-    help="Most coordinates.",
+    help="Maximum number of coordinates.",
 )
 @click.option(
     "--span",
     type=Number(min=0, max=1, min_open=True, max_open=True),
     default=0.3,
     show_default=True,
-    help="Largest relative change of a parameter.",
+    help="Largest relative change of a parameter for which the model must hold.",
 )
 @click.option(
     "--trials",
@@ -64,7 +64,7 @@ what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
 @click.option(
     "--report",
     type=OutFile(".html"),
-    help="HTML page to write: frequencies, and mode shapes in space that move.",
+    help="HTML page to write: frequencies, and animated mode shapes in space.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")

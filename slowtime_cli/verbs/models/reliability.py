@@ -64,7 +64,7 @@ your own.
     type=click.IntRange(min=1),
     default=5_000_000,
     show_default=True,
-    help="Calls of the limit state at most, of each method.",
+    help="Maximum number of evaluations of the limit state, for each method.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
@@ -72,9 +72,9 @@ def reliability(problem: Path, limit_state: Path | None, **_given: object) -> No
     """Compute a probability of failure by several methods.
 
     Each method gives probability, 95 % interval, reliability index, coefficient of variation
-    and calls of the limit state; approximations (mean-value, form, sorm, system) give no
-    interval. Design points are listed with the importance of each input. The same seed gives
-    the same figures.
+    and number of evaluations of the limit state; approximations (mean-value, form, sorm,
+    system) give no interval. Design points are listed with the importance of each input. The
+    same seed gives the same figures.
     """
     if limit_state is not None and problem.suffix == ".py":
         raise click.UsageError(

@@ -26,8 +26,14 @@ A table is text with a heading and one run a row, between commas, semicolons or 
 """,
 )
 @click.argument("runs", type=EXISTING)
-@click.option("--output", required=True, metavar="NAME", help="Column that the model gives.")
-@click.option("--inputs", type=Names(), help="Columns given to the model; by default the rest.")
+@click.option(
+    "--output", required=True, metavar="NAME", help="Column with the output of the model."
+)
+@click.option(
+    "--inputs",
+    type=Names(),
+    help="Columns with the inputs of the model; by default all others.",
+)
 @click.option(
     "--kind",
     "kinds",
@@ -41,7 +47,7 @@ A table is text with a heading and one run a row, between commas, semicolons or 
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def surrogate(at: Path | None, out: Path | None, **_given: object) -> None:
-    """Learn a fast approximation from runs of a slow model.
+    """Fit a fast surrogate to runs of a slow model.
 
     Surrogates of Chapter 6 (polynomial chaos, Gaussian processes, the hybrid of both, support
     vectors, networks) are compared by cross-validation; the best is fitted to all runs. Prints

@@ -28,24 +28,26 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
     type=Number(min=0, max=1),
     default=0.002,
     show_default=True,
-    help="Relative standard deviation of frequencies that no parameters explain.",
+    help="Relative standard deviation of frequencies due to model errors that no parameter "
+    "can explain.",
 )
 @click.option(
     "--shape-error",
     type=Number(min=0, max=1),
     default=0.02,
     show_default=True,
-    help="Standard deviation of components of shapes of norm 1 that no parameters explain.",
+    help="Standard deviation of components of shapes of norm 1 due to model errors that no "
+    "parameter can explain.",
 )
 @click.option(
     "--report",
     type=OutFile(".html"),
-    help="HTML page to write: tables, mode shapes in space, measured over model, and MAC.",
+    help="HTML page to write: tables, measured and model mode shapes in space, and MAC.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def update(**_given: object) -> None:
     """Update a finite-element model from measured modes.
 
-    Prints the change of each parameter with its standard deviation and how much of the prior
-    is left, what the modes do not determine, and frequencies as measured and of the model.
+    Prints the change of each parameter with its standard deviation and its ratio to the prior
+    one, the parameters that the modes do not determine, and measured and model frequencies.
     """

@@ -13,31 +13,31 @@ MODEL: tuple[Callable[[F], F], ...] = (
     click.option(
         "--quantity",
         type=click.Choice(QUANTITIES),
-        help="What to estimate of the model: displacement of a --node, drift --between two "
+        help="Quantity to estimate: displacement of a --node, drift --between two "
         "nodes, elastic force or moment of an --element.",
     ),
-    click.option("--node", help="Of a displacement."),
+    click.option("--node", help="Node of a displacement."),
     click.option(
         "--between",
         nargs=2,
         metavar="LOWER UPPER",
         help="Nodes of a drift; base is the ground.",
     ),
-    click.option("--element", help="Of a force or a moment."),
+    click.option("--element", help="Element of a force or a moment."),
     click.option(
         "--end",
         type=click.Choice(["first", "second"]),
         default="first",
         show_default=True,
-        help="Of the beam whose moment is asked.",
+        help="End of the beam at which the moment is estimated.",
     ),
     click.option(
         "--factor",
         type=Number(),
-        help="Units for one of SI: stress in MPa for one newton is 1e-6 / area in m^2. With "
-        "--factor-unit.",
+        help="Factor from SI units to the unit given with --factor-unit; for stress in MPa "
+        "from a force: 1e-6 / area in m^2.",
     ),
-    click.option("--factor-unit", help="Of the values after --factor.  [default: SI]"),
+    click.option("--factor-unit", help="Unit of the values after --factor.  [default: SI]"),
     click.option(
         "--factor-sd",
         type=Number(min=0),
@@ -82,7 +82,9 @@ not show motion slower than the band, such as the mean drift under steady wind.
 @record_flags
 @model_flags
 @click.option(
-    "--out", type=OutFile(), help="CSV of time, value and standard deviation; - for the pipe."
+    "--out",
+    type=OutFile(),
+    help="CSV file of time, value and standard deviation; - for stdout.",
 )
 def virtual(**given: object) -> None:
     """Estimate unmeasured drift, force or stress.

@@ -25,10 +25,10 @@ Examples:
     help="File to write; it must not exist yet.",
 )
 def backup(**_given: object) -> None:
-    """Copy a twin's database while the server writes it.
+    """Copy a twin's database while the server is running.
 
-    The copy is of one instant and holds everything acknowledged by then. It is checked before
-    it gets its name, so a file of that name is complete and undamaged.
+    The copy shows one instant and contains everything acknowledged by then. It is checked
+    before it is given its name, so a file with that name is complete and undamaged.
     """
 
 
@@ -49,7 +49,7 @@ Examples:
     help="Path of the twin server's database.",
 )
 def restore(**_given: object) -> None:
-    """Replace a twin's database by a backup.
+    """Restore a twin's database from a backup.
 
     Stop the server first. The present database is renamed and kept. When the server starts, it
     requests features after the backup from the edges again; those that an edge no longer

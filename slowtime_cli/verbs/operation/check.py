@@ -28,8 +28,8 @@ Examples:
 def check(**_given: object) -> None:
     """Check a twin's database for damage.
 
-    Checksums of every page and row and the number of rows are verified. A server may go on
-    writing meanwhile. The exit status is 0 if all is sound, and 2, with a sentence, if not.
+    Checksums of every page and row and the number of rows are verified. The server may keep
+    writing. The exit status is 0 if there is no damage, and otherwise 2, with a message.
 
     This detects decay. With --ledger it also detects forgery: rows that were changed,
     inserted, deleted or moved together with their checksums.

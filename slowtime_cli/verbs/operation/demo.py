@@ -69,9 +69,8 @@ Examples:
     help="Keep database, spools and logs here.  [default: a temporary folder]",
 )
 def demo(**_given: object) -> None:
-    """Run router, edge agents, twin server and page on this machine.
+    """Run router, edge agents, twin server and page on this computer.
 
-    Simulated structures change in accelerated slow time; the twins track them from
-    vibration alone. At the end it prints how often the 95 %
-    intervals held the true values.
+    Simulated structures change in accelerated slow time; the twins track them from vibration
+    alone. At the end it prints how often the 95 % intervals contained the true values.
     """

@@ -65,7 +65,7 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--rate-hz",
     type=POSITIVE,
-    help="Samples per second of --file or --source, where it does not say.",
+    help="Sampling rate of --file or --source, if it does not state one.",
 )
 @unit_flags
 @click.option(
@@ -84,8 +84,9 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--method",
     type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes", "recursive"]),
-    help="How to identify the first mode, or all modes with shapes, window by window or, "
-    "recursive, of a stream that never ends.  [default: auto, or what the simulated structure "
+    help="How to identify the first mode, or all modes with shapes, window by window, or "
+    "recursively from a continuous stream.  [default: auto, or what the simulated "
+    "structure "
     "needs]",
 )
 @click.option(
@@ -119,7 +120,7 @@ def edge(
 ) -> None:
     """Run an edge agent: samples in, features with uncertainty out.
 
-    Without a router it goes on, and keeps its features on disk until there is one.
+    Without a router it keeps working and stores its features on disk until one is available.
     """
     together(
         [
@@ -131,7 +132,7 @@ def edge(
     )
     if rate_hz is not None and file is None and source is None:
         raise click.UsageError(
-            "--rate-hz goes with --file or --source; other inputs say their rate."
+            "--rate-hz goes with --file or --source; other inputs state their own rate."
         )
     if (units or sensitivities) and not (file or recording or source):
         raise click.UsageError(

@@ -40,7 +40,10 @@ change. Edges keep their features meanwhile.
 """
 )
 def keys() -> None:
-    """Make, renew and withdraw certificates of a site's bus."""
+    """Create, renew and revoke the TLS certificates of a site.
+
+    With them the computers of the site authenticate to each other on its message bus.
+    """
 
 
 @keys.command(cls=Deferred, work="operation.keys:make", extra="twin")
@@ -51,12 +54,12 @@ def keys() -> None:
     "hosts",
     multiple=True,
     type=PlainText(),
-    help="Name or address at which others reach the router; localhost always.",
+    help="Name or address at which others reach the router, in addition to localhost.",
 )
 @days_option
 @out_option
 def make(**_given: object) -> None:
-    """Make missing credentials: authority, router, server, observer, player, and each edge."""
+    """Create missing credentials: authority, router, server, observer, player, each edge."""
 
 
 @keys.command(cls=Deferred, work="operation.keys:renew", extra="twin")
@@ -65,7 +68,7 @@ def make(**_given: object) -> None:
     type=click.IntRange(0, 3650),
     default=30,
     show_default=True,
-    help="Renew certificates that expire within so many days.",
+    help="Renew certificates that expire within this many days.",
 )
 @days_option
 @out_option
@@ -82,10 +85,10 @@ def renew(**_given: object) -> None:
 )
 @out_option
 def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
-    """Withdraw all certificates of an edge or a role, from the router's next start."""
+    """Revoke all certificates of an edge agent or a role, from the router's next start."""
     together([("--asset", asset), ("--role", role)])
     if asset is None and role is None:
-        raise click.UsageError("Whose? Give --asset or --role.")
+        raise click.UsageError("Give --asset or --role to name the certificates to revoke.")
 
 
 @keys.command(cls=Deferred, work="operation.keys:list_", extra="twin", name="list")

@@ -23,13 +23,17 @@ the database has to forge those, too.
 """
 )
 def ledger() -> None:
-    """Verify that a history was not rewritten."""
+    """Verify that a twin's history was not altered or deleted.
+
+    The ledger is a chain of hashes over all accepted features, signed by the twin server. It
+    shows later changes and deletions.
+    """
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:key", extra="twin")
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path))
 def key(**_given: object) -> None:
-    """Make a key to sign with: the private one in OUT, the public one in OUT.pub.
+    """Create a signing key: the private key in OUT, the public key in OUT.pub.
 
     Give OUT to the twin server (`slowtime twin --ledger-key OUT`) and keep it secret; give
     OUT.pub to those who verify.
@@ -45,7 +49,7 @@ def key(**_given: object) -> None:
     help="File to write; it must not exist yet.",
 )
 def head(**_given: object) -> None:
-    """Fetch the newest signed head, to be kept elsewhere."""
+    """Fetch the newest signed head of the ledger, to be kept elsewhere."""
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:verify", extra="analysis")
@@ -54,5 +58,5 @@ def head(**_given: object) -> None:
 def verify(**_given: object) -> None:
     """Compare the features of a recording with the signed ledger.
 
-    The exit status is 0 if nothing was changed, and 2, with a sentence, otherwise.
+    The exit status is 0 if nothing was changed, and otherwise 2, with a message.
     """

@@ -39,7 +39,7 @@ Examples:
     type=Number(min=-0.05, max=0.05),
     default=0.0,
     show_default=True,
-    help="Relative error of its clock; positive if fast.",
+    help="Relative error of the sensor's clock; positive if fast.",
 )
 @click.option(
     "--loss",
@@ -54,7 +54,7 @@ Examples:
 )
 @click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
 def publish(**_given: object) -> None:
-    """Simulate an acceleration board on a simulated structure.
+    """Simulate an acceleration sensor and publish its samples.
 
     It sends counts of an ADXL355 at +-2 g, 3.824e-5 m/s^2 each, of three axes, with a counter.
     """

@@ -42,7 +42,9 @@ Examples:
     type=Name(parts=2, any_=True),
     help="SITE.ASSET to record; * for any.",
 )
-@click.option("--streams", help="Streams to record: a,b.  [default: all that are meant for it]")
+@click.option(
+    "--streams", help="Streams to record: a,b.  [default: all streams meant for recording]"
+)
 @click.option(
     "--duration",
     "duration_s",
@@ -51,13 +53,13 @@ Examples:
     type=Number(min=0),
     help="Seconds to record; 0 until Ctrl-C.",
 )
-@click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
+@click.option("--number", is_flag=True, help="If OUT exists, append a number to its name.")
 @click.option(
     "--keep",
     "keep_bytes",
     type=Size(),
-    help="Bound on the files of OUT on disk, earlier numbered ones included, such as 4GB; "
-    "a new file begins at an eighth of it.  [default: no bound]",
+    help="Maximum total size of the files of OUT on disk, such as 4GB, including earlier "
+    "numbered ones; a new file begins at one eighth of it.  [default: unlimited]",
 )
 @click.option(
     "--when-full",

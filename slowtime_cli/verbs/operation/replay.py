@@ -41,8 +41,8 @@ Examples:
 @click.option(
     "--server",
     metavar="URL",
-    help="Twin server to ask for the hash of its history; with the token in SLOWTIME_TOKEN, "
-    "where it wants one.",
+    help="Twin server to ask for the hash of its history; its token, if it needs one, in "
+    "SLOWTIME_TOKEN.",
 )
 @click.option(
     "--into",

@@ -29,7 +29,7 @@ Examples:
     type=Endpoint(),
     default=(ROUTER,),
     show_default=True,
-    help="Endpoint to listen on; may be given several times.",
+    help="Endpoint to listen on; may be repeated.",
 )
 @click.option("--connect", multiple=True, type=Endpoint(), help="Another router to join.")
 @credentials_option

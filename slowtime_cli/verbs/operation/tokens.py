@@ -36,7 +36,7 @@ token can be recognised by.
 """
 )
 def tokens() -> None:
-    """Make, list and revoke tokens for REST and the page."""
+    """Create, list and revoke tokens for REST and the page."""
 
 
 @tokens.command(cls=Deferred, work="operation.tokens:add", extra="twin")
@@ -53,14 +53,14 @@ def tokens() -> None:
     multiple=True,
     required=True,
     type=Name(any_=True),
-    help="Site that it gives access to; may be given several times; * for all.",
+    help="Site that the token gives access to; may be repeated; * for all.",
 )
 @click.option(
     "--days",
     type=click.FloatRange(0, 3650, min_open=True),
     default=365,
     show_default=True,
-    help="How long it is valid.",
+    help="How long the token is valid.",
 )
 @_file(click.Path(dir_okay=False, path_type=Path))
 def add(**_given: object) -> None:

@@ -66,8 +66,8 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--published-on-loopback",
     is_flag=True,
-    help="Only this machine reaches the port, for instance a container's port published "
-    "on 127.0.0.1 only.",
+    help="Only this computer reaches the port, for instance a container's port published on "
+    "127.0.0.1 only.",
 )
 @connect_option
 @credentials_option

@@ -41,7 +41,9 @@ Examples:
 )
 @click.argument("records", nargs=-1, required=True)
 @click.option("--input", "given", metavar="CHANNEL", help="Channel of the excitation.")
-@click.option("--output", "told", metavar="CHANNEL", required=True, help="Channel measured.")
+@click.option(
+    "--output", "told", metavar="CHANNEL", required=True, help="Channel of the response."
+)
 @click.option(
     "--period",
     type=Period(),

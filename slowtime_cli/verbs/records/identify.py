@@ -55,23 +55,25 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     default="auto",
     show_default=True,
     type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
-    help="Method; auto chooses by the kind of record. modes: every mode of all channels "
-    "together, with shapes; lines of machines are marked. bayes: these modes by the "
+    help="Method; auto chooses by the kind of record. modes: every mode from all channels "
+    "together, with shapes; spectral lines of rotating machines are marked. bayes: these "
+    "modes by the "
     "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
 )
 @click.option(
     "--stream/--whole",
     default=None,
-    help="Whether the record is read piece by piece, in bounded memory and without end, by "
-    "recursive identification, or at once.  [default: a stream from 256 MiB on]",
+    help="Whether the record is read as a stream, with recursive identification and limited "
+    "memory, or all at once.  [default: a stream from 256 MiB on]",
 )
 @click.option(
     "--with",
     "second",
     type=EXISTING,
     metavar="RECORD",
-    help="A second board's record of the same structure: both are put on one clock by modes "
-    "that both see, or refused with the reason. It is read as RECORD is.",
+    help="A second board's record of the same structure. Both are synchronised by modes that "
+    "both measure, or refused with the reason. It is read with the same options as "
+    "RECORD.",
 )
 @click.option(
     "--start-sd-ms",
@@ -99,7 +101,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     type=click.Choice(["auto", "hammer", "shaker", "base"]),
     default="auto",
     show_default=True,
-    help="With --input: what drives the structure; auto tells it by unit and signal.",
+    help="With --input: what excites the structure; auto detects it from unit and signal.",
 )
 @click.option(
     "--driving-point",
@@ -123,7 +125,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--decay-s",
     type=POSITIVE,
-    help="With a hammer: time constant of an exponential window, whose damping is taken out.  "
+    help="With a hammer: time constant of an exponential window, whose added damping is "
+    "removed.  "
     "[default: none; modes are fitted to the record without a window]",
 )
 @click.option(
@@ -148,7 +151,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "--out",
     type=OutFile(stdout=True),
     help="File to write: .uff or .unv for programs of modal analysis (UFF 55), .csv for a "
-    "spreadsheet, else JSON; - for JSON on stdout, and no table.",
+    "spreadsheet, else JSON; - for JSON on stdout instead of the table.",
 )
 @click.option(
     "--geometry",
@@ -173,7 +176,7 @@ def identify(
     frf: Path | None,
     **_given: object,
 ) -> None:
-    """Find natural frequencies and damping in a record, with errors.
+    """Identify natural frequencies and damping, with uncertainty.
 
     RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
     frequencies; errors are standard deviations. If no mode exceeds the noise, none is

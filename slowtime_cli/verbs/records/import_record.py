@@ -36,7 +36,7 @@ Examples:
     "--start",
     "start_ns",
     type=Instant(),
-    help="Time of the first sample, such as 2022-07-19T22:55:00Z; overrules the file.",
+    help="Time of the first sample, such as 2022-07-19T22:55:00Z; overrides the file.",
 )
 @click.option(
     "--block-s",

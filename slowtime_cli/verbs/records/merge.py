@@ -28,16 +28,18 @@ Channels of one name are one place and direction on the structure.
 @click.option(
     "--references",
     type=Names(),
-    help="Channels that stayed in place; by default those that all files have.",
+    help="Reference channels, which stayed in place; by default those that all files have.",
 )
 @click.option(
     "--before",
     is_flag=True,
-    help="FILES are records, identified all at once (PreGER): where the excitation differs and "
-    "the structure does not.",
+    help="FILES are records, identified together (PreGER); for set-ups between which the "
+    "excitation has changed but the structure has not.",
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="With --before: samples per second, where files say none."
+    "--rate-hz",
+    type=POSITIVE,
+    help="With --before: sampling rate, if the files do not state one.",
 )
 @click.option(
     "--band-hz",
@@ -56,14 +58,19 @@ def merge(
     band_hz: tuple[float, float] | None,
     **_given: object,
 ) -> None:
-    """Merge the modes of several set-ups of sensors.
+    """Merge modes measured with several sensor set-ups.
 
-    A few sensors stay as references while the others are moved about. Frequencies and damping
-    ratios are weighted means; shapes are scaled to each other over the references by least
-    squares. Where set-ups disagree, the standard deviations grow and a flag says so.
+    A few sensors stay in place as references while the others rove from set-up to set-up. FILES
+    are the modes files of the set-ups, written by `slowtime identify RECORD --method modes
+    --out`, or records with --before. Frequencies and damping ratios are means weighted by
+    inverse variance; shapes are scaled to each other at the references by least squares. Where
+    set-ups disagree, the standard deviations are enlarged and the mode carries a flag in the
+    table and in the output file.
     """
     if len(files) < 2:
-        raise click.UsageError("One set-up is whole already. Give two files at least.")
+        raise click.UsageError(
+            "There is only one set-up, so nothing can be merged. Give at least two files."
+        )
     if before and band_hz is None:
         raise click.UsageError("--before needs --band-hz, the band of the modes.")
     if not before and (rate_hz is not None or band_hz is not None):

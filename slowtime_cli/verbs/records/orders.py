@@ -44,13 +44,13 @@ pulse.
     type=click.IntRange(min=1),
     default=16,
     show_default=True,
-    help="Of a block; orders closer than two over it are refused.",
+    help="Revolutions in a block; orders closer than two over this number are refused.",
 )
 @click.option("--out", type=OutFile(".csv", ".json"), help="CSV or JSON file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def orders(record_path: Path, **_given: object) -> None:
-    """Track the orders of a machine against its speed, by a tacho.
+    """Track the orders of a rotating machine, with a tacho signal.
 
     The record is resampled to equal steps of shaft angle, and the amplitudes of all orders are
-    fitted block by block, with standard deviations by what is left beside them.
+    fitted block by block, with standard deviations from the residual.
     """

@@ -37,7 +37,9 @@ A mass moves in every direction: where a place has several channels, name each o
 def scale(modes: Path, added: tuple[tuple[Path, str], ...], **_given: object) -> None:
     """Scale operational mode shapes by known added masses.
 
-    MODES is what `slowtime identify RECORD --method modes --out` wrote of the structure without
-    the masses. Prints the modal mass of each mode, for a shape of norm 1, with its standard
-    deviation; scaled shapes are mass-normalised.
+    Measure the structure twice: as it is, and with known masses attached. MODES is the file
+    that `slowtime identify RECORD --method modes --out MODES` writes for the structure without
+    the masses; --added names the file of the second measurement and the masses. The shift of
+    the frequencies gives the modal mass of each mode, for a shape of unit Euclidean norm, with
+    its standard deviation. Scaled shapes are mass-normalised.
     """

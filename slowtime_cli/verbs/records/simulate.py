@@ -49,7 +49,7 @@ Examples:
 @click.option(
     "--rate-hz",
     type=POSITIVE,
-    help="With --model: samples per second, where no record says.",
+    help="With --model: sampling rate, if no record states one.",
 )
 @click.option(
     "--duration",
@@ -62,7 +62,7 @@ Examples:
     default=1.0,
     show_default=True,
     type=POSITIVE,
-    help="Of the ambient force on each node, one-sided [N^2/Hz].",
+    help="Density of the ambient force on each node, one-sided [N^2/Hz].",
 )
 @click.option(
     "--hold",
@@ -77,8 +77,8 @@ Examples:
     multiple=True,
     type=Effects(),
     metavar="FILE|NAME",
-    help="With --model: Python file that holds effects of your own, or name of an installed "
-    "part; may be repeated.",
+    help="With --model: Python file with effects of your own, or name of an installed "
+    "plug-in; may be repeated.",
 )
 @click.option(
     "--initial",

@@ -49,15 +49,14 @@ cubic_hardening or van_der_pol.
     "--free",
     type=Names(),
     help="Constants to estimate, such as mount.stiffness; by default every stiffness, damping "
-    "and number of an effect.",
+    "and parameter of an effect.",
 )
 @click.option(
     "--white-force",
     type=click.FloatRange(min=0),
     default=0.0,
     show_default=True,
-    help="White force that nobody measured on every node: square root of its density [N "
-    "s^(1/2)].",
+    help="Unmeasured white force on every node: square root of its density [N s^(1/2)].",
 )
 @click.option(
     "--force-sd",
@@ -71,15 +70,17 @@ cubic_hardening or van_der_pol.
     help="Slow time to which each constant is forecast, from five records on.",
 )
 @click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Of the records.")
-@click.option("--out", type=OutFile(), help="CSV file of the constants, a row each record.")
+@click.option(
+    "--out", type=OutFile(), help="CSV file of the constants, one row for each record."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def track(records: tuple[str, ...], at: tuple[float, ...] | None, **_given: object) -> None:
     """Track the constants of a nonlinear structure over slow time.
 
     A joint unscented filter of motion and constants goes through each record, under measured
     and white forces (Chapter 9 of the book). Prints each constant with its standard deviation
-    and how surprising the record was: about 1 where the model is right. From five records on,
-    Gaussian processes over slow time forecast each constant.
+    and the normalised squared residual of the record, about 1 if the model is right. From five
+    records on, Gaussian processes over slow time forecast each constant.
     """
     if at is not None and len(at) != len(records):
         raise click.UsageError(

@@ -41,7 +41,7 @@ def composite() -> None:
 def add(**_given: object) -> None:
     """Register the composite in FILE; an existing one is replaced.
 
-    FILE is YAML or JSON with `members`, and if wanted `tree`, `dependence`, `failing`,
+    FILE is YAML or JSON with `members`, and optionally `tree`, `dependence`, `failing`,
     `horizon`, `alike`, `kind` and `name`.
     """
 
@@ -63,7 +63,7 @@ def show(**_given: object) -> None:
 
 @composite.command("import", cls=Deferred, work="twins.composite:import_", extra="twin")
 @click.argument("file", type=EXISTING)
-@click.option("--site", type=Name(), help="Of instances whose ids are not SITE.NAME.")
+@click.option("--site", type=Name(), help="Site of instances whose ids are not SITE.NAME.")
 @click.option(
     "--relationship",
     "relationships",
@@ -71,7 +71,7 @@ def show(**_given: object) -> None:
     metavar="NAME",
     help="Relationship from a whole to its parts, besides has_member, contains and hasPart.",
 )
-@click.option("--dry-run", is_flag=True, help="Print what would be registered, and end.")
+@click.option("--dry-run", is_flag=True, help="Only print what would be registered.")
 @_SERVER
 def import_(**_given: object) -> None:
     """Register the composites that a graph of digital twins describes.
@@ -84,7 +84,7 @@ def import_(**_given: object) -> None:
 
 
 @composite.command(cls=Deferred, work="twins.composite:export", extra="analysis")
-@click.option("--site", type=Name(), help="This site alone.  [default: all]")
+@click.option("--site", type=Name(), help="Only this site.  [default: all]")
 @click.option(
     "--as",
     "form",

@@ -29,8 +29,8 @@ def _said(function: F) -> F:
             click.option(
                 "--id",
                 "event",
-                help="Id of the event; the same twice is one event. By default made of the "
-                "content where a time is given, and by chance otherwise.",
+                help="Id of the event; two reports with the same id are one event. By default "
+                "derived from the content if a time is given, otherwise random.",
             ),
             click.option(
                 "--person",
@@ -70,7 +70,10 @@ def event() -> None:
 @event.command(cls=Deferred, work="twins.event:add", extra="analysis")
 @click.argument("twin", type=Name(parts=2))
 @click.option("--kind", type=click.Choice(KINDS), help="Kind of event.")
-@click.option("--quantity", help="stiffness_change, mass_change or an element; else all.")
+@click.option(
+    "--quantity",
+    help="Affected quantity: stiffness_change, mass_change or an element; by default all.",
+)
 @click.option(
     "--at", help="When: RFC 3339, by the sensor's clock; else after the latest reading."
 )
@@ -86,10 +89,12 @@ def event() -> None:
     default=None,
     help="Of an inspection: whether damage was found.",
 )
-@click.option("--a50", type=POSITIVE, help="Damage that is found with probability one half.")
+@click.option("--a50", type=POSITIVE, help="Damage that is detected with probability 50 %.")
 @click.option("--slope", type=POSITIVE, help="Rise of the probit of detection over ln(damage).")
 @click.option("--answers", help="event_id of the question that it answers.")
-@click.option("--file", "file", type=EXISTING, help="JSON file of events, instead of all that.")
+@click.option(
+    "--file", "file", type=EXISTING, help="JSON file of events, instead of the options above."
+)
 @_said
 @_server
 def add(kind: str | None, file: object, **given: Any) -> None:
@@ -115,7 +120,7 @@ def list_events(**_given: object) -> None:
 @_said
 @_server
 def undo(**_given: object) -> None:
-    """Withdraw EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
+    """Undo EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
 
-    The event stays in the list, with the note that withdrew it.
+    The event stays in the list, with the note that undid it.
     """

@@ -29,7 +29,7 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="JSON file to write, {points: [state, ...]}; - for stdout, and no table.",
+    help="JSON file to write, {points: [state, ...]}; - for stdout instead of the table.",
 )
 def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: object) -> None:
     """Estimate changes of stiffness and mass from frequencies.

@@ -35,7 +35,7 @@ with models in DTDL, which twin platforms load, and .jsonld the same graph as JS
     help="Read a running server instead; its token, if it needs one, in SLOWTIME_TOKEN.",
 )
 @click.option("--asset", type=Name(parts=2), help="SITE.ASSET; needed where there are several.")
-@click.option("--site", type=Name(), help="Of .json: this site alone.  [default: all]")
+@click.option("--site", type=Name(), help="For .json: only this site.  [default: all]")
 @click.option("--start", metavar="MOMENT", help="First state: RFC 3339 or slow:NUMBER.")
 @click.option("--end", metavar="MOMENT", help="Last state: RFC 3339 or slow:NUMBER.")
 @click.option(
@@ -47,7 +47,7 @@ with models in DTDL, which twin platforms load, and .jsonld the same graph as JS
 @click.option(
     "--dtdl",
     type=click.Choice(["2", "3"]),
-    help="Of .json: version of the models.  [default: 3]",
+    help="For .json: version of the models.  [default: 3]",
 )
 @click.option("--out", required=True, type=OutFile(), help="File to write.")
 @reading_flags
@@ -62,8 +62,8 @@ def export(
 ) -> None:
     """Export the history of a twin, or the samples of a record.
 
-    SOURCE is a twin's database, which a server may go on writing meanwhile, or a record or
-    recording as `identify` reads it; the flags from --rate-hz on go with a record.
+    SOURCE is a twin's database, also while a server writes it, or a record or recording as
+    `identify` reads it; the flags from --rate-hz on go with a record.
     """
     if (source is None) == (server is None):
         raise click.UsageError("Give a twin's database or a record, or --server; not both.")

@@ -47,12 +47,12 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="JSON file to write, as REST answers; - for stdout, and no table.",
+    help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 def forecast(**given: Any) -> None:
-    """Forecast a twin, and when thresholds are reached.
+    """Forecast a twin, and when it will reach thresholds.
 
-    Mean and 95 % interval of each change at future slow times; of a threshold the times by
-    which it is reached with 10, 50 and 90 %, or that they are not within the horizon.
+    Mean and 95 % interval of each change at future slow times; for each threshold, the times by
+    which it is reached with 10, 50 and 90 % probability, if they are within the horizon.
     """
     refuse_incomplete_query(**given)

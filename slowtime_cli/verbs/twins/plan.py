@@ -30,33 +30,35 @@ docs/maintenance_plan.md.
     type=click.IntRange(1, 1000),
     default=1,
     show_default=True,
-    help="Of a fleet: inspection teams.",
+    help="For a fleet: number of inspection teams.",
 )
 @click.option(
     "--visits",
     type=click.IntRange(1, 1000),
     default=1,
     show_default=True,
-    help="Of a fleet: inspections each team can make within the window.",
+    help="For a fleet: inspections that each team can make within the window.",
 )
 @click.option(
     "--window-d",
     type=POSITIVE,
     default=30.0,
     show_default=True,
-    help="Of a fleet: days within which teams inspect.",
+    help="For a fleet: days within which teams inspect.",
 )
-@click.option("--budget", type=Number(min=0), help="Of a fleet: for all inspections together.")
+@click.option(
+    "--budget", type=Number(min=0), help="For a fleet: budget for all inspections together."
+)
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="JSON file to write, as REST answers; - for stdout, and no table.",
+    help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 def plan(fleet: bool, server: str | None, source: object, **given: Any) -> None:
     """Recommend an action for a twin: repair, inspect, wait or close.
 
-    Options side by side with their expected costs, what an inspection or more readings are
-    worth, and at which costs the plan would be another.
+    Compares the options by their expected costs, and states the value of an inspection or of
+    more readings and the costs at which the recommendation would change.
     """
     if fleet:
         if server is None or source is not None:

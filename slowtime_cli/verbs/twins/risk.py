@@ -26,15 +26,15 @@ Limit states stand in the registration (`limit_states`): docs/risk.md.
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="JSON file to write, as REST answers; - for stdout, and no table.",
+    help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 def risk(server: str | None, source: object, **given: Any) -> None:
-    """Compute a twin's probability of failure, by each limit state.
+    """Compute a twin's probability of failure for each limit state.
 
-    A change that passes a threshold, a frequency that meets an excitation, a response to a
-    load event that exceeds a capacity, or a limit state of your own. Gives the probability now
-    with its 5 to 95 % band, the reliability index, the probability up to the horizon, and when
-    the accepted probability is reached.
+    A limit state is a change that passes a threshold, a frequency that coincides with an
+    excitation, a response to a load event that exceeds a capacity, or a limit state of your
+    own. Gives the probability now with its 5 to 95 % band, the reliability index, the
+    probability up to the horizon, and when the accepted probability is reached.
     """
     refuse_incomplete_query(source=source, server=server, **given)
     if source is not None and given["registration"] is None:

@@ -24,7 +24,11 @@ A text file has the columns slow_time, value and sd, or those that `slowtime evo
 @click.option(
     "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
 )
-@click.option("--out", type=OutFile(), help="CSV file: both scales with sd at each reading.")
+@click.option(
+    "--out",
+    type=OutFile(),
+    help="CSV file: both parts with standard deviation at each reading.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def separate(**_given: object) -> None:
     """Separate a history into a drift and a recurring part.

@@ -28,7 +28,7 @@ def twin_flags(function: F) -> F:
                 "--registration",
                 type=EXISTING,
                 help="TOML or JSON file, twin id → registration, with model, thresholds and "
-                "all else; instead of what follows.",
+                "all other settings; instead of the options below.",
             ),
             click.option(
                 "--events",

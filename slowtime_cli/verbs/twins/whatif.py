@@ -33,16 +33,25 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     type=click.Choice(["harmonic", "step", "white", "recorded"]),
     help="Kind of load.",
 )
-@click.option("--amplitude", type=Number(), help="Of a harmonic or a step.")
-@click.option("--frequency-hz", type=POSITIVE, help="Of a harmonic.")
-@click.option("--phase-deg", type=Number(-360, 360), help="Of a harmonic; it is a cosine.")
-@click.option("--at-s", type=Number(min=0), help="Of a step: when.")
-@click.option("--psd", type=Number(min=0), help="Of white noise, one-sided [unit^2/Hz].")
-@click.option("--record", type=EXISTING, help="Of a recorded load: the file that holds it.")
-@click.option("--channel", help="Of that file; by default its only one.")
-@click.option("--on", default="base", show_default=True, help="The base, or a node.")
+@click.option("--amplitude", type=Number(), help="Amplitude of a harmonic or a step.")
+@click.option("--frequency-hz", type=POSITIVE, help="Frequency of a harmonic.")
 @click.option(
-    "--output", "outputs", multiple=True, help="Node of the response; all by default."
+    "--phase-deg", type=Number(-360, 360), help="Phase of a harmonic; it is a cosine."
+)
+@click.option("--at-s", type=Number(min=0), help="Start of a step.")
+@click.option(
+    "--psd", type=Number(min=0), help="Density of white noise, one-sided [unit^2/Hz]."
+)
+@click.option("--record", type=EXISTING, help="File that holds a recorded load.")
+@click.option("--channel", help="Channel of that file; by default its only one.")
+@click.option(
+    "--on", default="base", show_default=True, help="Where the load acts: the base, or a node."
+)
+@click.option(
+    "--output",
+    "outputs",
+    multiple=True,
+    help="Node whose response is computed; by default all.",
 )
 @click.option(
     "--quantity",
@@ -60,7 +69,7 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     show_default=True,
     help="Probability of the bands.",
 )
-@click.option("--draws", type=click.IntRange(20, 2000), help="Number of structures drawn.")
+@click.option("--draws", type=click.IntRange(20, 2000), help="Number of structures sampled.")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -71,7 +80,7 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="JSON file to write, as REST answers; - for stdout, and no table.",
+    help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) -> None:
     """Simulate a twin's current structure under a load, with bands.

@@ -130,11 +130,11 @@ def test_the_account_lists_earlier_boots_too_and_an_acknowledgement_clears_them(
 @pytest.mark.parametrize(
     ("what", "parameters", "says"),
     [
-        ("features", {"first": "x"}, "first='x' is no sequence"),
-        ("features", {"last": "-1"}, "last='-1' is no sequence"),
-        ("raw", {"seconds": "nan"}, "seconds='nan' is no time"),
-        ("raw", {"seconds": "-3"}, "seconds='-3' is no time"),
-        ("raw", {"seconds": "all"}, "seconds='all' is no time"),
+        ("features", {"first": "x"}, "first='x' is not a valid sequence number"),
+        ("features", {"last": "-1"}, "last='-1' is not a valid sequence number"),
+        ("raw", {"seconds": "nan"}, "seconds='nan' is not a valid time"),
+        ("raw", {"seconds": "-3"}, "seconds='-3' is not a valid time"),
+        ("raw", {"seconds": "all"}, "seconds='all' is not a valid time"),
     ],
 )
 def test_a_question_that_makes_no_sense_is_answered_with_what_would(

@@ -44,7 +44,7 @@ def test_without_a_standard_deviation_it_is_taken_from_neighbours(tmp_path):
     [
         ("when,frequency_hz\n0,1\n", "no column of the time.*slow_time.*when, frequency_hz"),
         ("t,f\n0,1\n", "no column of the value.*stiffness_change.*there are: t, f"),
-        ("t,frequency_hz\n0,1\n1\n", "is no table"),
+        ("t,frequency_hz\n0,1\n1\n", "is not a table"),
     ],
 )
 def test_what_is_missing_is_said(tmp_path, text, says):

@@ -100,7 +100,7 @@ def test_each_channel_has_its_own_unit_and_sensitivity():
     np.testing.assert_allclose(found.samples[0], [98.0665, 100.0, 0.0254, 9.80665e-3])
     assert found.units == ("m/s^2",) * 4
     said = " ".join(found.notes)
-    assert "a3 is in g; mg was given, and used" in said
+    assert "a3 is in g; mg was given and is used" in said
     assert "a2 from in/s^2 (times 0.0254)" in said
 
 
@@ -122,7 +122,9 @@ def test_a_sensitivity_without_a_signal_is_a_question(units, given, said):
 def test_volts_without_a_sensitivity_are_said_to_be_volts():
     found = in_si(record(np.ones((2, 2)), ["V", "g"]))
     assert found.units == ("V", "m/s^2")
-    assert any("Left in volts, for want of a sensitivity: a0" in note for note in found.notes)
+    assert any(
+        "Left in volts, because no sensitivity is known: a0" in note for note in found.notes
+    )
     assert mixed_units(found.channels, found.units) == "a0 in V; a1 in m/s^2"
 
 

@@ -106,7 +106,7 @@ def test_a_matrix_that_was_appended_to_is_refused(tmp_path):
     with pytest.raises(MatrixFileError, match=r"36 lines of 18 numbers.*delete the file"):
         read_matrix(tmp_path / "K.out")
     (tmp_path / "K.out").write_text("1 a\n2 3\n")
-    with pytest.raises(MatrixFileError, match="no matrix of numbers"):
+    with pytest.raises(MatrixFileError, match="not a matrix of numbers"):
         read_matrix(tmp_path / "K.out")
 
 

@@ -159,7 +159,7 @@ def test_a_name_that_looks_like_something_else_stays_as_it_is_written(name):
         ),
         (", unit: N}", "}", r"line 12: `unit` is missing in inputs number 1\."),
         (", unit: m/s^2}", "}", r"line 14: `unit` is missing in sensors number 1\."),
-        ("unit: N}", "unit: V}", r"line 12: 'V' is no unit of force. Allowed: N, kN"),
+        ("unit: N}", "unit: V}", r"line 12: 'V' is not a valid unit of force. Allowed: N, kN"),
         ("    between: [m1, m2]", "    between: [m1, m3]", r"line 9: No node is called 'm3'"),
         ("node: m1, unit: N", "node: m4, unit: N", r"line 12: No node is called 'm4'"),
         ("id: m2, ", "id: m1, ", r"line 5: 'm1' is used twice among the nodes"),

@@ -160,7 +160,7 @@ def test_old_files_are_written_as_they_were():
         ),
         (
             {"inputs": (Input(channel="x", kind="base_displacement", unit="m/s^2"),)},
-            "'m/s\\^2' is no unit of displacement",
+            "'m/s\\^2' is not a valid unit of displacement",
         ),
         (
             {

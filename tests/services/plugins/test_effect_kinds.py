@@ -117,7 +117,7 @@ def test_a_file_that_cannot_be_used_says_why(tmp_path, text, says):
 
 
 def test_what_is_no_python_file_is_refused(tmp_path):
-    with pytest.raises(EffectFileError, match=r"model\.yaml is no Python file"):
+    with pytest.raises(EffectFileError, match=r"model\.yaml is not a Python file"):
         load(tmp_path / "model.yaml")
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "nowhere.py")

@@ -34,7 +34,7 @@ def test_a_part_that_is_sound_tells_its_kinds_whatever_it_prints(part, target):
 @pytest.mark.parametrize(
     ("target", "told"),
     [
-        ("NAN", "nan_spring with .* gave what is no finite number for each sample"),
+        ("NAN", "nan_spring with .* gave values that are not finite numbers for each sample"),
         (
             "ENDLESS",
             r"(did not answer|is not imported) within 20 s, and was ended",

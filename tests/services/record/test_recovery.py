@@ -118,7 +118,7 @@ def test_a_record_that_claims_to_be_endless_ends_the_reading(tmp_path, whole):
 def test_what_was_never_a_recording_is_said_to_be_none(tmp_path, content):
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"is no MCAP file.*nothing in it to recover"):
+    with pytest.raises(ValueError, match=r"is not a valid MCAP file.*nothing in it to recover"):
         recover(path, tmp_path / "out.mcap")
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
 

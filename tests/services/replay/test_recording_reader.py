@@ -65,7 +65,7 @@ def test_an_empty_recording_has_nothing_in_it_and_is_no_error(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"\x89MCA", b"time;acc\n0;1\n", bytes(100)])
 def test_what_is_no_recording_is_said_to_be_none(tmp_path, content):
     (tmp_path / "a.mcap").write_bytes(content)
-    with pytest.raises(RecordingError, match=r"is no recording.*slowtime import"):
+    with pytest.raises(RecordingError, match=r"is not a recording.*slowtime import"):
         read_recording(tmp_path / "a.mcap")
 
 

@@ -216,7 +216,7 @@ def test_bad_input_says_what_to_do():
         degradation.learn(TIME[:3], TIME[:3], TIME[:3])
     with pytest.raises(ValueError, match="after the first reading"):
         degradation.learn(*readings(-0.002 * TIME), origin=5.0)
-    with pytest.raises(ValueError, match="is no event"):
+    with pytest.raises(ValueError, match="is not a valid event"):
         Event(1.0, restored=1.2)
     mixture = degradation.learn(*readings(-0.002 * TIME), laws=[CurveLaw(LINEAR)])
     with pytest.raises(ValueError, match="not after the last reading"):

@@ -193,7 +193,7 @@ ONE = Node(id="m1", mass_kg=1.0)
                 )
             ),
             ("elements", 0, "between"),
-            "does not turn",
+            "has no rotation",
         ),
         (
             changed(inputs=(Input(channel="u", kind="force", unit="N"),)),
@@ -203,7 +203,7 @@ ONE = Node(id="m1", mass_kg=1.0)
         (
             changed(inputs=(Input(channel="u", kind="force", node="m1", unit="V"),)),
             ("inputs", 0, "unit"),
-            "no unit of force. Allowed: N",
+            "not a valid unit of force. Allowed: N",
         ),
         (
             changed(
@@ -215,7 +215,7 @@ ONE = Node(id="m1", mass_kg=1.0)
         (
             changed(sensors=(Sensor(channel="x", quantity="velocity", node="m1", unit="m"),)),
             ("sensors", 0, "unit"),
-            "no unit of velocity",
+            "not a valid unit of velocity",
         ),
         (
             changed(sensors=RIG.sensors * 2),
@@ -256,5 +256,5 @@ def test_units_are_worth_what_they_are():
     assert unit_factor("deg/s", "velocity", "rad") == pytest.approx(np.pi / 180)
     assert unit_factor("kN m", "force", "rad") == 1000.0
     assert all(factor > 0 for table in UNITS.values() for factor in table.values())
-    with pytest.raises(ValueError, match="'N' is no unit of torque"):
+    with pytest.raises(ValueError, match="'N' is not a valid unit of torque"):
         unit_factor("N", "force", "rad")

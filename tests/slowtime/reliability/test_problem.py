@@ -152,7 +152,7 @@ def test_inputs_and_groups_that_do_not_fit_are_refused():
     law = marginal("normal", mean=0.0, sd=1.0)
     with pytest.raises(ValueError, match="Give at least one"):
         Problem({}, lambda x: x[:, 0])
-    with pytest.raises(TypeError, match="is no marginal"):
+    with pytest.raises(TypeError, match="is not a valid distribution"):
         Problem({"a": 3.0}, lambda x: x[:, 0])
     with pytest.raises(ValueError, match="'z' cannot be joined"):
         Problem({"a": law}, lambda x: x[:, 0], {("a", "z"): ClaytonCopula(1.0)})

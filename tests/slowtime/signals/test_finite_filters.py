@@ -14,7 +14,9 @@ def test_tapers_are_those_of_scipy(name, count):
 
 
 def test_a_taper_that_is_none_is_refused_with_those_that_are():
-    with pytest.raises(ValueError, match=r"'tukey' is no taper. Allowed: boxcar, hann."):
+    with pytest.raises(
+        ValueError, match=r"'tukey' is not a valid taper. Allowed: boxcar, hann."
+    ):
         taper("tukey", 8)
 
 

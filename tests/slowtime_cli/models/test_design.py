@@ -75,7 +75,7 @@ def test_less_weight_on_the_mean_gives_less_spread(run):
     ("old", "new", "text"),
     [
         ("lower: 1, upper: 9", "lower: 9, upper: 1", "line 3: Bounds 9 to 1 were given"),
-        ("3 * area", "3 * aria", "line 8: 'aria' is no input"),
+        ("3 * area", "3 * aria", "line 8: 'aria' is not an input"),
         ("mean: 5, sd: 1", "mean: 5", "line 5"),
         ("probability: 0.01", "probability: 2", "line 8: `probability`"),
         ("unit_cost: 2", "adds: mass, node: roof", "give `model`"),

@@ -103,7 +103,7 @@ def test_fatigue_that_cannot_be_says_why(run, stress, flags, says):
         ((), "Give --quantity: displacement, drift"),
         (("--quantity", "drift"), "needs `between`"),
         (("--quantity", "force", "--element", "z"), "no element 'z'. Allowed: k"),
-        (("--quantity", "moment", "--element", "k"), "is no beam. Ask"),
+        (("--quantity", "moment", "--element", "k"), "is not a beam. Ask"),
     ],
 )
 def test_a_quantity_that_cannot_be_says_why(run, one, flags, says):

@@ -128,7 +128,7 @@ def test_a_model_that_cannot_explain_the_modes_says_so(run, portal, tmp_path):
     ("change", "words"),
     [
         ({"modes": []}, "has no structural mode"),
-        ({"slowtime_modes": 7}, "is no modes file"),
+        ({"slowtime_modes": 7}, "is not a valid modes file"),
     ],
 )
 def test_other_files_are_refused(refused, portal, tmp_path, change, words):

@@ -92,10 +92,10 @@ def test_a_system_of_parts_has_bounds(run, tmp_path):
     ("text", "said"),
     [
         (BEAM, "has no limit state"),
-        (BEAM + "limit_state: r - t\n", r"line 5: 't' is no input. Inputs: r, s"),
+        (BEAM + "limit_state: r - t\n", r"line 5: 't' is not an input. Inputs: r, s"),
         (BEAM + "limit_state: __import__('os').system('true')\n", "is not allowed|no function"),
         (BEAM + "limit_state: r.real - s\n", "'r.real' is not allowed"),
-        (BEAM + "limit_state: (r\n", "is no formula|line"),
+        (BEAM + "limit_state: (r\n", "is not a valid formula|line"),
         (BEAM + "limit_sate: r - s\n", "line 5: unknown key `limit_sate`"),
         (
             "slowtime_reliability: 1\ninputs:\n  r: {marginal: norm, mean: 1, sd: 1}\n"

@@ -45,7 +45,7 @@ def test_points_are_predicted_and_those_beyond_the_runs_are_told(run, runs):
 @pytest.mark.parametrize(
     ("text", "more", "said"),
     [
-        ("a,b,y\n1,2,x\n", (), "'x' of y is no finite number"),
+        ("a,b,y\n1,2,x\n", (), "'x' of y is not a finite number"),
         ("a,b,y\n1,2\n", (), "2 fields under 3 names"),
         ("a,a,y\n1,2,3\n", (), "Give each a name, once"),
         ("a,b,z\n1,2,3\n", (), "y cannot be used so"),

@@ -80,7 +80,7 @@ def test_a_demo_that_cannot_run_says_why_before_anything_starts(refused, tmp_pat
         taken.listen()
         number = taken.getsockname()[1]
         said = refused("demo", "--port", number)
-        assert f"Port {number} is taken on this machine. Give another, such as --port" in said
+        assert f"Port {number} is in use on this computer. Give another, such as --port" in said
     for arguments, says in [
         (("--port", "0"), "0 is not in the range 1<=x<=65535"),
         (("--duration", "-1"), "-1.0 is not in the range"),

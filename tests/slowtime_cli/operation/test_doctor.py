@@ -106,7 +106,7 @@ def test_a_router_that_runs_is_found(router):
 def test_a_port_that_another_program_has_is_a_problem(listening):
     port = listening(b"220 mail.example ESMTP\r\n")
     (found,) = surroundings.router((f"tcp/127.0.0.1:{port}",), None, 0.5)
-    assert (found.state, "is no router" in found.text) == ("problem", True)
+    assert (found.state, "is not a router" in found.text) == ("problem", True)
     (found,) = surroundings.twin_server(f"http://127.0.0.1:{port}", 0.5)
     assert found.state == "problem"
     assert "slowtime twin --port" in found.advice
@@ -127,7 +127,7 @@ def test_a_twin_server_and_its_clock_are_compared(serving):
     [
         (b"\x20\x02\x00\x00", "ok", "answers at"),
         (b"\x20\x02\x00\x05", "note", "refuses with code 5"),
-        (b"HTTP/1.1 400", "problem", "is no MQTT broker"),
+        (b"HTTP/1.1 400", "problem", "is not an MQTT broker"),
     ],
 )
 def test_a_broker_is_asked_by_its_own_protocol(listening, answer, state, said):

@@ -24,11 +24,17 @@ import pytest
             "--unit and --sensitivity go with --file, --recording or --source.",
         ),
         (("--simulate", "cathedral"), "not one of 'bridge', 'frame', 'tank', 'tower', 'wing'"),
-        (("--simulate", "tower", "--site", "A B"), "'A B' is no name. Allowed: at most 63"),
+        (
+            ("--simulate", "tower", "--site", "A B"),
+            "'A B' is not a valid name. Allowed: at most 63",
+        ),
         (("--simulate", "tower", "--window-s", "-1"), "-1.0 is not in the range x>0"),
         (("--simulate", "tower", "--hop-s", "nan"), "nan is not a finite number"),
         (("--simulate", "tower", "--channels", "a,,b"), "has an empty name"),
-        (("--simulate", "tower", "--connect", "nonsense"), "'nonsense' is no endpoint"),
+        (
+            ("--simulate", "tower", "--connect", "nonsense"),
+            "'nonsense' is not a valid endpoint",
+        ),
         (("--file", "missing.csv"), "File 'missing.csv' does not exist"),
     ],
 )
@@ -53,7 +59,7 @@ def test_a_config_that_cannot_be_read_is_named(refused, tmp_path, verb):
     for name, content, says in [
         ("a.json", "{", "--config a.json is not JSON: Expecting property name"),
         ("a.toml", "x =", "--config a.toml is not TOML: "),
-        ("a.ini", "", "a.ini is no settings file. Allowed: .toml and .json."),
+        ("a.ini", "", "a.ini is not a valid settings file. Allowed: .toml and .json."),
         ("b.json", '{"colour": 1}', "colour=1: Extra inputs are not permitted"),
     ]:
         (tmp_path / name).write_text(content)
@@ -65,16 +71,22 @@ def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(
 ):
     (tmp_path / "twins.json").write_text(json.dumps({"Beam": {"changes": "mass"}}))
     for arguments, says in [
-        (("--register", "twins.json"), "'Beam' is no twin's id. Give SITE.ASSET in lower case"),
+        (
+            ("--register", "twins.json"),
+            "'Beam' is not a valid twin's id. Give SITE.ASSET in lower case",
+        ),
         (("--port", "99999"), "99999 is not in the range 0<=x<=65535"),
-        (("--connect", "nonsense"), "'nonsense' is no endpoint. Give PROTOCOL/ADDRESS"),
+        (
+            ("--connect", "nonsense"),
+            "'nonsense' is not a valid endpoint. Give PROTOCOL/ADDRESS",
+        ),
         (("--database", "."), ". is a folder. Give a file in it."),
     ]:
         assert says in refused("twin", *arguments)
 
 
 def test_a_router_that_cannot_listen_says_why(refused):
-    assert "'nonsense' is no endpoint" in refused("router", "--listen", "nonsense")
+    assert "'nonsense' is not a valid endpoint" in refused("router", "--listen", "nonsense")
     assert "an endpoint is misspelt; they look like tcp/0.0.0.0:7447" in refused(
         "router", "--insecure", "--listen", "tcp/999.1.1.1:1"
     )
@@ -84,7 +96,9 @@ def test_status_is_1_where_nobody_answers_and_2_where_the_question_is_wrong(run,
     done = run("status", "--connect", "tcp/127.0.0.1:1", "--timeout-s", "0.2")
     assert (done.status, done.out) == (1, "")
     assert "No router answers at tcp/127.0.0.1:1. Start one with `slowtime router`" in done.err
-    assert "'tower' is no name. Allowed: SITE.ASSET" in refused("status", "--asset", "tower")
+    assert "'tower' is not a valid name. Allowed: SITE.ASSET" in refused(
+        "status", "--asset", "tower"
+    )
 
 
 @pytest.mark.system

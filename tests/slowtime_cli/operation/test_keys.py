@@ -24,7 +24,7 @@ def test_a_list_shows_until_when_and_what_was_withdrawn(run):
     run("keys", "make", "lab", "--asset", "beam", "--days", "10")
     assert "9 days left" in run("keys", "list").out
     assert run("keys", "renew").err.startswith("5 certificates renewed")
-    assert "2 certificates withdrawn" in run("keys", "withdraw", "--asset", "beam").err
+    assert "2 certificates revoked" in run("keys", "withdraw", "--asset", "beam").err
     assert "withdrawn" in run("keys", "list").out
 
 
@@ -32,7 +32,9 @@ def test_wrong_orders_are_refused_in_a_sentence(refused):
     assert "holds no authority" in refused("keys", "list")
     assert "Give --asset or --role" in refused("keys", "withdraw")
     assert "at most 63 lower-case letters" in refused("keys", "make", "LAB")
-    assert "whoever reaches this machine" in refused("router", "--listen", "tcp/0.0.0.0:7447")
+    assert "anybody who can reach this computer" in refused(
+        "router", "--listen", "tcp/0.0.0.0:7447"
+    )
 
 
 @pytest.mark.parametrize("verb", ["record --out a.mcap", "status", "edge --simulate tower"])

@@ -120,7 +120,7 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
     run("simulate", "--structure", "tank", "--epochs", 1, "--out", "raw.mcap")
     for arguments, says in [
         (("missing.mcap",), "File 'missing.mcap' does not exist"),
-        ((record, *NOBODY), "is no recording: it begins with"),
+        ((record, *NOBODY), "is not a recording: it begins with"),
         (("cut.mcap", *NOBODY), "Run `slowtime recover"),
         (("cut.mcap", "--into", "a.sqlite"), "Run `slowtime recover"),
         (("raw.mcap", "--edge"), "does not hold the settings of the edge agent of demo.tank"),
@@ -130,7 +130,10 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
         ((path, "--edge", "--into", "a.sqlite"), "--edge and --into exclude each other."),
         ((path, "--speed", "0"), "0.0 is not in the range x>0"),
         ((path, "--speed", "nan"), "nan is not a finite number"),
-        ((path, "--connect", "nonsense"), "'nonsense' is no endpoint. Give PROTOCOL/ADDRESS"),
+        (
+            (path, "--connect", "nonsense"),
+            "'nonsense' is not a valid endpoint. Give PROTOCOL/ADDRESS",
+        ),
     ]:
         assert says in refused("replay", *arguments)
     assert not (tmp_path / "a.sqlite").exists()
@@ -148,9 +151,12 @@ def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(
             ("--out", "a.mcap", "--streams", "noise"),
             "No stream is called 'noise'. Allowed:",
         ),
-        (("--out", "a.mcap", "--asset", "beam"), "'beam' is no name. Allowed: SITE.ASSET"),
+        (
+            ("--out", "a.mcap", "--asset", "beam"),
+            "'beam' is not a valid name. Allowed: SITE.ASSET",
+        ),
         (("--out", "a.mcap", "--duration", "-1"), "-1.0 is not in the range"),
-        (("--out", "a.mcap", "--connect", "nonsense"), "'nonsense' is no endpoint"),
+        (("--out", "a.mcap", "--connect", "nonsense"), "'nonsense' is not a valid endpoint"),
     ]:
         assert says in refused("record", *arguments)
 

@@ -6,7 +6,7 @@ import pytest
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.response import free_response
 
-SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
 
 
@@ -101,7 +101,7 @@ def test_what_is_no_acceleration_is_left_out_where_others_are(run, text, lines):
     path = text(["time,acc_x,roller", *lines[1:]])
     found = run("identify", path, "--method", "peak", "--out", "-")
     assert found.json["channels"] == ["acc_x"]
-    assert "roller left out, being no acceleration by name or unit" in found.err
+    assert "roller left out, because name and unit do not show an acceleration" in found.err
     chosen = run("identify", path, "--method", "peak", "--channels", "roller", "--out", "-")
     assert chosen.json["channels"] == ["roller"]
 
@@ -124,7 +124,10 @@ def test_what_is_no_acceleration_is_left_out_where_others_are(run, text, lines):
         (("--hop-s", "1"), "--hop-s goes with --window-s."),
         (("--window-s", "10", "--hop-s", "0.001"), "is less than one sample. Give at least"),
         (("--method", "magic"), "'magic' is not one of 'auto'"),
-        (("--out", "nowhere/modes.json"), "There is no folder nowhere for modes.json. Make it"),
+        (
+            ("--out", "nowhere/modes.json"),
+            "There is no folder nowhere for modes.json. Create it",
+        ),
         (("--out", "."), "is a directory"),
     ],
 )
@@ -141,7 +144,7 @@ def test_a_record_of_an_event_says_so_instead_of_listing_its_spectrum(run, text)
     path = text([f"{x:.9f}" for x in shaking], "event.txt")
     done = run("identify", path, "--rate-hz", 100, "--out", "-")
     assert (done.status, done.json["modes"]) == (0, [])
-    assert "the force was no steady random one" in done.err
+    assert "the force was not steady and random" in done.err
     assert "No mode is claimed" in done.err
 
 

@@ -5,7 +5,7 @@ import scipy.io
 
 from slowtime_services.replay import raw_blocks
 
-SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
 
 
@@ -79,9 +79,18 @@ def test_a_gap_stays_a_gap(run, text, lines):
     [
         ((), "Missing option '--out'"),
         (("--out", "a.txt"), "'a.txt' does not end in .mcap. Give one that does."),
-        (("--out", "nowhere/a.mcap"), "There is no folder nowhere for a.mcap. Make it first."),
-        (("--out", "a.mcap", "--site", "A B"), "'A B' is no name. Allowed: at most 63 lower"),
-        (("--out", "a.mcap", "--asset", "a/b"), "'a/b' is no name. Allowed: at most 63 lower"),
+        (
+            ("--out", "nowhere/a.mcap"),
+            "There is no folder nowhere for a.mcap. Create it first.",
+        ),
+        (
+            ("--out", "a.mcap", "--site", "A B"),
+            "'A B' is not a valid name. Allowed: at most 63 lower",
+        ),
+        (
+            ("--out", "a.mcap", "--asset", "a/b"),
+            "'a/b' is not a valid name. Allowed: at most 63 lower",
+        ),
         (("--out", "a.mcap", "--start", "yesterday"), "Give one as 2022-07-19T22:55:00Z."),
         (("--out", "a.mcap", "--start", "1900-01-01"), "not between the years 1970 and 2262"),
         (("--out", "a.mcap", "--block-s", "0"), "0.0 is not in the range x>0"),

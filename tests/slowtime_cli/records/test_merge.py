@@ -72,7 +72,7 @@ def test_a_universal_file_holds_the_merged_modes(run, setups, tmp_path):
 
 def test_what_cannot_be_merged_says_why(run, setups, tmp_path):
     lonely = modes_file(tmp_path / "lonely.json", ["elsewhere"], [(2.0, [1.0])])
-    assert "Give two files" in run("merge", str(setups[0])).err
+    assert "Give at least two files" in run("merge", str(setups[0])).err
     assert run("merge", str(setups[0]), str(lonely)).status != 0
     (tmp_path / "no.json").write_text("{}")
     assert "no modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err

@@ -51,4 +51,4 @@ def test_orders_that_are_no_numbers_are_refused(refused, runup):
 
 def test_a_record_with_the_tacho_alone_is_refused(refused, runup):
     said = refused("orders", runup, "--channels", "pulse", "--tacho", "pulse", "--orders", "1")
-    assert "Give a record with channels beside it" in said
+    assert "has vibration channels too" in said

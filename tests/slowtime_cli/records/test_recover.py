@@ -79,7 +79,7 @@ def test_what_was_imported_and_cut_short_comes_back_but_for_a_second(run, tmp_pa
 def test_what_cannot_be_recovered_is_refused(refused, whole, record, tmp_path):
     for arguments, says in [
         (("missing.mcap", "--out", "a.mcap"), "File 'missing.mcap' does not exist"),
-        ((record, "--out", "a.mcap"), "is no MCAP file: it begins with b'time,acc'"),
+        ((record, "--out", "a.mcap"), "is not a valid MCAP file: it begins with b'time,acc'"),
         (("whole.mcap", "--out", "whole.mcap"), "whole.mcap exists. Give another name"),
         (("whole.mcap", "--out", "a.csv"), "'a.csv' does not end in .mcap"),
         (("whole.mcap", "--out", "nowhere/a.mcap"), "There is no folder nowhere"),

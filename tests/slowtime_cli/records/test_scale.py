@@ -61,6 +61,6 @@ def test_masses_that_are_none_are_refused_with_what_is_allowed(refused, files, w
 def test_files_of_other_channels_are_refused(refused, files, tmp_path):
     bare, _ = files
     other = modes_file(tmp_path / "other.json", ["b1", "b2", "b3"], modes_of(MASS))
-    assert "with the same sensors in one order" in refused(
+    assert "with the same sensors in the same order" in refused(
         "scale", bare, "--added", other, "a3=1"
     )

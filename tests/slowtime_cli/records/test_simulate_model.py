@@ -26,7 +26,7 @@ AMBIENT = RIG.replace("inputs:\n  - {channel: u, kind: force, node: m1, unit: N}
 T = 3.0 + np.arange(400) / 200.0
 PUSH = 5 * np.sin(np.arange(400) ** 1.5 / 50)
 
-SECONDS = "note: assumed: time from column 't' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 't' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
 
 
@@ -67,7 +67,7 @@ def test_a_text_record_is_run_alike_and_its_unit_is_turned(run, tmp_path, model,
     table = text(["t,u", "s,kN", *rows], "in.csv")
     done = run("simulate", "--model", model, "--input", table, "--out", "b.npz")
     assert done.status == 0
-    assert "turned into the model's N" in done.err
+    assert "converted to the model's N" in done.err
     np.testing.assert_allclose(
         written(tmp_path, "b.npz")["a1"], written(tmp_path)["a1"], atol=1e-6
     )
@@ -112,7 +112,7 @@ def test_without_inputs_a_model_is_under_ambient_forces(run, tmp_path, text):
         (
             ("unit: N}", "unit: V}"),
             ("--input", "in.npz"),
-            "rig.yaml, line 10: 'V' is no unit of",
+            "rig.yaml, line 10: 'V' is not a valid unit of",
         ),
         (("channel: u", "channel: f"), ("--input", "in.npz"), "no channel called f; it has u"),
         (("", ""), (), "has inputs: u. Give --input RECORD"),

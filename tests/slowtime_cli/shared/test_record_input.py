@@ -86,7 +86,7 @@ def test_a_given_rate_is_used_and_the_contradiction_told(read, record, run):
     for name in ("record.csv", "record.mcap"):
         found, said = read(name, "--rate-hz", 50)
         assert found["rate_hz"] == 50.0
-        assert "says 100 Hz; 50 Hz was given, and used." in said
+        assert "100 Hz; 50 Hz was given and is used." in said
         assert "was given" not in read(name, "--rate-hz", 100)[1]
 
 
@@ -142,8 +142,11 @@ def replaced(lines, row, line):
     ("line", "says"),
     [
         ("0.49,0.1,-inf", "Line 51, field 3 is '-inf': not a finite number. Cut the record"),
-        ("0.49,abc,0.1", "Line 51 has 'abc' where a number should be. Mend or remove"),
-        ("0.49,0.1", "Line 51 has 2 fields, the lines before it 3. Mend or remove that line"),
+        ("0.49,abc,0.1", "Line 51 has 'abc' where a number should be. Correct or remove"),
+        (
+            "0.49,0.1",
+            "Line 51 has 2 fields, the lines before it 3. Correct or remove that line",
+        ),
         ("0.48,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
         ("0.47,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
         ("0.49," + "1" * 400_000 + ",0.1", "1111': not a finite number. Cut the record there"),
@@ -346,7 +349,7 @@ def test_header_lines_of_any_size_are_read_over(read, refused, text, lines):
         found, _ = read(text([header, *lines]))
         assert found["channels"] == ["acc_x", "acc_y"]
     path = text(["# a note"] * 1000 + lines)
-    assert "Say where they begin with --skip-lines" in refused("identify", path)
+    assert "lines before the numbers with --skip-lines" in refused("identify", path)
     assert read(path, "--skip-lines", 1000)[0]["channels"] == ["acc_x", "acc_y"]
 
 

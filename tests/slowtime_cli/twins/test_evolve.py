@@ -106,14 +106,20 @@ def test_a_terminal_gets_a_table_of_some(run, softening, monkeypatch):
         ([], "lacks the columns frequency_hz, frequency_sd, slow_time; its first line is ''"),
         ([HEADER], "holds no epoch. Give a source with at least one."),
         (["slow_time,frequency_hz", "0,5"], "lacks the columns frequency_sd; its first line"),
-        ([HEADER, "0,5,x"], "line 2: frequency_sd is 'x', which is no number. Mend or remove"),
-        ([HEADER, "0,5"], "line 2: frequency_sd is missing. Mend or remove that line."),
-        ([HEADER, "0,nan,1"], "line 2: value=nan: Input should be a finite number. Mend"),
-        ([HEADER, "inf,5,1"], "line 2: slow_time=inf: Input should be a finite number. Mend"),
+        (
+            [HEADER, "0,5,x"],
+            "line 2: frequency_sd is 'x', which is not a number. Correct or remove",
+        ),
+        ([HEADER, "0,5"], "line 2: frequency_sd is missing. Correct or remove that line."),
+        ([HEADER, "0,nan,1"], "line 2: value=nan: Input should be a finite number. Correct"),
+        (
+            [HEADER, "inf,5,1"],
+            "line 2: slow_time=inf: Input should be a finite number. Correct",
+        ),
         ([HEADER, "0,5,-1"], "line 2: sd=-1.0: Input should be greater than or equal to 0."),
         (
             [HEADER, "0,-5,1"],
-            "A frequency of -5.0 Hz is not positive. Mend or remove that line",
+            "A frequency of -5.0 Hz is not positive. Correct or remove that line",
         ),
         ([HEADER, "5,5,1", "3,5,1"], "line 3: slow time goes from 5 to 3. Put the lines in"),
         ([HEADER, "5,5,1", "5,5,1"], "line 3: slow time goes from 5 to 5. Put the lines in"),
@@ -156,8 +162,11 @@ def test_flags_that_do_not_go_together_are_refused(refused, softening):
         (("--nominal-hz", "nan"), "nan is not a finite number. Give one such as 1.5."),
         (("--nominal-hz", 5, "--nominal-damping", 1), "1.0 is not in the range 0<=x<1."),
         (("--asset", "demo.tower"), "--asset goes with an MCAP recording."),
-        (("--asset", "tower"), "'tower' is no name. Allowed: SITE.ASSET"),
-        (("--out", "nowhere/a.json"), "There is no folder nowhere for a.json. Make it first."),
+        (("--asset", "tower"), "'tower' is not a valid name. Allowed: SITE.ASSET"),
+        (
+            ("--out", "nowhere/a.json"),
+            "There is no folder nowhere for a.json. Create it first.",
+        ),
         (("--changes", "colour"), "'colour' is not one of 'stiffness', 'mass', 'both'"),
     ]:
         assert says in refused("evolve", softening, *flags)

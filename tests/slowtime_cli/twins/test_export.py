@@ -86,13 +86,13 @@ def test_a_server_gives_the_same(run, database):
     ("arguments", "says"),
     [
         (("--out", "a.csv"), "database or a record, or --server"),
-        (("twin.sqlite", "--out", "a.csv"), "Say which twin with --asset"),
+        (("twin.sqlite", "--out", "a.csv"), "Name the twin with --asset"),
         (("twin.sqlite", "--asset", "lab.no", "--out", "a.csv"), "There is no twin lab.no"),
         (("twin.sqlite", "--out", "a.xlsx"), "does not end in"),
         (("twin.sqlite", "--out", "a.json", "--start", "slow:1"), "a graph is of now"),
         (
             ("twin.sqlite", "--asset", "lab.beam", "--start", "soon", "--out", "a.csv"),
-            "no moment",
+            "not a valid date and time",
         ),
         (("twin.sqlite", "--out", "a.uff"), "a twin keeps none"),
         (("twin.sqlite", "--out", "a.csv", "--unit", "g"), "--unit goes with a record"),
@@ -100,7 +100,7 @@ def test_a_server_gives_the_same(run, database):
         ((__file__, "--asset", "lab.beam", "--out", "a.csv"), "--asset goes with a twin's"),
         ((__file__, "--out", "a.json"), "JSON is a graph of twins"),
         (("--server", "http://127.0.0.1:9", "--out", "a.json"), "did not answer"),
-        (("--server", "localhost", "--out", "a.json"), "no address of a server"),
+        (("--server", "localhost", "--out", "a.json"), "not a valid address of a server"),
     ],
 )
 def test_what_cannot_be_written_is_said_and_leaves_no_file(

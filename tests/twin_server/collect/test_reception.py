@@ -155,7 +155,7 @@ def test_the_log_says_how_many_it_kept_to_itself(caplog):
 
 
 def test_an_unknown_reason_is_our_own_fault():
-    with pytest.raises(KeyError, match=r"'boredom' is no reason\. Allowed: too_large"):
+    with pytest.raises(KeyError, match=r"'boredom' is not a valid reason\. Allowed: too_large"):
         Refusals().refuse("boredom", "so what")
 
 

@@ -65,7 +65,7 @@ def test_the_last_seconds_are_held_back(seconds, learnt, judged):
 
 
 def test_holding_all_back_is_refused():
-    with pytest.raises(NoSamplesError, match=r"leaves nothing to learn from: there are 3.0 s"):
+    with pytest.raises(NoSamplesError, match=r"leaves nothing for fitting: there are 3.0 s"):
         held_back(pieces_of([block(0, 300)]), 3.0)
 
 

@@ -97,7 +97,7 @@ def test_a_file_that_cannot_be_used_is_refused_with_a_way_out(tokens):
     tokens.add("ann", "viewer", ["*"], DAY)
     tokens.check()
     tokens.path.chmod(0o644)
-    with pytest.raises(WrongTokenFileError, match="Say chmod 600"):
+    with pytest.raises(WrongTokenFileError, match="Run: chmod 600"):
         tokens.check()
     tokens.path.chmod(0o600)
     for content in ("", "[]", '{"tokens": [1]}', '{"tokens": [{"id": "a"}]}', "\x00" * 99):

@@ -87,8 +87,8 @@ def test_a_file_of_registrations_is_read(tmp_path, name, text):
     ("name", "text", "says"),
     [
         ("r.toml", "=", r"cannot be read as registrations.*Give a .toml or .json"),
-        ("r.json", "[1]", r"is no twin's id. Give SITE.ASSET"),
-        ("r.json", '{"beam": {}}', r"'beam' is no twin's id"),
+        ("r.json", "[1]", r"is not a valid twin's id. Give SITE.ASSET"),
+        ("r.json", '{"beam": {}}', r"'beam' is not a valid twin's id"),
         ("r.json", '{"lab.beam": {"chages": "mass"}}', r"at lab.beam.chages, 'mass' was given"),
         (
             "r.json",
@@ -212,5 +212,5 @@ def test_a_twin_registered_before_names_were_held_to_that_is_read_again():
 
 def test_a_line_break_behind_an_id_is_no_id(tmp_path):
     (tmp_path / "known.json").write_text('{"lab.beam\\n": {}}')
-    with pytest.raises(WrongRegistrationsError, match=r"is no twin's id"):
+    with pytest.raises(WrongRegistrationsError, match=r"is not a valid twin's id"):
         registrations(tmp_path / "known.json")

@@ -140,7 +140,7 @@ report = {"verdict": "nothing_missing" if none else "missing_effect",
 line = lambda name, y: {"name": name, "x": [0.0, 0.1, 0.2], "y": y, "mode": "lines"}
 axes = {"xaxis": {"title": {"text": "campaign time [s]"}},
         "yaxis": {"title": {"text": "a1 [m/s^2]"}}}
-runs = Chart([line("measured", [0.0, 1.0, 0.5]), line("model as given", [0.0, 0.6, 0.1]),
+runs = Chart([line("measured", [0.0, 1.0, 0.5]), line("original model", [0.0, 0.6, 0.1]),
               line("augmented", [0.0, 1.0, 0.4])], axes, "Acceleration of m1 (a1) <loud>")
 write_page(here / "report.html", "Dry friction", report["sentence"],
            [Section("Measured, and what the models say", (), [runs])])

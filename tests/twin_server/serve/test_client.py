@@ -126,7 +126,7 @@ def test_nobody_there_and_no_twin_server_are_told_apart_from_refusals(unused):
     assert not away.ready()
     with pytest.raises(UnreachableError, match=r"did not answer.*Give the address"):
         away.twins()
-    with pytest.raises(ValueError, match="no address of a server"):
+    with pytest.raises(ValueError, match="not a valid address of a server"):
         Client("ftp://127.0.0.1")
 
 

@@ -24,7 +24,7 @@ def learnt(row: int, condition: Condition, wanted: Covariates, mode: int | None)
         row,
         "normal_learnt",
         "info",
-        f"What is normal is learnt{_of(mode)} from {told['readings']} readings: "
+        f"Normal behaviour has been learnt{_of(mode)} from {told['readings']} readings: "
         f"{told['frequency_hz']:.5g} Hz at {at}; {law}, and leaves "
         f"{100 * told['unexplained']:.2g} % of the frequency unexplained.",
         told if mode is None else {"mode": mode + 1, **told},
@@ -67,7 +67,7 @@ def entered(row: int, verdict: Verdict, registration: Registration, mode: int | 
         row,
         "change_entered",
         "alarm",
-        f"Something has entered that {names} cannot explain: frequency{_of(mode)} {said}, "
+        f"A change has occurred that {names} cannot explain: frequency{_of(mode)} {said}, "
         f"since slow time {entry.since:.6g} ({first:.6g} to {last:.6g}). False alarms like "
         f"this come once in {verdict.limit:.3g} of slow time at most.",
         details,

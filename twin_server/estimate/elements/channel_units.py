@@ -149,8 +149,8 @@ def _of_one_unit(names: list[str], told: Mapping[str, str], model: Model) -> lis
     if unit in UNSTATED or len(heard) < 2:
         return []
     return [
-        f"{', '.join(heard)} are in {unit!r}, which is no unit of motion: one sensitivity for "
-        "all of them is taken for granted. Give the edge --sensitivity."
+        f"{', '.join(heard)} are in {unit!r}, which is not a unit of motion: one common "
+        "sensitivity is assumed for all of them. Give the edge agent --sensitivity."
     ]
 
 
@@ -172,8 +172,8 @@ def _unstated(names: list[str], model: Model) -> list[str]:
         return []
     verb = "has" if len(names) == 1 else "have"
     return [
-        f"{', '.join(names)} {verb} no unit beside channels that have one: the model's is "
-        "taken. Give the edge --unit."
+        f"{', '.join(names)} {verb} no unit while other channels have one: the unit of "
+        "the model's sensor is used. Give the edge agent --unit."
     ]
 
 
@@ -182,6 +182,6 @@ def _lost(names: list[str], told: Mapping[str, str]) -> list[str]:
         return []
     said = ", ".join(f"{name} in {told[name]!r}" for name in names)
     return [
-        f"{said}: no unit of motion beside others, and left out of mode shapes. Give the edge "
-        "--unit or --sensitivity."
+        f"{said}: not a unit of motion, while other channels have one, so left out of "
+        "mode shapes. Give the edge agent --unit or --sensitivity."
     ]

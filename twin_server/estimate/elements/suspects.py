@@ -40,7 +40,7 @@ class Suspect:
         """
         if len(self.sizes) == 1:
             return f"{self.sizes[0]}."
-        return f"{self.word} has changed, the readings cannot tell which: either " + (
+        return f"{self.word} has changed; the readings do not show which: either " + (
             ", or ".join(self.sizes) + "."
         )
 

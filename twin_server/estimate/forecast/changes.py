@@ -349,8 +349,9 @@ def forecast_from_state(
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
         reasons = (
-            f"Beyond slow time {until:.6g} the readings say little: the forecast repeats its "
-            "trend there. Ask for a shorter horizon, or wait for more readings.",
+            f"Beyond slow time {until:.6g} the readings contain little information: the "
+            "forecast only extrapolates its trend. Ask for a shorter horizon, or wait "
+            "for more readings.",
         )
     crossings = _crossings(prospect, thresholds, since + (horizon or span))
     used = {

@@ -155,7 +155,7 @@ def _learnt(row: int, checkpoint: Checkpoint) -> Notice:
         row,
         "nominal_learnt",
         "info",
-        f"The nominal model is learnt: {known.frequency_hz:.6g} Hz "
+        f"The nominal model has been learnt: {known.frequency_hz:.6g} Hz "
         f"(known to {known.frequency_relative_sd:.2g} of itself)"
         + (
             f", damping ratio {known.damping_ratio:.3g}."

@@ -97,8 +97,9 @@ def slow_per_unit(costs: CostTable, pace: float | None) -> float:
         return 1.0
     if pace is None or not pace > 0:
         raise NotPlannableError(
-            f"costs.time_unit is {costs.time_unit!r}, and the history does not yet tell how "
-            "slow time goes with the calendar. Wait for two readings at different times, or "
+            f"costs.time_unit is {costs.time_unit!r}, and the history does not yet show "
+            "how slow time relates to calendar time. Wait for two readings at different "
+            "times, or "
             "give costs.time_unit='slow_time'."
         )
     return SECONDS[costs.time_unit] / pace

@@ -183,7 +183,9 @@ def _place(nodes: Sequence[str], has_mass: bool, on: str) -> str | None:
     if on == BASE:
         return None
     if on not in nodes:
-        raise OrderError(f"on={on!r:.80} is no place. Allowed: {BASE}, {', '.join(nodes)}.")
+        raise OrderError(
+            f"on={on!r:.80} is not a valid place. Allowed: {BASE}, {', '.join(nodes)}."
+        )
     if not has_mass:
         raise OrderError(
             f"A force on {ALONE!r} needs a mass, which this twin has not been told. Register "

@@ -114,9 +114,9 @@ def seal(*values: object) -> int:
 def damaged(what: str) -> DamagedStoreError:
     """Make the error for damaged data, with advice."""
     return DamagedStoreError(
-        f"{what} is damaged: its checksum does not hold. Nothing is answered from it. End the "
-        "server and give the last backup to `slowtime restore`; edges send again what they "
-        "still hold, and what they do not is reported as lost."
+        f"{what} is damaged: its checksum is wrong, so its content is not used. Stop the "
+        "server and run `slowtime restore` with the last backup. Edge agents then resend "
+        "the features that they still hold; all others are reported as lost."
     )
 
 

@@ -37,8 +37,8 @@ NO_DECISION = (
     "twin with both; docs/maintenance_plan.md describes them."
 )
 TOO_FEW = (
-    "There are too few valid readings to plan by. Wait for more of them, or look at the "
-    "reasons of the latest states."
+    "There are too few valid readings for a plan. Wait for more, or see the reasons "
+    "given with the latest states."
 )
 
 

@@ -21,8 +21,8 @@ NO_STATES = (
     "with some; docs/risk.md describes them."
 )
 TOO_FEW = (
-    "There are too few valid readings to assess risk by. Wait for more of them, or look at the "
-    "reasons of the latest states."
+    "There are too few valid readings for a risk assessment. Wait for more, or see the "
+    "reasons given with the latest states."
 )
 
 

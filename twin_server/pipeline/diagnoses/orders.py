@@ -159,7 +159,8 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "adopted-already",
-                f"Diagnosis {number} has been adopted already. Undo it, or make another.",
+                f"Diagnosis {number} has been adopted already. Undo it, or start a new "
+                "diagnosis.",
             )
         changed = (
             {"covariates": self._followed(twin_id, registration, report)}
@@ -202,7 +203,8 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "not-adoptable",
-                f"This twin cannot be registered so: {fault} Register it otherwise first.",
+                "With this diagnosis, the registration of the twin would not be valid: "
+                f"{fault} Correct the registration first.",
             ) from error
         self._pipeline.register(twin_id, registration, kind, message, details)
 
@@ -215,8 +217,8 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "nothing-to-adopt",
-                f"Diagnosis {number} has named no effect: {verdict}. Adopt one that has; "
-                f"those of a twin are listed at /api/v1/twins/{twin_id}/diagnoses.",
+                f"Diagnosis {number} found no effect: {verdict}. Adopt one that did; the "
+                f"diagnoses of a twin are listed at /api/v1/twins/{twin_id}/diagnoses.",
             )
         return report
 
@@ -226,7 +228,8 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "nothing-to-adopt",
-                f"Diagnosis {number} found a {word}, which is mended, not adopted.",
+                f"Diagnosis {number} found a {word}, which must be repaired and cannot be "
+                "adopted.",
             )
         text = self._store.diagnosis_model(number) or ""
         named = {effect["effect"] for effect in report["effects"]}
@@ -250,9 +253,9 @@ class Diagnoses:
                 " ".join(
                     (
                         f"Diagnosis {number} found {missing}, which slowtime does not know. "
-                        f"This server may load effects from: {parts}. An operator names the "
-                        "installed part that holds it in diagnose.effects of the server's "
-                        "settings.",
+                        f"This server may load effects from: {parts}. An operator must "
+                        "name the plug-in that provides it in diagnose.effects of the "
+                        "server's settings.",
                         *faults,
                     )
                 ),
@@ -273,8 +276,9 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "nothing-to-adopt",
-                f"It found {found}, which follows no temperature and no load. A change in "
-                "time is what the twin estimates and forecasts: there is nothing to take out.",
+                f"It found {found}, which follows no temperature and no load. Changes in "
+                "time are what the twin estimates and forecasts, so there is nothing to "
+                "compensate.",
             )
         before = registration.covariates
         kept = () if before is None else before.names
@@ -411,7 +415,7 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "channels-missing",
-                f"The edge sends {', '.join(sorted(found))}; the model wants "
+                f"The edge sends {', '.join(sorted(found))}; the model needs "
                 f"{', '.join(missing or [s.channel for s in model.sensors])}. Give "
                 "channels the same names at the edge and in the model.",
             )
@@ -451,8 +455,8 @@ class Diagnoses:
             raise ProblemError(
                 409,
                 "no-samples",
-                f"The edge agent of {twin_id} {why}, so that it cannot be asked for raw "
-                "samples. Start it, or wait; or give recordings instead.",
+                f"The edge agent of {twin_id} {why}, so it cannot be asked for raw "
+                "samples. Start it, wait until it is online, or give recordings instead.",
             )
         try:
             for sample in answers:

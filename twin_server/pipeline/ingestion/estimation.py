@@ -120,7 +120,7 @@ def registration_event(
     site: str, asset: str, registration: Registration, how: str, now_ns: int
 ) -> EventRow:
     """Make the event that a twin was registered."""
-    message = f"Registered {how}: what may change is {registration.changes}."
+    message = f"Registered {how}. Quantities that may change: {registration.changes}."
     return note_event(
         site, asset, "registered", "info", message, registration.to_dict(), now_ns
     )

@@ -95,8 +95,9 @@ class LeaderElection:
         if first is None:
             return ""
         return (
-            f"Another twin server was on this bus first: {_described(first)}. This one keeps a "
-            "history of its own, and publishes and acknowledges nothing. Stop one of the two."
+            f"Another twin server was already on this bus: {_described(first)}. This "
+            "server keeps its own history, but publishes and acknowledges nothing. Stop "
+            "one of the two."
         )
 
     def _see(self, key: str, alive: bool) -> None:

@@ -331,8 +331,9 @@ class Pipeline:
         if self._reception.admits(sample) and not self._inbox.put(sample, size):
             self.refusals.refuse(
                 "inbox_full",
-                f"{len(self._inbox):,} messages wait already. Allowed: what fits the inbox "
-                "settings. Nothing is lost: edges are asked again.",
+                f"{len(self._inbox):,} messages are waiting already, which is the limit "
+                "of the inbox settings. Nothing is lost: the edge agents will be asked "
+                "to resend.",
             )
 
     def _see(self, key: str, alive: bool) -> None:

@@ -211,8 +211,8 @@ class GapMonitor:
             self._pipeline.note(
                 twin_id, "effect_failed", "warning",
                 f"The adopted model cannot be run ({why}). Its nominal model is compared "
-                "instead. Mend the installed part that holds its effect, and start the server "
-                "again; or undo the diagnosis.",
+                "instead. Repair the plug-in that provides its effect and restart the "
+                "server, or undo the diagnosis.",
                 {},
             )  # fmt: skip
             return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
@@ -285,8 +285,9 @@ class GapMonitor:
             twin_id,
             LEARNT,
             "info",
-            f"Learnt from {usual.readings} records how far model and structure are apart: the "
-            f"free run is wrong by {usual.expected:.1%}; {measuring.IN_A_ROW} in a row beyond "
+            f"Learnt from {usual.readings} records the usual difference between model and "
+            f"structure: the error of the free-run simulation is {usual.expected:.1%}; "
+            f"{measuring.IN_A_ROW} in a row beyond "
             f"{usual.limit:.1%} will be a disagreement.",
             {
                 "key": mind.key,

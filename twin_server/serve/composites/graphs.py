@@ -97,7 +97,7 @@ def composites_of(
             notes.append(f"{name} contains no registered twin, and is left out.")
             continue
         if left_out:
-            notes.append(f"{name}: {', '.join(left_out)[:200]} is no registered twin.")
+            notes.append(f"{name}: {', '.join(left_out)[:200]} is not a registered twin.")
         own = _own_id(name, site, inside)
         if own in found or own in twins:
             notes.append(f"{name} would be called {own} as another is, and is left out.")

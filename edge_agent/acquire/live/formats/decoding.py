@@ -177,7 +177,7 @@ def _number(value: Any) -> float:
     if value is None:
         return float("nan")  # a missing value, as JSON has no NaN
     if type(value) not in (int, float):
-        raise GarbledError(f"{value!r:.40} is no number.")
+        raise GarbledError(f"{value!r:.40} is not a number.")
     return float(value)
 
 
@@ -198,7 +198,7 @@ def _integer(value: Any) -> int:
         return value
     if type(value) is float and value.is_integer():
         return int(value)
-    raise GarbledError(f"{value!r:.40} is no whole number.")
+    raise GarbledError(f"{value!r:.40} is not a whole number.")
 
 
 def _whole_text(text: str) -> int:

@@ -130,5 +130,5 @@ def _integer(value: int | float | None) -> int | None:
     if value is None:
         return None
     if value != value or abs(value) == float("inf"):
-        raise GarbledError(f"{value} is no whole number.")
+        raise GarbledError(f"{value} is not a whole number.")
     return int(value)

@@ -51,6 +51,8 @@ def opened(settings: LiveInput, around: TransportContext) -> Opened:
         )
     words = settings.parameters.get("baud", "115200")
     if not words.isdigit():
-        raise ValueError(f"baud={words!r} is no rate. Give bits per second, such as 115200.")
+        raise ValueError(
+            f"baud={words!r} is not a valid rate. Give bits per second, such as 115200."
+        )
     layout, rate_hz = declared(settings, settings.scheme)
     return Opened(SerialPort(device, int(words), around.clock), layout, rate_hz)

@@ -89,9 +89,10 @@ def refuse_several_sensors(file: str, sheet: Sheet) -> None:
         if period > 1:
             found = ", ".join(map(str, column.values[:period]))
             raise RecordError(
-                f"The rows of {file} are of several sensors in turn (column {name!r} repeats "
-                f"{found[:80]}), with one time for all. Give one row for each instant with a "
-                "column for each sensor, or --rate-hz if rows are evenly apart."
+                f"The rows of {file} list several sensors one after another at each time "
+                f"(column {name!r} repeats {found[:80]}). Rearrange the file to one row "
+                "for each time and one column for each sensor. If each row is a sample "
+                "of its own and the rows are evenly spaced in time, give --rate-hz."
             )
 
 

@@ -83,8 +83,8 @@ def scaling_of(
     for column, unit in given.items():
         if said[column] and said[column] != unit.value:
             notes.append(
-                f"By file or layout {channels[column]} is in {said[column]}; {unit.value} was "
-                "given, and used."
+                f"By file or layout {channels[column]} is in {said[column]}; {unit.value} "
+                "was given and is used."
             )
         said[column] = unit.value
     factors, targets = _factors(channels, said, scales)
@@ -210,13 +210,14 @@ def _conversion_notes(
         elif unit.strip("[]() ").casefold() in VOLTS:
             volts.append(name)
     notes = [
-        f"Turned into {target}: {_listed(names)} from {unit} (times {factor:.9g})."
+        f"Converted to {target}: {_listed(names)} from {unit} (times {factor:.9g})."
         for (target, unit, factor), names in groups.items()
     ]
     if volts:
         notes.append(
-            f"Left in volts, for want of a sensitivity: {_listed(volts)}. Frequencies do not "
-            "depend on it; give --sensitivity, such as 100mV/g, for accelerations."
+            f"Left in volts, because no sensitivity is known: {_listed(volts)}. "
+            "Frequencies do not depend on it; for accelerations, give --sensitivity, "
+            "such as 100mV/g."
         )
     return notes
 

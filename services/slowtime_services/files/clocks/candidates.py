@@ -140,8 +140,8 @@ def _refuse_other_rates(read: Sequence[tuple[Clock, TimeAxis]]) -> None:
             continue
         if abs(second.rate_hz / axis.rate_hz - 1) > 0.01:
             raise RecordError(
-                f"Two columns tell different times: {clock.name!r} {axis.rate_hz:.6g} Hz, "
-                f"{other.name!r} {second.rate_hz:.6g} Hz. Say which is the clock with "
+                f"Two columns contain different times: {clock.name!r} {axis.rate_hz:.6g} Hz, "
+                f"{other.name!r} {second.rate_hz:.6g} Hz. Name the clock with "
                 "--time-column, or its unit with --time-unit."
             )
 
@@ -195,8 +195,8 @@ def _counted(
     values, notes = column.values, ()
     if not np.isfinite(values.astype(float)).all():
         return RecordError(
-            f"Column {name!r}, the clock, has values that are missing. Fill them in, or give "
-            "--rate-hz if rows are evenly apart."
+            f"Column {name!r}, the clock, has values that are missing. Fill them in, or "
+            "give --rate-hz if the rows are evenly spaced in time."
         )
     if len(values) < 2:
         return RecordError("One sample has no rate. Give a record of at least two rows.")
@@ -289,18 +289,20 @@ def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
                 notes.append(f"Times in column {name!r} run past {what}: counted on.")
                 break
         notes.append(
-            f"Column {name!r} tells times of day without a date: the start is not known."
+            f"Column {name!r} contains times of day without a date, so the start time is "
+            "not known."
         )
     origin = int(values[0]) if stamps.dated else None
     said = f"{name!r} as dates and times" if stamps.dated else f"{name!r} as times of day"
     if stamps.ambiguous:
         origin = None
         notes.append(
-            f"Dates such as {stamps.ambiguous} may begin with the day or the month: the start "
-            "is not taken from them. Say which with --date-order dmy or mdy."
+            f"Dates such as {stamps.ambiguous} may begin with the day or the month, so "
+            "the start time is not taken from them. State the order with --date-order "
+            "dmy or mdy."
         )
     elif stamps.dated and not stamps.zoned:
-        said += " in UTC, for want of a zone"
+        said += " in UTC, because no time zone is stated"
     return Clock(
         used,
         name,

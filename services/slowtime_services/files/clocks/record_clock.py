@@ -53,8 +53,8 @@ def axis_of(
     axis, name = told.axis, told.clock.name
     if said.rate_hz is not None and abs(axis.rate_hz / said.rate_hz - 1) > 1e-3:
         notes += (
-            f"Column {name!r} says {axis.rate_hz:g} Hz; {said.rate_hz:g} Hz was given, and "
-            "used.",
+            f"Column {name!r} says {axis.rate_hz:g} Hz; {said.rate_hz:g} Hz was given and "
+            "is used.",
         )
         return dataclasses.replace(axis, rate_hz=said.rate_hz, gaps=()), notes
     notes += axis.notes

@@ -135,7 +135,7 @@ def _values(
         if dialect.kind(field) not in ("number", "missing"):
             raise RecordError(
                 f"Line {first_line + i} of {name} has {field[:40]!r} where a number should be. "
-                "Mend or remove that line."
+                "Correct or remove that line."
             )
         values[i] = dialect.number(field)
     return values

@@ -39,7 +39,7 @@ def numbers_of(
             if not _NUMBER.fullmatch(field):
                 raise RecordError(
                     f"Line {number} of {name} has {field[:40]!r} where a number should be. "
-                    "Mend or remove that line."
+                    "Correct or remove that line."
                 )
         found.extend(fields)
     return np.array([float(f.replace("d", "e").replace("D", "e")) for f in found], dtype=float)

@@ -43,8 +43,9 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         heading = _HEADING.match(lines[first].lstrip("\ufeff# ").strip())
         if heading is None:
             raise RecordError(
-                f"Line {first + 1} of {name} begins as the heading of a listing and is none: "
-                f"{lines[first][:80]!r}. Mend it, or cut the file there."
+                f"Line {first + 1} of {name} begins like the heading of a listing but is "
+                "not one: "
+                f"{lines[first][:80]!r}. Correct it, or cut the file there."
             )
         body = [line for line in lines[first + 1 : last] if line.strip()]
         if heading["kind"].upper() == "TSPAIR":
@@ -67,8 +68,8 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     rate = float(heads[0]["rate"])
     if not SLOWEST_HZ <= rate <= FASTEST_HZ:
         raise RecordError(
-            f"Line {starts[0] + 1} of {name} states {heads[0]['rate']} samples per second. "
-            "Mend the line."
+            f"Line {starts[0] + 1} of {name} states {heads[0]['rate']} samples per "
+            "second. Correct the line."
         )
     if len(parts) > 1:
         facts = []  # each is of one segment
@@ -92,7 +93,7 @@ def _pair(line: str, number: int, name: str) -> tuple[str, str]:
     pair = _PAIR.match(line)
     if pair is None:
         raise RecordError(
-            f"Line {number} of {name} is no pair of time and value: {line[:60]!r}."
+            f"Line {number} of {name} is not a valid pair of time and value: {line[:60]!r}."
         )
     return pair["stamp"].rstrip(","), pair["value"]
 

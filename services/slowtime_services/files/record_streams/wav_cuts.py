@@ -70,7 +70,8 @@ def _frames(path: Path, file: BinaryIO) -> _Frames:
             file.seek(length, 1)
         file.seek(length % 2, 1)  # chunks begin at even places
     raise RecordError(
-        f"{path.name} is no WAV file of plain samples: PCM and floating point are read piece "
+        f"{path.name} is not a valid WAV file of plain samples: PCM and floating "
+        "point are read piece "
         "by piece. Convert it, or read it whole."
     )
 

@@ -155,7 +155,9 @@ def read_stamps(texts: Sequence[str], order: DateOrder | None = None) -> Stamps:
                 zoned = zoned and part["z"] is not None
                 value -= _offset_ns(part["z"] or "Z")
         except (ValueError, OverflowError) as error:
-            raise ValueError(f"{texts[row][:40]!r} is no date or time: {error}", row) from None
+            raise ValueError(
+                f"{texts[row][:40]!r} is not a valid date or time: {error}", row
+            ) from None
         ns[row] = value
     return Stamps(ns, dated, zoned, 10 ** max(9 - digits, 0), ambiguous)
 

@@ -284,8 +284,8 @@ def _refuse_repeated(seconds: Float[np.ndarray, " time"], name: str, first_line:
     raise UnevenError(
         f"The times in column {name!r}{line} repeat: about {size:g} rows share each, with "
         f"{quantum:.6g} s from one to the next, which are {mean:.6g} Hz on average. Either the "
-        "column has too few digits, or rows were stamped as a buffer was emptied. If samples "
-        f"are evenly apart, give --rate-hz {mean:.4g} or the rate as it was set.",
+        "column has too few digits, or rows were stamped as a buffer was emptied. If "
+        f"samples are evenly spaced, give --rate-hz {mean:.4g} or the rate as it was set.",
         mean,
     )
 

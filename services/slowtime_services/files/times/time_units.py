@@ -196,7 +196,7 @@ def scale_of(
             f"which with --time-unit {'|'.join(UNITS)} or in the column's name, as in t_ms; or "
             "give --rate-hz."
         )
-    return Scale(1.0, None, f"{name!r} in seconds, for want of a unit", sure=False)
+    return Scale(1.0, None, f"{name!r} in seconds, because no unit is stated", sure=False)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ class Block:
         try:
             found = [float(part.upper().replace("D", "E")) for part in parts if part]
         except ValueError:
-            raise self.error(f"line {line} is no list of numbers.") from None
+            raise self.error(f"line {line} is not a list of numbers.") from None
         if len(found) < least:
             raise self.error(f"needs {least} numbers in its line of data {row + 1}.")
         return found

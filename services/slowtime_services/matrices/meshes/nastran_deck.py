@@ -78,7 +78,7 @@ class Fields:
             return [str(k) for k in range(low, high + 1)]
         for text in given:
             if not text.isdecimal():
-                raise self.error(f"{text!r} is no positive integer.")
+                raise self.error(f"{text!r} is not a positive integer.")
         return [str(int(text)) for text in given]
 
     def error(self, text: str) -> MatrixFileError:

@@ -74,7 +74,10 @@ def test_a_url_is_taken_apart_into_source_layout_and_limits():
         ("mqtt://10.0.0.2/t?qoss=1", r"has no parameter \['qoss'\]. Allowed: qos, client_id"),
         ("just words", r"names no scheme. Give a URL such as"),
         ("mqtt://pi:secret@10.0.0.2/t", r"holds a password.*give password_file"),
-        ("udp://127.0.0.1:5005?layout=xml", r"layout='xml' is no layout. Allowed: json, csv"),
+        (
+            "udp://127.0.0.1:5005?layout=xml",
+            r"layout='xml' is not a valid layout. Allowed: json, csv",
+        ),
         ("udp://127.0.0.1:5005?layout=none.toml", r"none.toml cannot be read"),
     ],
 )

@@ -172,7 +172,7 @@ def test_masses_springs_equations_and_sets_are_read(tmp_path):
         (("1, 1, 6\n", "1, 1, 1, 0.2\n"), r"prescribes a displacement"),
         (("*FREQUENCY", "*MODEL CHANGE\n*FREQUENCY"), r"\*MODEL CHANGE \(line"),
         (("1, 1, 2\n", "1, 1, 200\n"), r"node '200' does not exist"),
-        (("2.1E11, 0.3", "2.1E11, x"), r"Line \d+ of m.inp, \*ELASTIC: line \d+ is no list"),
+        (("2.1E11, 0.3", "2.1E11, x"), r"Line \d+ of m.inp, \*ELASTIC: line \d+ is not a list"),
     ],
 )
 def test_what_cannot_be_kept_is_an_error_that_names_it(tmp_path, change, message):

@@ -112,9 +112,11 @@ def test_a_constant_that_is_rarely_as_far_off_is_noted(off, told):
     found = Hypothesis((fit,), (trial,), localized=locate(fit, (trial,)))
     answer = report(Campaign(description=ONE, trials=(trial,)), (trial,), (), found, KINDS)
     assert answer.verdict == "nothing_missing"
-    notes = [note for note in answer.notes if "tolerances off" in note]
+    notes = [note for note in answer.notes if "times its tolerance" in note]
     assert len(notes) == told
-    assert all(f"stiffness of {spring} had to be 2.8 tolerances" in note for note in notes)
+    assert all(
+        f"stiffness of {spring} had to be changed by 2.8 times" in note for note in notes
+    )
 
 
 def test_undecided_effects_have_nineteen_twentieths_of_the_probability_together(named):

@@ -269,11 +269,11 @@ def test_what_cannot_be_run_is_refused(rig, push):
     plant = rig()
     for values, inputs, rate, says in (
         (plant.values[1:], push(40), RATE, r"8 values were given for 9 parameters"),
-        (plant.values, push(40), 0.0, r"rate_hz=0\.0 is no sampling rate"),
+        (plant.values, push(40), 0.0, r"rate_hz=0\.0 is not a valid sampling rate"),
         (plant.values, np.zeros((10, 2)), RATE, r"2 columns were given for 1 inputs"),
         (plant.values, np.full((10, 1), np.nan), RATE, r"hold NaN or infinity"),
     ):
         with pytest.raises(ValueError, match=says):
             plant.simulate(values, inputs, rate)
-    with pytest.raises(ValueError, match=r"hold='cubic' is no way to hold a signal"):
+    with pytest.raises(ValueError, match=r"hold='cubic' is not a valid way to hold a signal"):
         rig(hold="cubic").simulate(plant.values, push(40), RATE)

@@ -145,7 +145,7 @@ def test_a_mode_that_no_sensor_sees_is_a_reason():
     [
         (lambda d: drift("f1", "f9").row(d), r"no node 'f9'. Allowed: base, f1"),
         (lambda d: element_force("k9").row(d), r"no element 'k9'. Allowed: k1"),
-        (lambda d: moment("k1").row(d), "is no beam. Ask for the moment of a beam"),
+        (lambda d: moment("k1").row(d), "is not a beam. Ask for the moment of a beam"),
         (lambda d: VirtualSensor(d, ["b"], [drift("base", "f1")], 100.0), "no sensor on"),
         (lambda d: VirtualSensor(d, ["a1"], [drift("base", "f1")], 3.0), "Sample faster"),
         (lambda d: VirtualSensor(d, ["a1"], [], 100.0), "at least one output"),

@@ -48,5 +48,5 @@ def test_nothing_crossed_is_said():
     life = life_of(np.full(10, np.inf))
     assert life.within == 0.0
     assert "50 %: not within the horizon of 10" in life.words()
-    with pytest.raises(ValueError, match="is no probability"):
+    with pytest.raises(ValueError, match="is not a valid probability"):
         life.quantile(1.5)

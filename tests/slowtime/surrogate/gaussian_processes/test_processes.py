@@ -194,7 +194,7 @@ def test_its_band_holds_about_as_often_as_it_says_where_the_likelihood_alone_is_
 
 def test_names_that_mean_nothing_are_refused():
     x, y = np.linspace(0.0, 1.0, 12)[:, None], np.arange(12.0)
-    with pytest.raises(ValueError, match=r"'rbf' is no covariance function\. Allowed"):
+    with pytest.raises(ValueError, match=r"'rbf' is not a valid covariance function\. Allowed"):
         GaussianProcess("rbf").fit(x, y)
     with pytest.raises(ValueError, match=r"trend='cubic' is not known"):
         GaussianProcess(trend="cubic").fit(x, y)

@@ -83,7 +83,10 @@ def test_a_channel_in_volts_beside_accelerations_is_left_out_and_said(frame, pla
     other = told(frame.model, measured_in(plain, volts, (1, 1, 7.0), (2, 2, 2)))
     np.testing.assert_allclose(changes(first[1]), changes(other[1]), atol=1e-8)
     (notice,) = first[2]
-    assert "a_floor3 in 'V': no unit of motion beside others, and left out" in notice.message
+    assert (
+        "a_floor3 in 'V': not a unit of motion, while other channels have one, so left out"
+        in notice.message
+    )
     assert all(mode["shape"] is None for body in first[1] for mode in body["modes"])
 
 
@@ -95,7 +98,7 @@ def test_a_channel_without_a_unit_beside_known_ones_has_the_model_s_and_that_is_
     )
     np.testing.assert_allclose(changes(bodies), changes(alone[1]), atol=1e-9)
     (notice,) = said
-    assert "a_floor2 has no unit beside channels that have one" in notice.message
+    assert "a_floor2 has no unit while other channels have one" in notice.message
 
 
 @pytest.mark.parametrize(("unit", "doubts"), [("m/s^2", 0), ("", 0), ("1", 0), ("V", 1)])

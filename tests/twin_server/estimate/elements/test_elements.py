@@ -212,7 +212,7 @@ def test_what_cannot_be_told_is_said_and_not_guessed(frame, shapes, word):
     assert [n.details["suspect"] for n in changed] == [word]
     assert told(bodies)[-1]["suspects"] == [word]
     if not shapes:
-        assert changed[0].message.startswith("k1 or k4 has changed, the readings cannot tell")
+        assert changed[0].message.startswith("k1 or k4 has changed; the readings do not")
         assert changed[0].message.count("has lost") == 2
         ratio = told(bodies)[-1]["posterior_to_prior"]
         assert min(ratio["k1"], ratio["k4"]) > 3 * min(ratio["k2"], ratio["k3"], 0.03)
@@ -271,7 +271,9 @@ def test_while_learning_there_is_no_change_and_a_reason(frame):
     assert told(bodies)[0]["elements"] == {}
     assert len(told(bodies)[0]["modes"]) == 3
     assert [(n.kind, n.row) for n in notices] == [("nominal_learnt", 19)]
-    assert notices[0].message.startswith("The structure is learnt by 3 of its modes: 2.")
+    assert notices[0].message.startswith(
+        "The structure has been learnt from 3 of its modes: 2."
+    )
     first = states["frequency_hz"][:, 0]
     assert np.isfinite(first).all()
     assert first.max() < 3.0

@@ -24,7 +24,7 @@ def sentences(*hypotheses):
 def test_of_two_that_explain_the_same_both_are_named_with_their_sizes():
     told = sentences(hypothesis(0.5, j4=-0.12), hypothesis(0.4, j1=-0.08))
     assert told == [
-        "j1 or j4 has changed, the readings cannot tell which: either j1 has lost 8 % ± 1 % of "
+        "j1 or j4 has changed; the readings do not show which: either j1 has lost 8 % ± 1 % of "
         "its stiffness, or j4 has lost 12 % ± 1 % of its stiffness."
     ]
 
@@ -33,7 +33,7 @@ def test_what_all_hypotheses_share_is_certain_and_told_first():
     told = sentences(hypothesis(0.5, j2=0.05, j4=-0.12), hypothesis(0.4, j2=0.05, m1_mass=0.08))
     assert told == [
         "j2 has gained 5 % ± 1 % of its stiffness.",
-        "j4 or m1.mass has changed, the readings cannot tell which: either j4 has lost 12 % ± "
+        "j4 or m1.mass has changed; the readings do not show which: either j4 has lost 12 % ± "
         "1 % of its stiffness, or m1 has gained 8 % ± 1 % of its mass.",
     ]
 

@@ -51,7 +51,7 @@ def test_a_part_that_is_not_here_makes_a_plain_composite_and_a_note(whole):
     found = composites_of(json.dumps(whole), IDS[1:])
     assert found.composites["lab.line"].members == tuple(IDS[1:3])
     assert found.composites["lab.line"].tree is None
-    assert "lab.beam-0 is no registered twin" in found.notes[0]
+    assert "lab.beam-0 is not a registered twin" in found.notes[0]
 
 
 def test_a_graph_of_a_building_becomes_composites_of_its_floors():

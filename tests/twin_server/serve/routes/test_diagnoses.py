@@ -160,7 +160,7 @@ def test_a_twin_without_model_edge_or_channel_is_told_of(diagnosing):
     model["inputs"][0]["channel"] = "hammer"
     assert client.put(diagnosing.twin, json=body | {"model": model}).status_code == 200
     answer = diagnosing.post("/diagnoses", {"raw": {}})
-    assert (answer.status_code, "the model wants hammer" in answer.text) == (409, True)
+    assert (answer.status_code, "the model needs hammer" in answer.text) == (409, True)
     model["inputs"][0]["channel"] = "u"
     assert client.put(diagnosing.twin, json=body).status_code == 200
 

@@ -118,8 +118,8 @@ def test_what_is_hostile_or_torn_is_refused_and_leaves_nothing(keeper, ageing, t
     assert len(packed) < LARGEST
     endless = sound[:8] + struct.pack("<BQ", 1, 2**63) + sound[8:]
     for content, said in (
-        (b"", "it is no recording|is no recording"),
-        (b"#!/bin/sh\n", "is no recording"),
+        (b"", "is not a recording"),
+        (b"#!/bin/sh\n", "is not a recording"),
         (sound[:-20], "breaks off"),
         (bytes(damaged), "damaged"),
         (endless, "damaged"),
@@ -162,7 +162,7 @@ def test_a_recording_is_never_replaced_and_never_too_large(keeper, ageing, tmp_p
     (folder / "filler.mcap").write_bytes(bytes(2 * LARGEST))
     assert put(server, "more.mcap", content).status_code == 507
     broken = listed(server)["filler.mcap"]
-    assert "is no recording" in broken["problem"]
+    assert "is not a recording" in broken["problem"]
     assert str(folder) not in broken["problem"]
     assert server.client.post(f"{BASE}/filler.mcap/replay", json={}).status_code == 409
     (folder / "filler.mcap").unlink()

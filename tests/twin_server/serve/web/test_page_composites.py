@@ -37,7 +37,7 @@ def test_a_composite_opens_to_its_probability_its_tree_and_links_to_members(hous
     composites = page.locator(".composite")
     expect(composites).to_have_count(2)
     line, yard = composites.nth(0), composites.nth(1)
-    expect(line.locator(".alarm")).to_contain_text("line of like assets · 3 twins · 3 valid")
+    expect(line.locator(".alarm")).to_contain_text("line of similar assets · 3 twins · 3 valid")
     opener = line.get_by_role("button", name="Show failure probability")
     expect(opener).to_have_attribute("aria-expanded", "false")
     opener.click()
@@ -49,7 +49,9 @@ def test_a_composite_opens_to_its_probability_its_tree_and_links_to_members(hous
     assert told["health"]["worst"] == max(values, key=lambda one: values[one])
     first = line.locator("table").first.locator("tbody th").first
     expect(first).to_have_text(told["health"]["worst"])
-    expect(line.locator("table").nth(1)).to_contain_text("Another such asset")
+    expect(line.locator("table").nth(1)).to_contain_text(
+        "Predicted for another asset of this kind"
+    )
     yard.get_by_role("button").click()
     expect(yard.locator(".tree")).to_contain_text("Series: fails as soon as one fails")
     expect(yard.locator(".tree a")).to_have_count(1)  # the line is no twin

@@ -40,7 +40,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     overlay = job.locator(".overlay .plot")
     expect(overlay.locator(".legend")).to_be_visible()
     drawn = overlay.evaluate("plot => [plot.data.map(t => [t.name, t.line.dash]), plot.layout]")
-    names = ["measured", "model as given", "augmented"]
+    names = ["measured", "original model", "augmented"]
     assert [name for name, _ in drawn[0]] == names
     assert len({dash for _, dash in drawn[0]}) == 2, "lines are told apart by colour alone"
     assert [(span["x0"], span["x1"]) for span in drawn[1]["shapes"]] == [(0.05, 0.15)]

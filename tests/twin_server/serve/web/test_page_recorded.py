@@ -69,7 +69,7 @@ def test_a_question_is_answered_by_recording_the_repair(house, visit, eventually
     expect(page.locator('#legend [data-key="sudden"]')).to_be_hidden()
 
     page.get_by_role("button", name="Undo: Repair of stiffness_change").press("Enter")
-    expect(page.locator(".recorded ol li.reversed")).to_contain_text("taken back")
+    expect(page.locator(".recorded ol li.reversed")).to_contain_text("undone")
     assert eventually(lambda: "repair" not in marks(page)[1])
     expect(question).to_have_count(1)
     question.get_by_role("button", name="No, it is a real change").press("Enter")

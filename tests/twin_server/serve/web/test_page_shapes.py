@@ -47,7 +47,7 @@ def test_the_weaker_group_and_the_measured_points_are_drawn_and_turn_by_keys(tow
     expect(canvas).to_have_attribute("data-changed", "upper legs")
     told = page.locator('[id="lab.tower"] .wireframe [aria-live]')
     expect(told).to_contain_text(re.compile(r"MAC (1\.000|0\.9[89]\d)"))
-    page.get_by_role("button", name="Hold still").last.click()
+    page.get_by_role("button", name="Stop the animation").last.click()
     before = picture_of(canvas)
     assert len(before) > 5000
     canvas.focus()

@@ -147,7 +147,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     page = visit(house, "#lab.frame")
     verdict = part(page, ".verdict")
     expect(verdict).to_contain_text("storey2 has lost")
-    slider = page.get_by_role("slider", name="Instant shown")
+    slider = page.get_by_role("slider", name="Selected time")
     slider.focus()
     for _ in range(10):
         page.keyboard.press("PageDown")
@@ -309,7 +309,7 @@ def test_the_keyboard_reaches_everything(house, visit):
     page.locator("h1 a").focus()
     reached = tab(9)
     assert reached[3:] == [
-        "State", "Diagnosis", "Larger charts", "History as JSON", "Instant shown",
+        "State", "Diagnosis", "Larger charts", "History as JSON", "Selected time",
         "Simulate a load",
     ]  # fmt: skip
     assert tab(1) == ["Repairs and inspections: none recorded"]
