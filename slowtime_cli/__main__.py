@@ -116,6 +116,10 @@ VERBS = {
         "models.diagnose:diagnose",
         "Find effects that a model lacks, with their place and size.",
     ),
+    "fmu": Verb(
+        "models.fmu:fmu",
+        "Export a model as an FMU for other simulation programs.",
+    ),
     "effects": Verb(
         "models.effects:effects",
         "List the effects that a model may contain or lack.",
