@@ -362,8 +362,9 @@ def _workspace(
     modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.effect_table]
     widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.effect_table)]))
     frictions = int(system.effect_table[:, 0].sum())
-    needed = system.observation.any(axis=0)
-    needed[read[(read[:, 0] >= 0) & (read[:, 1] == 1), 0]] = True
+    needed = np.zeros(size, dtype=np.int64)
+    needed[np.flatnonzero((system.observation != 0.0).any(axis=0))] = 1
+    needed[read[(read[:, 0] >= 0) & (read[:, 1] == 1), 0]] = 1
     return Workspace(
         state=padded_copy(np.asarray(state0, dtype=float)),
         state_slopes=slope,
@@ -402,7 +403,7 @@ def _workspace(
             max(system.step_matrix_slopes.shape[2], system.rate_matrix_slopes.shape[1])
         ),
         zeros=np.zeros(ROUND),
-        needed_rates=needed.astype(np.int64),
+        needed_rates=needed,
     )
 
 
