@@ -118,6 +118,10 @@ VERBS = {
         "models.diagnose:diagnose",
         "Find effects that a model lacks, with their place and size.",
     ),
+    "fmu": Verb(
+        "models.fmu:fmu",
+        "Export a model as an FMU for other simulation programs.",
+    ),
     "effects": Verb(
         "models.effects:effects",
         "List the physical effects that slowtime knows.",

@@ -1,6 +1,7 @@
 """Placed sensors against uniformly spread ones: what updates of a tower really err by.
 
-Run `python -m benchmarks.methods.sensor_placement [--seeds 200] [--sensors 8] [--modes 4]`.
+Run `python -m benchmarks.methods.sensor_placement [--seeds 200] [--sensors 8] [--modes 4]
+[--criterion variance]`.
 Sensors are placed on `docs/examples/lattice_tower.yaml` as `slowtime place` does. For each seed
 a structure is drawn from the prior, its modes at the sensors from the full model with errors as
 stated, and its parameters are estimated. Prints the root mean square error of each parameter
@@ -13,11 +14,13 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.evolution.structures import (
+    Criterion,
     MeasuredModes,
     ModePrecision,
     Placement,
@@ -86,9 +89,9 @@ class Candidates:
         problem = PlacementProblem(structure, rows, sites, precision, full.prior_sd)
         return cls(full, structure, rows, problem, modes)
 
-    def placed(self, number: int) -> Placement:
-        """Place sensors by the determinant of the information."""
-        return place_sensors(self.problem, number)
+    def placed(self, number: int, criterion: Criterion = "determinant") -> Placement:
+        """Place sensors by a criterion of `slowtime place`."""
+        return place_sensors(self.problem, number, criterion=criterion)
 
     def spread(self, number: int) -> Placement:
         """Spread sensors uniformly over the list of places, which goes up the tower."""
@@ -142,9 +145,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--sensors", type=int, default=8)
     parser.add_argument("--modes", type=int, default=4)
+    parser.add_argument("--criterion", choices=get_args(Criterion), default="determinant")
     given = parser.parse_args(arguments)
     tower = Candidates.read(given.modes)
-    sets = [tower.placed(given.sensors), tower.spread(given.sensors)]
+    sets = [tower.placed(given.sensors, given.criterion), tower.spread(given.sensors)]
     found = np.array(
         [tower.errors(seed, *(one.sites for one in sets)) for seed in range(given.seeds)]
     )

@@ -17,7 +17,7 @@ from .constraints import (
     project_sparse,
     support_equations,
 )
-from .degrees_of_freedom import DofMap, full_map
+from .degrees_of_freedom import DIRECTIONS, DofMap, full_map
 from .frame import Bar, Beam, Frame, Parameter, PointMass, Shell, Spring
 from .parametric_matrices import ParametricMatrices
 
@@ -219,6 +219,13 @@ def _beams(
     mass = lines.beam_matrix(
         lines.linear_mass(line_mass, length), lines.linear_mass(polar, length), *bent_m
     )
+    for k, one in enumerate(elements):
+        loose = [6 * end + DIRECTIONS.index(way) for end in (0, 1) for way in one.released[end]]
+        if loose:
+            try:
+                stiffness[k], mass[k] = lines.released(stiffness[k], mass[k], np.array(loose))
+            except ValueError as error:
+                raise ValueError(f"Beam {one.name!r} {error}") from None
     groups = tuple(one.group for one in elements)
     return ElementMatrices(
         nodes, lines.to_global(stiffness, axes), lines.to_global(mass, axes), groups

@@ -36,7 +36,7 @@ class Bar:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Beam:
-    """A straight, uniform beam, rigidly joined to its nodes.
+    """A straight, uniform beam, rigidly joined to its nodes but for what is released.
 
     Parameters
     ----------
@@ -50,6 +50,9 @@ class Beam:
         A vector in the plane of the local x and y axes; see `line_elements.element_axes`.
     group
         Name under which a parameter scales it; empty for none.
+    released
+        Directions along and about the local axes in which the first and the second end pass
+        no force to their nodes, such as ``("rz",)`` for a hinge.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Beam:
     theory: Theory = "timoshenko"
     orientation: Vector = ZERO
     group: str = ""
+    released: tuple[tuple[Direction, ...], tuple[Direction, ...]] = ((), ())
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ x, y, z and rotations about x, y, z of its first node, then of its second.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 PARALLEL = 1e-6
 """Sine of the angle [1] between an axis and its orientation vector below which the vector does
@@ -266,6 +266,57 @@ def bar_mass(
         where = [axis, axis + 6]
         whole[np.ix_(range(len(length)), where, where)] = part
     return whole
+
+
+LOOSE = 1e-9
+"""Stiffness of a released direction over that before the other releases [1] below which a beam
+is a mechanism: rounding is six orders smaller, and a real beam keeps a quarter."""
+
+
+def released(
+    stiffness: Float[np.ndarray, "own own"],
+    mass: Float[np.ndarray, "own own"],
+    loose: Int[np.ndarray, " loose"],
+) -> tuple[Float[np.ndarray, "own own"], Float[np.ndarray, "own own"]]:
+    r"""Condense degrees of freedom of an element that pass no force to its nodes.
+
+    With :math:`u_c = T u_r`, :math:`T = -K_{cc}^{-1} K_{cr}`, for the released :math:`u_c`, the
+    stiffness is exact for loads at the ends, and the mass is Guyan's.
+
+    Parameters
+    ----------
+    stiffness, mass
+        Local matrices.
+    loose
+        Numbers of the released degrees of freedom.
+
+    Returns
+    -------
+    Matrices of the same size; rows and columns of what is released are zero.
+
+    Raises
+    ------
+    ValueError
+        Where the releases leave a mechanism.
+
+    References
+    ----------
+    .. [1] R. J. Guyan, "Reduction of stiffness and mass matrices", AIAA Journal 3 (1965).
+    """
+    kept = np.setdiff1d(np.arange(len(stiffness)), loose)
+    inner = stiffness[np.ix_(loose, loose)]
+    scale = 1.0 / np.sqrt(np.diag(inner))
+    if not np.linalg.eigvalsh(inner * np.outer(scale, scale))[0] > LOOSE:
+        raise ValueError("is a mechanism with its releases. Release less at one of its ends.")
+    follow = np.zeros((len(stiffness), len(kept)))
+    follow[kept, np.arange(len(kept))] = 1.0
+    follow[loose] = -np.linalg.solve(inner, stiffness[np.ix_(loose, kept)])
+    found = []
+    for whole in (stiffness, mass):
+        condensed = np.zeros_like(whole)
+        condensed[np.ix_(kept, kept)] = follow.T @ whole @ follow
+        found.append(condensed)
+    return found[0], found[1]
 
 
 def to_global(

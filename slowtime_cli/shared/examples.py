@@ -135,6 +135,11 @@ EXAMPLES |= {
     "slowtime identify bare.npz --method modes --out bare.json && "
     "slowtime identify more.npz --method modes --out more.json && "
     "slowtime scale bare.json --added more.json b=8",
+    "fmu": """echo '{slowtime_model: 1, name: rig, nodes: [{id: m, mass_kg: 2}], """
+    "elements: [{id: k, between: [base, m], stiffness_n_per_m: 900, damping_n_s_per_m: 1}], "
+    "inputs: [{channel: f, kind: force, node: m, unit: N}], sensors: [{channel: a, quantity: "
+    """acceleration, node: m, unit: m/s^2}]}' > rig.yaml && """
+    "slowtime fmu rig.yaml --out rig.fmu",
     "place": f"{_CHAIN} && slowtime place chain.yaml --sensors 3 --modes 3",
 }
 FIRST_EXAMPLE = f"{_RECORD} && slowtime identify tower.mcap"

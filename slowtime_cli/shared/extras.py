@@ -9,6 +9,7 @@ LIBRARIES: Mapping[str, tuple[str, ...]] = {
     "mcap": ("analysis", "twin"),
     "numba": ("analysis", "twin"),
     "plotly": ("analysis", "twin"),
+    "pythonfmu": ("fmu",),
     "ray": ("ray",),
     "rich": ("analysis", "twin"),
     "starlette": ("twin",),

@@ -9,7 +9,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     ),
     "Models and diagnosis": (
         "diagnose", "effects", "simulate", "convert", "reduce", "update", "place", "surrogate",
-        "reliability", "design",
+        "reliability", "design", "fmu",
     ),
     "Run a twin": (
         "demo", "router", "edge", "publish", "twin", "composite", "event",
@@ -34,6 +34,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "broker": ("router",),
     "certificates": ("keys",),
     "damage": ("fatigue", "diagnose"),
+    "fmi": ("fmu",),
     "health": ("doctor", "status"),
     "help": ("--help",),
     "info": ("doctor",),

@@ -170,6 +170,11 @@ class FrameElement(Part):
         default=(0.0, 0.0, 0.0), description="Of springs, about x, y and z [N m/rad]."
     )
     group: Id | None = None
+    released: tuple[tuple[Direction, ...], tuple[Direction, ...]] = Field(
+        default=((), ()),
+        description="Of beams, directions along and about the local axes in which the first "
+        "and the second end pass no force to their nodes.",
+    )
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> "FrameElement":
@@ -183,6 +188,11 @@ class FrameElement(Part):
                     if self.kind == "spring"
                     else "`section` and `material`."
                 )
+            )
+        if self.kind != "beam" and any(self.released):
+            raise ValueError(
+                f"Element {self.id!r} of kind {self.kind} has `released`. Allowed are beams; "
+                "leave it out."
             )
         return self
 

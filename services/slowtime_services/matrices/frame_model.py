@@ -171,6 +171,7 @@ def _element(
         theory=one.theory,
         orientation=one.orientation,
         group=group,
+        released=one.released,
     )
 
 

@@ -28,6 +28,16 @@ from slowtime.dynamics.structure import Structure, state_matrix
 from slowtime.dynamics.transfer import derivative_order
 from slowtime.dynamics.units import unit_factor
 
+from .modal_spectra import (
+    DenseDecays,
+    DenseResponse,
+    FreeDecaySpectra,
+    ModalDecays,
+    ModalResponse,
+    StateModes,
+    SteadyResponse,
+)
+
 Frequencies = Float[np.ndarray, " frequency"]
 
 MAX_MODE_CONDITION = 1e6
@@ -55,42 +65,6 @@ class ForceSource:
     force: Float[np.ndarray, " dof"]
     base: float = 0.0
     sensor: int | None = None
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class FreeDecaySpectra:
-    """Spectra of free decays from unit initial displacements and velocities.
-
-    Parameters
-    ----------
-    linear
-        The model.
-    modes
-        Modal matrix of the state.
-    share
-        Modal coordinates at each line, from each unit initial state.
-    """
-
-    linear: "LinearModel"
-    modes: Complex[np.ndarray, "state mode"]
-    share: Complex[np.ndarray, "mode frequency state"]
-
-    @property
-    def sensor_response(self) -> Complex[np.ndarray, "frequency sensor state"]:
-        """Readings of the sensors (frequency, sensor, state)."""
-        one = self.linear
-        motion = (one.state_to_motion @ self.modes).reshape(3, one.structure.dofs, -1)
-        rows = [one.rows[i] @ motion[order] for i, order in enumerate(one.orders)]
-        told = one.scale[:, None] * np.stack(rows)
-        return np.asarray(np.moveaxis(np.tensordot(told, self.share, axes=1), 0, 1))
-
-    def moved(
-        self, state: Float[np.ndarray, " state"]
-    ) -> Complex[np.ndarray, "order frequency dof"]:
-        """Displacement, velocity and acceleration of all coordinates from one initial state."""
-        motion = self.linear.state_to_motion @ self.modes @ (self.share @ state)
-        shape = (3, self.linear.structure.dofs, motion.shape[1])
-        return np.asarray(np.moveaxis(motion.reshape(shape), 1, 2))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -191,10 +165,50 @@ class LinearModel:
         s = 2j * np.pi * frequency_hz[:, None, None]
         structure = self.structure
         stiffness = s**2 * structure.mass + s * structure.damping + structure.stiffness
-        floats = np.linalg.matrix_rank(structure.stiffness) < structure.dofs
-        held = np.where(frequency_hz > 0, 1.0, 0.0 if floats else 1.0)[:, None, None]
+        held = self._held(frequency_hz)[:, None, None]
         safe = np.where(held > 0, stiffness, np.eye(structure.dofs))
         return np.asarray(held * np.linalg.inv(safe))
+
+    def state_modes(self) -> StateModes | None:
+        """Find the modes of the free state; None where they do not span all motion."""
+        poles, modes = np.linalg.eig(state_matrix(self.structure))
+        dofs = self.structure.dofs
+        if not np.linalg.cond(modes) < MAX_MODE_CONDITION:
+            return None
+        back = np.linalg.inv(modes)
+        pushed = np.linalg.solve(self.structure.mass.T, back[:, dofs:].T).T
+        return StateModes(poles + 0j, modes + 0j, back + 0j, pushed + 0j)
+
+    def steady_response(
+        self, frequency_hz: Frequencies, modes: StateModes | None
+    ) -> SteadyResponse:
+        """Displacement per force as a sum of modes, or by inverses where there are none.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies of the lines [Hz].
+        modes
+            Of this model, by `state_modes`.
+
+        Returns
+        -------
+        The response; zero at 0 Hz where rigid modes make it infinite.
+        """
+        if modes is None:
+            return DenseResponse(self.compliance(frequency_hz))
+        apart = np.subtract.outer(2j * np.pi * frequency_hz, modes.poles)
+        held = self._held(frequency_hz)
+        if not apart[held > 0].all():
+            return DenseResponse(self.compliance(frequency_hz))
+        gains = held[:, None] / np.where(held[:, None] > 0, apart, 1.0)
+        return ModalResponse(modes.shapes[: self.structure.dofs], gains, modes.pushed)
+
+    def _held(self, frequency_hz: Frequencies) -> Float[np.ndarray, " frequency"]:
+        """1 for each line at which the model resists a steady force, else 0."""
+        dofs = self.structure.dofs
+        floats = np.linalg.matrix_rank(self.structure.stiffness) < dofs
+        return np.where(frequency_hz > 0, 1.0, 0.0 if floats else 1.0)
 
     def sensor_response(
         self,
@@ -202,9 +216,15 @@ class LinearModel:
         displacement: Complex[np.ndarray, "frequency dof *more"],
     ) -> Complex[np.ndarray, "frequency sensor *more"]:
         """Convert steady displacement relative to the base to readings of the sensors."""
+        read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
+        return self.readings_of_rows(frequency_hz, read)
+
+    def readings_of_rows(
+        self, frequency_hz: Frequencies, read: Complex[np.ndarray, "frequency sensor *more"]
+    ) -> Complex[np.ndarray, "frequency sensor *more"]:
+        """Convert displacements along the rows of the sensors to their readings."""
         s = 2j * np.pi * frequency_hz
         gain = self.scale * s[:, None] ** np.array(self.orders)
-        read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
         return np.asarray(gain.reshape(gain.shape + (1,) * (read.ndim - 2)) * read)
 
     def base_response(
@@ -241,25 +261,45 @@ class LinearModel:
         return np.stack(sensed, axis=1) * self.scale, np.asarray(np.moveaxis(motion, 1, 0))
 
     def free_decay_spectra(
-        self, frequency_hz: Frequencies, samples: int, rate_hz: float
-    ) -> "FreeDecaySpectra":
-        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
-        step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
-        rest = np.eye(len(step))
-        ended = rest - np.linalg.matrix_power(step, samples)
+        self,
+        frequency_hz: Frequencies,
+        samples: int,
+        rate_hz: float,
+        modes: StateModes | None = None,
+    ) -> FreeDecaySpectra:
+        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies of the lines [Hz].
+        samples, rate_hz
+            Length and rate of the record.
+        modes
+            Of this model, by `state_modes`; None to solve line by line.
+        """
         back = np.exp(-2j * np.pi * frequency_hz / rate_hz)
         scale = np.full(len(frequency_hz), np.sqrt(2.0 / (rate_hz * samples)))
         scale[frequency_hz == 0] /= np.sqrt(2.0)
         scale[np.isclose(frequency_hz, rate_hz / 2)] /= np.sqrt(2.0)
-        poles, modes = np.linalg.eig(step)
+        to_motion = self.state_to_motion
+        sensed = to_motion.reshape(3, self.structure.dofs, -1)
+        rows = [self.rows[i] @ sensed[order] for i, order in enumerate(self.orders)]
+        to_readings = self.scale[:, None] * np.stack(rows)
         # An undamped motion has its pole on a line; one part in 1e9 moves it away.
-        if np.linalg.cond(modes) < MAX_MODE_CONDITION:
-            gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
-            starts = np.linalg.solve(modes, ended)
-            return FreeDecaySpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
-        inner = (1 + 1e-9) * rest - step * back[:, None, None]
+        if modes is not None:
+            step = np.exp(modes.poles / rate_hz)
+            gains = scale[:, None] / (1 + 1e-9 - np.multiply.outer(back, step))
+            ended = -np.expm1(modes.poles * (samples / rate_hz))
+            return ModalDecays(
+                to_motion, to_readings, modes.shapes, gains, ended[:, None] * modes.back
+            )
+        matrix = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
+        rest = np.eye(len(matrix))
+        ended = rest - np.linalg.matrix_power(matrix, samples)
+        inner = (1 + 1e-9) * rest - matrix * back[:, None, None]
         states = np.linalg.solve(inner, ended[None]) * scale[:, None, None]
-        return FreeDecaySpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
+        return DenseDecays(to_motion, to_readings, states)
 
     @property
     def state_to_motion(self) -> Float[np.ndarray, "all state"]:

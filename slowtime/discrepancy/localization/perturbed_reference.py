@@ -5,13 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .linear_response import (
-    ForceSource,
-    FreeDecaySpectra,
-    LinearModel,
-    parameter_matrices,
-    support_columns,
-)
+from .linear_response import ForceSource, LinearModel, parameter_matrices, support_columns
+from .modal_spectra import FreeDecaySpectra, SteadyResponse
 from .spectral_lines import Lines, TrialLines
 
 MIN_CONSTANT_SHARE = 0.05
@@ -88,8 +83,10 @@ class PerturbedReference:
 
     Parameters
     ----------
-    compliance, sensed
-        Displacement, and reading of the sensors, per force on each coordinate.
+    response
+        Displacement per force.
+    sensed
+        Reading of the sensors per force on each coordinate.
     free, decays
         Free decays, and their readings from each unit initial state.
     shift
@@ -102,7 +99,7 @@ class PerturbedReference:
 
     linear: LinearModel
     trial: TrialLines
-    compliance: Complex[np.ndarray, "frequency dof dof"]
+    response: SteadyResponse
     sensed: Complex[np.ndarray, "frequency sensor dof"]
     decays: Complex[np.ndarray, "frequency sensor state"]
     free: FreeDecaySpectra
@@ -120,21 +117,24 @@ class PerturbedReference:
         """Change the constants of the reference for one trial."""
         sums = known.matrix_changes(change)
         linear = reference.tuned(*sums[:, :, : reference.structure.dofs])
-        compliance = linear.compliance(trial.frequency_hz)
-        sensed = linear.sensor_response(trial.frequency_hz, compliance)
-        free = linear.free_decay_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
+        modes = linear.state_modes()
+        response = linear.steady_response(trial.frequency_hz, modes)
+        sensed = linear.readings_of_rows(trial.frequency_hz, response.seen_by(linear.rows))
+        free = linear.free_decay_spectra(
+            trial.frequency_hz, trial.samples, trial.rate_hz, modes
+        )
         inner = absolute_motion(linear, trial.motion, trial.base, trial.supports)
         pull = -sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
-        shift = np.einsum("fab,fb->fa", compliance, pull)
+        shift = response.displacement(pull)
         return cls(
             linear=linear,
             trial=trial,
-            compliance=compliance,
+            response=response,
             sensed=sensed,
             decays=free.sensor_response,
             free=free,
             shift=shift,
-            residual=trial.residual - np.einsum("fsd,fd->fs", sensed, pull),
+            residual=trial.residual - (sensed @ pull[:, :, None])[:, :, 0],
         )
 
     def transfer(self, source: ForceSource | None) -> Lines:
@@ -146,17 +146,22 @@ class PerturbedReference:
             found[:, source.sensor] = 1.0
             return found
         carried = self.linear.base_response(self.trial.frequency_hz)
-        return np.asarray(self.sensed @ source.force + source.base * carried)
+        pushed = np.flatnonzero(source.force)
+        read = self.sensed[:, :, pushed] @ source.force[pushed]
+        return np.asarray(read + source.base * carried)
 
     def columns(
         self, known: LinearConstants, motion: MotionSpectra, base: np.ndarray
     ) -> Columns:
         """Give the readings that doubling each constant would add along a motion."""
         inner = absolute_motion(self.linear, motion, base, self.trial.supports)
-        pulled = np.empty((*motion.shape[1:], len(known.sd)), dtype=complex)
+        found = np.zeros((*self.sensed.shape[:2], len(known.sd)), dtype=complex)
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
-            pulled[:, :, i] = -inner[order] @ matrix.T
-        return np.asarray(self.sensed @ pulled)
+            # Springs touch two coordinates only.
+            rows, columns = (np.flatnonzero(matrix.any(axis=k)) for k in (1, 0))
+            pull = -inner[order][:, columns] @ matrix[np.ix_(rows, columns)].T
+            found[:, :, i] = (self.sensed[:, :, rows] @ pull[:, :, None])[:, :, 0]
+        return found
 
     def motion_with(
         self,
@@ -170,7 +175,7 @@ class PerturbedReference:
         inner = absolute_motion(self.linear, motion, base, self.trial.supports)
         sums = known.matrix_changes(change)
         pull = force - sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
-        shift = self.shift + np.einsum("fab,fb->fa", self.compliance, pull)
+        shift = self.shift + self.response.displacement(pull)
         s = 2j * np.pi * self.trial.frequency_hz[:, None]
         return np.asarray(self.trial.motion + np.stack([shift, s * shift, s**2 * shift]))
 

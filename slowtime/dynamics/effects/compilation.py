@@ -27,6 +27,8 @@ _REAL = types.float64
 _OPTIONS = {"error_model": "numpy", "_nrt": False}
 ROUND = 8
 """Numbers that `sum_rows` takes at a time."""
+BLOCK = 4
+"""Rows that `sum_block` takes at a time: their sums and one column fit the vector registers."""
 _POINTER = types.CPointer(types.float64)
 _SIGNATURE = _REAL(_REAL, _REAL, _REAL, _POINTER, _POINTER)
 
@@ -162,6 +164,66 @@ sum_rows: Any = intrinsic(inspect.unwrap(_sum_rows))
 Found are `ROUND` numbers: those at `start`, and `count` rows, each times its share. All but
 `count` and `width`, by how many numbers rows are apart, are addresses. Written out by vectors,
 since the compiler makes none of a loop that may be as short as this.
+"""
+
+
+def _sum_block(
+    typing_context: Any,
+    found: Any,
+    found_step: Any,
+    start: Any,
+    start_step: Any,
+    shares: Any,
+    shares_step: Any,
+    count: Any,
+    rows: Any,
+    width: Any,
+) -> Any:
+    whole, real = types.int64, ir.DoubleType()
+    several = ir.VectorType(real, ROUND)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        found, found_step, start, start_step, shares, shares_step, count, rows, width = (
+            arguments
+        )
+
+        def place(address: Any, kind: Any) -> Any:
+            return builder.inttoptr(address, ir.PointerType(kind))
+
+        def row(address: Any, step: Any, number: int) -> Any:
+            return builder.add(address, builder.mul(step, _constant(8 * number)))
+
+        totals = [cgutils.alloca_once(builder, several) for _ in range(BLOCK)]
+        for k, total in enumerate(totals):
+            begin = place(row(start, start_step, k), several)
+            builder.store(builder.load(begin, align=8), total)
+        step = builder.mul(width, _constant(8))
+        none = ir.Constant(several, ir.Undefined)
+        every = ir.Constant(ir.VectorType(ir.IntType(32), ROUND), [0] * ROUND)
+        with cgutils.for_range(builder, count) as loop:
+            at = builder.add(rows, builder.mul(loop.index, step))
+            column = builder.load(place(at, several), align=8)
+            offset = builder.mul(loop.index, _constant(8))
+            for k, total in enumerate(totals):
+                at = builder.add(row(shares, shares_step, k), offset)
+                share = builder.load(place(at, real), align=8)
+                first = builder.insert_element(none, share, _lane(0))
+                more = builder.fmul(builder.shuffle_vector(first, none, every), column)
+                builder.store(builder.fadd(builder.load(total), more), total)
+        for k, total in enumerate(totals):
+            end = place(row(found, found_step, k), several)
+            builder.store(builder.load(total), end, align=8)
+        return context.get_dummy_value()
+
+    return types.none(*[whole] * 9), generate
+
+
+sum_block: Any = intrinsic(inspect.unwrap(_sum_block))
+"""In compiled code, sum a round of columns for `BLOCK` rows of shares at once.
+
+Arguments are (found, found_step, start, start_step, shares, shares_step, count, rows, width).
+Each row is what `sum_rows` finds, to the last bit; the steps say by how many numbers rows are
+apart. Each number of `rows` is loaded once for all, and sums do not wait for each other.
 """
 
 

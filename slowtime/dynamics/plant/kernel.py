@@ -21,7 +21,15 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from slowtime.dynamics.effects.compilation import ROUND, call_law, compiled, sum_rows, view_of
+from slowtime.dynamics.effects.compilation import (
+    BLOCK,
+    ROUND,
+    call_law,
+    compiled,
+    sum_block,
+    sum_rows,
+    view_of,
+)
 
 Reals = np.ndarray[Any, np.dtype[np.float64]]
 Whole = np.ndarray[Any, np.dtype[np.int64]]
@@ -148,6 +156,9 @@ class Workspace(NamedTuple):
         Slopes of a matrix to linear parameters, times a column.
     zeros
         A round of zeros.
+    needed_rates
+        1 for each state whose rate's slopes are needed at the samples: those that sensors
+        measure, and those that laws see.
     """
 
     state: Reals
@@ -185,6 +196,7 @@ class Workspace(NamedTuple):
     instant_slopes: Reals
     linear_slope_product: Reals
     zeros: Reals
+    needed_rates: Whole
 
 
 def padded_count(count: int) -> int:
@@ -258,7 +270,8 @@ def memory_table(system: System, now: Workspace) -> Whole:
     INSTANT_SLOPES,
     LINEAR_SLOPE_PRODUCT,
     ZEROS,
-) = range(50)
+    NEEDED_RATES,
+) = range(51)
 """Rows of that table."""
 
 
@@ -305,17 +318,14 @@ def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
     slopes
         Slopes of the matrix, laid out by column [column, row and parameter].
     """
-    found, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
+    found = line(store, LINEAR_SLOPE_PRODUCT)
     width = slopes.shape[1]
-    for i in range(0, width, ROUND):
-        sum_rows(
-            found.ctypes.data + 8 * i,
-            zeros.ctypes.data,
-            shares.ctypes.data,
-            len(slopes),
-            address(slopes, opaque(0), i),
-            width,
-        )
+    for i in range(width):
+        found[i] = 0.0
+    for c in range(len(slopes)):
+        share = shares[c]
+        for i in range(width):
+            found[i] += share * slopes[c, i]
 
 
 @compiled
@@ -339,13 +349,28 @@ def propagate_slopes(
     """
     own, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
     states, width = slope.shape
-    for r in range(len(found)):
-        for j in range(0, width, ROUND):
-            start = zeros.ctypes.data
-            if j < linear:
-                start = own.ctypes.data + 8 * (r * linear + j)
-            shares, rows = address(matrix, r, opaque(0)), address(slope, opaque(0), j)
-            sum_rows(address(found, r, j), start, shares, states, rows, width)
+    whole = len(found) - len(found) % BLOCK
+    # A round of columns stays in the cache while all rows are done.
+    for j in range(0, width, ROUND):
+        rows = address(slope, opaque(0), j)
+        start, step = zeros.ctypes.data, opaque(0)
+        if j < linear:
+            start, step = own.ctypes.data + 8 * j, linear
+        for r in range(0, whole, BLOCK):
+            sum_block(
+                address(found, r, j),
+                width,
+                start + 8 * r * step,
+                step,
+                address(matrix, r, opaque(0)),
+                matrix.shape[1],
+                states,
+                rows,
+                width,
+            )
+        for r in range(whole, len(found)):
+            shares = address(matrix, r, opaque(0))
+            sum_rows(address(found, r, j), start + 8 * r * step, shares, states, rows, width)
 
 
 @compiled
@@ -653,8 +678,43 @@ def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) 
 
 
 @compiled
+def needed_rate_slopes(store: Whole, slope: Reals, found: Reals) -> None:
+    """Compute slopes of the needed rates, as `linear_slopes` and `propagate_slopes` would.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `memory_table`.
+    slope
+        Slopes of the state [state, slope].
+    found
+        Slopes of the rates [state, slope]; written where they are needed.
+    """
+    needed, matrix = whole_line(store, NEEDED_RATES), grid(store, RATE_MATRIX)
+    slopes, shares = grid(store, RATE_MATRIX_SLOPES), line(store, COMBINED)
+    own, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
+    states, width = slope.shape
+    linear = slopes.shape[1] // states
+    for r in range(states):
+        if needed[r] == 0:
+            continue
+        for i in range(r * linear, (r + 1) * linear):
+            own[i] = 0.0
+        for c in range(len(slopes)):
+            for i in range(r * linear, (r + 1) * linear):
+                own[i] += shares[c] * slopes[c, i]
+        row = address(matrix, r, opaque(0))
+        for j in range(0, width, ROUND):
+            start = zeros.ctypes.data
+            if j < linear:
+                start = own.ctypes.data + 8 * (r * linear + j)
+            rows = address(slope, opaque(0), j)
+            sum_rows(address(found, r, j), start, row, states, rows, width)
+
+
+@compiled
 def state_rate_slopes(
-    store: Whole, slope: Reals, t: float, coefficients: Reals, s: float
+    store: Whole, slope: Reals, t: float, coefficients: Reals, s: float, every: bool
 ) -> None:
     """Compute the slopes of the forces and rates that `state_rate` has just computed.
 
@@ -670,9 +730,12 @@ def state_rate_slopes(
         Polynomials of the inputs over the sample interval [input, power].
     s
         Share of the sample interval that has passed [1].
+    every
+        Whether rates of all states are wanted, and not only those of `needed_rates`.
     """
     laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN_INPUTS)
     seeing, matrix = grid(store, OBSERVATION), grid(store, RATE_MATRIX)
+    needed = whole_line(store, NEEDED_RATES)
     slope_matrix = grid(store, RATE_MATRIX_SLOPES)
     slope_v, slope_rate = grid(store, COMBINED_SLOPES), grid(store, RATE_SLOPES)
     w, slope_w = line(store, OBSERVED), grid(store, OBSERVED_SLOPES)
@@ -680,8 +743,11 @@ def state_rate_slopes(
     states, slopes = slope.shape
     channels, all_of = len(laws), matrix.shape[1]
     first = all_of - channels
-    linear_slopes(store, line(store, COMBINED), slope_matrix)
-    propagate_slopes(store, matrix, slope_matrix.shape[1] // states, slope, slope_rate)
+    if every:
+        linear_slopes(store, line(store, COMBINED), slope_matrix)
+        propagate_slopes(store, matrix, slope_matrix.shape[1] // states, slope, slope_rate)
+    else:
+        needed_rate_slopes(store, slope, slope_rate)
     if len(driven) > 0:
         for k in range(states, first):
             for j in range(slopes):
@@ -704,6 +770,8 @@ def state_rate_slopes(
     # Most inputs do not depend on any parameter.
     moving = opaque(states) if len(driven) > 0 else first
     for k in range(states):
+        if not every and needed[k] == 0:
+            continue
         for r in range(moving, all_of):
             share = matrix[k, r]
             if share != 0.0:
@@ -792,7 +860,7 @@ def runge_kutta_step(
         weight, ahead = (h / 6, h / 3, h / 3, h / 6)[stage], (h / 2, h / 2, h, 0.0)[stage]
         state_rate(store, x_0, t + share * h, coefficients, s + share * width)
         if slopes > 0:
-            state_rate_slopes(store, s_0, t + share * h, coefficients, s + share * width)
+            state_rate_slopes(store, s_0, t + share * h, coefficients, s + share * width, True)
         for k in range(states):
             x_1[k] += weight * rate[k, 0]
             x_0[k] = x[k] + ahead * rate[k, 0]
@@ -1318,7 +1386,7 @@ def simulate(
             forces[sample, c] = v[first + c, 0]
         if slopes > 0:
             if needs_rates == 1:
-                state_rate_slopes(store, slope, t, coefficients[sample], 0.0)
+                state_rate_slopes(store, slope, t, coefficients[sample], 0.0, False)
             for k in range(len(readouts)):
                 row = readouts[k, 0]
                 if row >= 0:

@@ -164,19 +164,20 @@ def run(
     start[: layout.free] = _carried_state(settings, start) if state0 is None else 0.0
     if state0 is not None:
         start[: layout.free, 0] = state0
+    free_count = len(matrices.names)
+    readouts = sensor_readouts(description, matrices.names)
     workspace = _workspace(
         system,
         start[:, 0],
         len(order),
         slopes,
         coefficients.shape[1],
+        _read_rows(readouts, free_count, layout),
     )
     if slopes:
         workspace.state_slopes[:, : len(order)] = start[:, 1:]
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
     forces = np.full((samples, len(layout.laws)), np.nan)
-    free_count = len(matrices.names)
-    readouts = sensor_readouts(description, matrices.names)
     factors = np.array([readout.factor for readout in readouts])
     # By sensor first, so that the slopes of one sensor are contiguous in memory.
     output_slopes = np.zeros(
@@ -346,6 +347,7 @@ def _workspace(
     before: int,
     slopes: int,
     inputs: int,
+    read: Int[np.ndarray, "sensor 2"],
 ) -> Workspace:
     size, channels, seen = len(state0), len(system.laws), len(system.observation)
     rows, columns = system.step_matrices.shape[1], system.step_matrices.shape[2]
@@ -360,6 +362,9 @@ def _workspace(
     modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.effect_table]
     widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.effect_table)]))
     frictions = int(system.effect_table[:, 0].sum())
+    needed = np.zeros(size, dtype=np.int64)
+    needed[np.flatnonzero((system.observation != 0.0).any(axis=0))] = 1
+    needed[read[(read[:, 0] >= 0) & (read[:, 1] == 1), 0]] = 1
     return Workspace(
         state=padded_copy(np.asarray(state0, dtype=float)),
         state_slopes=slope,
@@ -398,6 +403,7 @@ def _workspace(
             max(system.step_matrix_slopes.shape[2], system.rate_matrix_slopes.shape[1])
         ),
         zeros=np.zeros(ROUND),
+        needed_rates=needed,
     )
 
 

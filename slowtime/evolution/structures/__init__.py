@@ -9,11 +9,18 @@ from .hypotheses import Hypothesis, NamedChanges, name_changes
 from .identifiability import Limit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
-from .sensor_placement import ModePrecision, Placement, PlacementProblem, place_sensors
+from .sensor_placement import (
+    Criterion,
+    ModePrecision,
+    Placement,
+    PlacementProblem,
+    place_sensors,
+)
 from .shape_scatter import ShapeScatter, estimate_with_scatter, shape_scatter
 from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
 
 __all__ = [
+    "Criterion",
     "Hypothesis",
     "Limit",
     "MeasuredModes",

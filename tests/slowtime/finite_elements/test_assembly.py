@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -317,3 +318,49 @@ def test_conditions_that_contradict_are_refused():
         assemble(dataclasses.replace(line_of_beams(2), coordinates=np.zeros((3, 3))))
     with pytest.raises(ValueError, match="lies along its axis"):
         assemble(line_of_beams(1, orientation=(2.0, 0.0, 0.0)))
+
+
+def test_a_space_frame_moves_as_a_textbook_prints():
+    # A. J. M. Ferreira, "MATLAB Codes for Finite Element Analysis", Springer (2009), first
+    # example of section 8.3: three beams that meet at node 1, in metres and radians; printed
+    # digits as the tests of the package Asap (Julia) quote them.
+    printed = [-7.05e-6, -7e-8, 1.418e-5, 1.45e-6, 1.75e-6, 1.14e-6]
+    steel = Material(young_pa=210e9, poisson=210 / (2 * 84) - 1, density_kg_m3=0.0)
+    section = Section(area_m2=0.02, inertia_y_m4=1e-4, inertia_z_m4=2e-4, torsion_m4=5e-5)
+    # The book takes y of the upright beam, along which the global y axis lies, along x.
+    across = {"2": (0.0, 1.0, 0.0), "3": (0.0, 1.0, 0.0), "4": (1.0, 0.0, 0.0)}
+    beams = tuple(
+        Beam(
+            name=f"b{end}",
+            ends=("1", end),
+            section=section,
+            material=steel,
+            theory="euler",
+            orientation=orientation,
+        )
+        for end, orientation in across.items()
+    )
+    frame = Frame(
+        node_names=("1", "2", "3", "4"),
+        coordinates=np.array([[0, 0, 0], [3, 0, 0], [0, 0, -3], [0, -4, 0]], dtype=float),
+        beams=beams,
+        supports=tuple(Support(node=end) for end in across),
+    )
+    model = assemble(frame)
+    moved = solve(model, {("1", "ux"): -10e3, ("1", "uz"): 20e3})
+    found = [at(model, moved, "1", way) for way in ("ux", "uy", "uz", "rx", "ry", "rz")]
+    np.testing.assert_allclose(found, printed, rtol=0, atol=5.1e-9)
+
+
+def test_released_ends_keep_the_mass_of_a_beam_that_moves_as_a_whole():
+    whole = line_of_beams(1, supports=())
+    hinged = dataclasses.replace(
+        whole, beams=(dataclasses.replace(whole.beams[0], released=(("rz", "ry"), ("rz",))),)
+    )
+    for frame in (whole, hinged):
+        model: Any = assemble(frame)
+        for axis in ("ux", "uy", "uz"):
+            unit = np.zeros(model.dofs.size)
+            unit[[model.dofs.find(node, axis) for node in ("0", "1")]] = 1.0
+            own = model.rows(unit[None])[0]
+            assert own @ model.mass @ own == pytest.approx(2.0 * LINE_MASS)

@@ -21,6 +21,18 @@ TRUSSES = ("T3D2", "T3D2H")
 SHELLS = ("S4", "S4R")
 OTHERS = ("MASS", "ROTARYI", "SPRING1", "SPRING2")
 
+ENDS = ("S1", "S2")
+RELEASED = {
+    "M1": ("ry",),
+    "M2": ("rz",),
+    "T": ("rx",),
+    "M1-M2": ("ry", "rz"),
+    "M1-T": ("ry", "rx"),
+    "M2-T": ("rz", "rx"),
+    "ALLM": ("rx", "ry", "rz"),
+}
+"""Moments of *RELEASE → directions about the local axes; n1 and n2 of Abaqus are y and z."""
+
 NAMED_SUPPORTS = {
     "ENCASTRE": range(6),
     "PINNED": range(3),
@@ -47,6 +59,7 @@ class _Reader:
     kinds: dict[str, tuple[str, list[str], int]] = dataclasses.field(default_factory=dict)
     material: str = ""
     later: list[Block] = dataclasses.field(default_factory=list)
+    released: dict[str, tuple[list[str], list[str]]] = dataclasses.field(default_factory=dict)
 
 
 def read_input(mesh: Mesh) -> None:
@@ -68,6 +81,8 @@ def read_input(mesh: Mesh) -> None:
     mesh.check_understood()
     for block in reader.later:
         _second(reader, block)
+    for one in mesh.elements:
+        one["released"] = reader.released.get(one["id"], ((), ()))
     sectioned = {one["id"] for one in (*mesh.elements, *mesh.masses, *mesh.shells)}
     for name, (kind, _, line) in reader.kinds.items():
         if f"{kind} {name}" not in sectioned and f"{kind} {name} a" not in sectioned:
@@ -199,6 +214,26 @@ def _sectioned(reader: _Reader, block: Block) -> None:
             )
 
 
+def _release(reader: _Reader, block: Block) -> None:
+    """*RELEASE: element or set, end S1 or S2, and the moments that it does not pass."""
+    for line, parts in block.data:
+        if len(parts) < 3 or parts[1].upper() not in ENDS or parts[2].upper() not in RELEASED:
+            raise reader.mesh.error(
+                line,
+                "*RELEASE has an element or a set, an end and moments. Allowed are the ends "
+                f"{', '.join(ENDS)} and the moments {', '.join(RELEASED)}.",
+            )
+        end, ways = ENDS.index(parts[1].upper()), RELEASED[parts[2].upper()]
+        for number in _members(block, reader.element_sets, parts[0]):
+            kind, nodes, _ = reader.kinds.get(number, ("", [], 0))
+            if kind not in BEAMS:
+                raise reader.mesh.error(line, f"element {number} is no beam of the file.")
+            side = "" if len(nodes) == 2 else " ab"[end + 1]
+            name = f"{kind} {number}{' ' + side if side else ''}"
+            found = reader.released.setdefault(name, ([], []))[end]
+            found += [way for way in ways if way not in found]
+
+
 def _add_shells(reader: _Reader, block: Block) -> None:
     mesh, group, name = reader.mesh, block.parameter("ELSET"), block.parameter("MATERIAL")
     if "young_pa" not in mesh.materials.get(name, {}):
@@ -302,4 +337,5 @@ _LATER = {
     "SPRING": _add_springs,
     "BOUNDARY": _hold,
     "EQUATION": _relate,
+    "RELEASE": _release,
 }

@@ -1,6 +1,6 @@
 """Bulk data of Nastran → nodes, elements, masses and conditions of a frame."""
 
-from .mesh import Mesh
+from .mesh import DIRECTIONS, Mesh
 from .nastran_conditions import add_conditions
 from .nastran_deck import Deck, Fields, read_deck
 from .nastran_properties import (
@@ -124,10 +124,6 @@ def _add_beam(mesh: Mesh, card: Fields, properties: dict[str, tuple[str, str]]) 
     section, material = _property(card, properties, kinds)
     number, points = card.whole(1), (card.whole(3), card.whole(4))
     places = [mesh.place(point, card.line) for point in points]
-    if card.text(9) or card.text(10):
-        raise card.error(
-            "releases components (PA, PB). Give the joint by two points and an MPC or RBE2."
-        )
     if card.text(8, "GGG").upper() not in ("GGG", "BGG"):
         raise card.error(f"has the offsets flag {card.text(8)}. Allowed is GGG.")
     if any(card.text(k) for k in (17, 18)):
@@ -155,6 +151,7 @@ def _add_beam(mesh: Mesh, card: Fields, properties: dict[str, tuple[str, str]]) 
             "theory": "timoshenko" if thick else "euler",
             "orientation": orientation,
             "group": section,
+            "released": [[DIRECTIONS[d] for d in card.directions(k)] for k in (9, 10)],
         }
     )
 

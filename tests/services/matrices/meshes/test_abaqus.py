@@ -186,3 +186,29 @@ def test_an_element_without_a_section_is_named(tmp_path):
     text = re.sub(r"\*BEAM SECTION.*\n.*\n.*\n", "", CASES["rect31"][0])
     with pytest.raises(MatrixFileError, match=r"element 1 of type B31 has no section"):
         converted(tmp_path, text)
+
+
+def test_a_released_end_is_a_hinge_about_the_axes_that_are_named(tmp_path):
+    # A cantilever whose foot is released about n1 is a mechanism in one plane only: the other
+    # keeps its frequency. The second node holds it, so that a propped beam is left.
+    text = cantilever("B33", "RECT", "0.06, 0.10").replace(
+        "*BOUNDARY\n1, 1, 6\n", "*RELEASE\n1, S1, M1\n*BOUNDARY\n1, 1, 6\n21, 1, 4\n"
+    )
+    both = hertz(converted(tmp_path, text), 2)
+    width, height, length = 0.06, 0.10, 2.0  # along n1, which is y, and n2, which is z
+    speed = np.sqrt(2.1e11 / 7850.0) / (2 * np.pi * length**2)
+    # Bending about n1 is in the x-z plane: pinned and pinned there, clamped and pinned across.
+    expected = [
+        np.pi**2 * speed * height / np.sqrt(12),
+        3.9266023120**2 * speed * width / np.sqrt(12),
+    ]
+    np.testing.assert_allclose(both, np.sort(expected), rtol=2e-3)
+
+
+@pytest.mark.parametrize("line", ["1, S3, M1", "1, S1, M3", "1, S1"])
+def test_a_release_that_is_not_understood_says_what_is_allowed(tmp_path, line):
+    text = cantilever("B33", "RECT", "0.06, 0.10").replace(
+        "*BOUNDARY", f"*RELEASE\n{line}\n*BOUNDARY"
+    )
+    with pytest.raises(MatrixFileError, match=r"ends S1, S2 and the moments M1, M2, T"):
+        converted(tmp_path, text)

@@ -250,7 +250,6 @@ def test_nonstructural_mass_is_part_of_the_mass_by_length(tmp_path):
         (("CBAR,2,9,2,3,", "CBAR,2,9,2,33,"), r"node '33' does not exist.*5 nodes"),
         (("    2.-6\n", "      \n"), r"PBAR: has A=0.0015.*J=0.*small J"),
         (("8.0769+10", "4.0000+10"), r"MAT1: has Poisson's ratio .*Allowed"),
-        (("CBAR,2,9,2,3,0.,0.,-1.", "CBAR,2,9,2,3,0.,0.,-1.\n+,5"), r"releases components"),
         (("CONM2,1,3,", "CONM2,1,3,4"), "system 4"),
         (("GRID,4,,4.", "GRID,4,,4.x"), r"Line 11 of m.bdf has '4.x'"),
     ],
@@ -266,3 +265,30 @@ def test_a_mesh_of_another_kind_is_told_where_to_go(tmp_path):
         converted(tmp_path, "a,b\n", name="record.csv")
     with pytest.raises(MatrixFileError, match=r"no beam, bar, spring or shell.*`matrices`"):
         converted(tmp_path, "GRID,1,,0.,0.,0.\n")
+
+
+def test_a_hinge_halfway_makes_two_cantilevers_and_two_propped_beams(tmp_path):
+    count, length = 20, 20.0
+    points = "".join(
+        f"GRID,{k + 1},,{length * k / count:.9f},0.,0.,,4\n" for k in range(count + 1)
+    )
+    bars = "".join(
+        f"CBAR,{k},1,{k},{k + 1},0.,1.,0.\n" + ("+,,56\n" if k == count // 2 else "")
+        for k in range(1, count + 1)
+    )
+    inertias = np.array([8e-7, 3e-7])  # bending in the planes x-y and x-z
+    text = f"{points}{bars}PBAR,1,1,2.-3,8.-7,3.-7,1.-7\n{STEEL}SPC1,1,123456,1,{count + 1}\n"
+    found = hertz(converted(tmp_path, text), 4)
+    # Alike in both halves: no moment and no shear at the hinge. Opposite: it does not move.
+    roots = np.array([1.8751040687, 3.9266023120, 4.6940911330])
+    wave = np.sqrt(2.1e11 * inertias / (7850.0 * 2e-3)) / (length / 2) ** 2
+    expected = np.sort(np.outer(roots**2, wave).ravel())[:4] / (2 * np.pi)
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_a_bar_that_turns_freely_at_both_ends_is_refused(tmp_path):
+    text = cantilever("PBAR,1,1,2.-3,8.-7,2.-7,1.-7\n", count=1).replace(
+        "0.,1.,0.", "0.,1.,0.\n+,4,4"
+    )
+    with pytest.raises(ValueError, match=r"CBAR 1' is a mechanism with its releases"):
+        hertz(converted(tmp_path, text), 1)

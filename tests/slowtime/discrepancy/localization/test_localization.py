@@ -280,10 +280,12 @@ def test_a_sensor_that_says_nothing_does_not_lessen_what_the_others_leave(campai
     assert right.left > 0.7
 
 
-def test_free_decays_have_the_spectrum_of_what_is_run(campaign):
+@pytest.mark.parametrize("by_modes", [True, False])
+def test_free_decays_have_the_spectrum_of_what_is_run(campaign, by_modes):
     rig, _ = campaign(0, masses=2, seconds=1.0, levels=(1.0,))
     linear = LinearModel.of(rig.description)
-    spectra = linear.free_decay_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
+    modes = linear.state_modes() if by_modes else None
+    spectra = linear.free_decay_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0, modes)
     for k, state in enumerate(np.eye(4)):
         sensed, motion = linear.free_decay(300, 50.0, state)
         plain = transform(sensed, 50.0)[1]
@@ -300,12 +302,27 @@ def test_free_decays_of_what_floats_have_the_spectrum_of_what_is_run():
         elements=(),
         sensors=(Sensor(channel="x", quantity="displacement", node="m", unit="m"),),
     )
-    linear = LinearModel.of(alone)  # both its poles are 1: no matrix of modes has an inverse
+    linear = LinearModel.of(alone)  # both its poles are 0: no matrix of modes has an inverse
+    assert linear.state_modes() is None
     spectra = linear.free_decay_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
     state = np.array([0.5, 2.0])
     plain = transform(linear.free_decay(300, 50.0, state)[0], 50.0)[1]
     # On its own line, at 0, a pole is told of no more.
     assert (spectra.sensor_response @ state)[1:] == pytest.approx(plain[1:], rel=1e-5)
+
+
+def test_a_steady_response_by_modes_is_that_by_inverses(campaign):
+    rig, _ = campaign(0, masses=3, seconds=1.0, levels=(1.0,))
+    linear = LinearModel.of(rig.description)
+    lines = np.linspace(0.0, 30.0, 50)
+    dense, modal = (linear.steady_response(lines, m) for m in (None, linear.state_modes()))
+    size = np.abs(linear.compliance(lines)).max()
+    force = np.random.default_rng(1).standard_normal((50, 3)) + 0j
+    assert modal.displacement(force) == pytest.approx(
+        dense.displacement(force), rel=1e-9, abs=1e-12 * size
+    )
+    rows = np.array([[1.0, 0.0, -1.0]])
+    assert modal.seen_by(rows) == pytest.approx(dense.seen_by(rows), rel=1e-9, abs=1e-12 * size)
 
 
 def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
