@@ -371,12 +371,14 @@ def propagate_slopes(
             sum_rows(address(found, r, j), start, shares, states, rows, width)
 
 
-@compiled
-def solve(matrix: Reals, right: Reals, size: int) -> None:
+@ROUTINES.define(NOTHING(STORE, GRID, GRID, WHOLE))
+def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
     """Solve a system of linear equations in place, by elimination with pivoting.
 
     Parameters
     ----------
+    store
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     matrix
         Matrix [row, column]; overwritten.
     right
@@ -599,7 +601,7 @@ def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> N
         row += 1
     if row == 0:
         return
-    solve(stuck, right, row)
+    solve(store, stuck, right, row)
     row = opaque(0)
     for i in range(len(table)):
         if table[i, FRICTION] == 1 and modes[i] == 0.0:
@@ -1026,7 +1028,7 @@ def newton_inverse(store: Whole, level: int) -> None:
     for r in range(3 * channels):
         for k in range(3 * channels):
             inverse[r, k] = 1.0 if k == r else 0.0
-    solve(newton, inverse, 3 * channels)
+    solve(store, newton, inverse, 3 * channels)
 
 
 @ROUTINES.define(REAL(STORE, WHOLE, REAL, REAL, REAL))
