@@ -8,20 +8,22 @@ last bit, and so is the work that is counted.
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from slowtime.dynamics.work import count_work, metered
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Found = TypeVar("Found", covariant=True)
 Counted = tuple[Result, int]
 """A result, and the work that it took [units]."""
 
 
-class Pending(Protocol[Result]):
+@runtime_checkable
+class Pending(Protocol[Found]):
     """A result that another process works on."""
 
-    def result(self) -> Counted[Result] | None:
+    def result(self) -> Counted[Found] | None:
         """Wait for the result and its work; None where the process was lost."""
         ...
 
@@ -30,6 +32,7 @@ class Pending(Protocol[Result]):
         ...
 
 
+@runtime_checkable
 class Workers(Protocol):
     """Processes beside this one that compute with what is in its memory now."""
 

@@ -16,6 +16,7 @@ from slowtime_services.engines.forks import ForkedWorkers, can_fork
 
 from .campaign import gather
 from .channel_roles import Roles
+from .compile_ahead import compile_ahead
 from .compile_time import compiling_s
 from .document import document_of
 from .record_checks import refuse_nonsense
@@ -97,6 +98,9 @@ def diagnose_records(
     given = gather(description, records, holdout, roles)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
+    workers = ForkedWorkers(jobs) if jobs > 1 and can_fork() else None
+    if workers is not None:
+        compile_ahead(workers)
     with metered() as meter:
         found = diagnose(
             given.campaign,
@@ -104,7 +108,7 @@ def diagnose_records(
             options=options,
             progress=progress,
             stop=stop,
-            workers=ForkedWorkers(jobs) if jobs > 1 and can_fork() else None,
+            workers=workers,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
         )

@@ -78,7 +78,7 @@ class ForkedWorkers(Workers):
                 return error
 
         with _dealt(len(items)) as numbers, contextlib.ExitStack() as stack:
-            others = []
+            others: list[_Forked[Result]] = []
             for _ in range(min(self.count, len(items)) - 1):
                 others.append(_Forked(lambda: [(n, attempt(n)) for n in numbers()], shared))
                 stack.callback(others[-1].drop)
@@ -183,7 +183,7 @@ class _Pickler(pickle.Pickler):
         self._numbers = {id(one): number for number, one in enumerate(shared)}
 
     def persistent_id(self, obj: Any) -> int | None:
-        """Number of a shared object; None of others."""
+        """Return the number of a shared object, None of others."""
         return self._numbers.get(id(obj))
 
 
@@ -195,5 +195,5 @@ class _Unpickler(pickle.Unpickler):
         self._shared = shared
 
     def persistent_load(self, pid: Any) -> Any:
-        """Shared object of a number."""
+        """Return the shared object of a number."""
         return self._shared[pid]

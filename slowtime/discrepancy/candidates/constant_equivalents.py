@@ -88,9 +88,7 @@ def equivalent_laws(
         motions = [run[place] for run in runs]
         start = _fit_start(bent, place)
         able = [
-            kind
-            for kind in simple_kinds(kinds)
-            if is_applicable(kind, bent.plant.description)
+            kind for kind in simple_kinds(kinds) if is_applicable(kind, bent.plant.description)
         ]
 
         def nearest_law(

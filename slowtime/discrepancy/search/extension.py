@@ -313,7 +313,11 @@ def _fit_proposals(
 
 def _fitting(given: Round, turn: TrialOrder) -> Fitting:
     return Fitting(
-        before=given.before, trials=given.trials, kinds=given.kinds, tick=turn, late=turn.is_late
+        before=given.before,
+        trials=given.trials,
+        kinds=given.kinds,
+        tick=turn,
+        late=turn.is_late,
     )
 
 

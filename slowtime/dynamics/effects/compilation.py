@@ -92,6 +92,18 @@ class Routines:
         """Count the routines."""
         return len(self._found)
 
+    def compile(self, number: int) -> bool:
+        """Compile one of them; tell whether its code was on disk already.
+
+        Parameters
+        ----------
+        number
+            Of the routine, in the order in which they are defined.
+        """
+        function, signature, _ = self._found[number]
+        function.compile(signature.args)
+        return bool(function.stats.cache_hits)
+
     @functools.cache  # noqa: B019  # there is one such object for each module
     def addresses(self, *, rare: bool) -> Sequence[int]:
         """Compile the routines, and tell where their machine code stands in memory.
