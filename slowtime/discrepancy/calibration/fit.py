@@ -360,6 +360,20 @@ def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
     return float(np.sqrt(np.sum(weighted**2)))
 
 
+def referred_to(fit: Fit, trials: Sequence[Trial]) -> tuple[object, ...]:
+    """List what fits to the same records refer to, and need not be copied.
+
+    Parameters
+    ----------
+    fit
+        One of them.
+    trials
+        The records.
+    """
+    plant = fit.plant
+    return (fit, fit.noise, plant, plant.kinds, *plant.kinds.values(), *trials)
+
+
 def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:
     """Refit as `refit` does; None where the fit breaks down or is abandoned.
 

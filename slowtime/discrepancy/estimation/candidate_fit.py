@@ -22,6 +22,7 @@ from slowtime.discrepancy.calibration.augmentation import (
     carry_effect,
     fitted_effects,
 )
+from slowtime.discrepancy.calibration.fit import referred_to
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL, Comparison
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
@@ -471,9 +472,8 @@ class Fitting:
 
     def _shared_objects(self) -> tuple[object, ...]:
         """List what fits refer to, and need not be copied."""
-        plant = self.before.plant
-        own = (self.before, plant, plant.kinds, self.kinds, self.noise, self.before.noise)
-        return (*own, *plant.kinds.values(), *self.kinds.values(), *self.trials)
+        own = referred_to(self.before, self.trials)
+        return (*own, self.noise, self.kinds, *self.kinds.values())
 
     def _is_passed_over(self, candidate: Candidate) -> bool:
         """Whether a candidate is so far behind along the force that it is not fitted."""

@@ -61,12 +61,20 @@ def test_shared_objects_stay_the_same_objects():
 
 
 def test_a_process_that_is_lost_has_no_result():
-    pending = ForkedWorkers(2).begin(lambda: os.kill(os.getpid(), signal.SIGKILL), ())
+    def fatal():
+        os.kill(os.getpid(), signal.SIGKILL)
+        return None, 0
+
+    pending = ForkedWorkers(2).begin(fatal, ())
     assert pending.result() is None
 
 
 def test_no_process_is_left_behind():
-    pending = ForkedWorkers(2).begin(signal.pause, ())
+    def endless():
+        signal.pause()
+        return None, 0
+
+    pending = ForkedWorkers(2).begin(endless, ())
     pending.drop()
     with pytest.raises(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
