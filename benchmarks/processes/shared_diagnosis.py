@@ -1,9 +1,9 @@
 """One diagnosis shared by processes, and the first one of an installation, as ratios.
 
 `python -m benchmarks.processes.shared_diagnosis` takes some minutes. Three masses whose middle
-joint stiffens are diagnosed by `slowtime diagnose`, by one process and by two, in turn; then once
-with compiled code in an empty folder. Ratios of time on the clock say something only where the
-machine has nothing else to do, so the load is printed beside them.
+joint stiffens are diagnosed by `slowtime diagnose`, by one process and by two, in turn; then
+once with compiled code in an empty folder. Ratios of time on the clock say something only where
+the machine has nothing else to do, so the load is printed beside them.
 """
 
 import argparse
