@@ -140,7 +140,12 @@ def map_shared(
     workers = current_workers()
     if workers is None or len(items) < 2:
         return [function(item) for item in items]
-    found = workers.map(lambda item: counted(lambda: function(item)), items, shared)
+
+    def compute(item: Item) -> Counted[Result]:
+        with shared_among(None):  # the others are busy
+            return counted(lambda: function(item))
+
+    found = workers.map(compute, items, shared)
     count_work(sum(work for _, work in found))
     return [value for value, _ in found]
 

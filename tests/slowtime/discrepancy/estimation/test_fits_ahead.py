@@ -1,6 +1,7 @@
 """A fit that was begun ahead is taken only where it is the one that is wanted."""
 
 import dataclasses
+from typing import Any
 
 from slowtime.discrepancy.calibration.levenberg_marquardt import Comparison
 from slowtime.discrepancy.estimation.fits_ahead import Attempt, FitsAhead
@@ -9,7 +10,7 @@ from slowtime.dynamics.work import count_work, metered
 
 
 @dataclasses.dataclass
-class Done(Pending):
+class Done(Pending[Any]):
     """A result that is there at once."""
 
     found: object
@@ -44,7 +45,7 @@ def fit():
 
 
 def taken(begun_with, cost_to_beat, *, late=False):
-    ahead = FitsAhead(Beside(), ())
+    ahead: FitsAhead[str] = FitsAhead(Beside(), ())
     with metered() as meter:
         ahead.begin(0, begun_with, fit)
         assert meter.spent == 0
@@ -70,15 +71,16 @@ def test_it_is_not_taken_where_the_budget_may_have_ended_within():
 
 
 def test_what_was_not_begun_or_was_lost_is_not_taken():
-    assert FitsAhead(None, ()).take(0, None, bool) is None
-    ahead = FitsAhead(Beside(), ())
+    nobody: FitsAhead[str] = FitsAhead(None, ())
+    assert nobody.take(0, None, bool) is None
+    ahead: FitsAhead[str] = FitsAhead(Beside(), ())
     ahead._begun[0] = Done(None), None
     assert ahead.take(0, None, bool) is None
 
 
 def test_fits_that_were_not_taken_are_ended():
     workers = Beside()
-    ahead = FitsAhead(workers, ())
+    ahead: FitsAhead[str] = FitsAhead(workers, ())
     ahead.begin(0, None, fit)
     ahead.begin(0, None, fit)
     ahead.drop()
