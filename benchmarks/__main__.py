@@ -17,6 +17,7 @@ from .processes import (
     edge_startup,
     ledger,
     server,
+    shared_diagnosis,
     startup,
     streaming,
     throughput,
@@ -35,6 +36,7 @@ def main() -> int:
     runs: tuple[tuple[str, Callable[[], int | None]], ...] = (
         ("Start-up of the command", startup.main),
         ("An edge agent before its first sample", edge_startup.main),
+        ("One diagnosis shared by two processes", lambda: shared_diagnosis.main([])),
         ("Identification at the limit", lambda: identification.main([])),
         (
             "Modes of simulated structures",

@@ -27,6 +27,7 @@ from .report.assembly import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
 from .selection.refutation import refute
+from .workers import Workers, shared_among
 
 QUICK = (
     "With --quick, only a few laws for a single effect were tried. Run again without "
@@ -43,6 +44,7 @@ def diagnose(
     stop: Stop | None = None,
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
+    workers: Workers | None = None,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -62,8 +64,19 @@ def diagnose(
         Once true, no more laws are tried than those that come near the best along the force.
     over
         Once true, none are: what was found by then is the answer. With `late`, where not given.
+    workers
+        Processes that share the work; what is found does not depend on them.
     """
-    tell = Monitor(progress, stop, late, over)
+    with shared_among(workers):
+        return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over))
+
+
+def _diagnose(
+    campaign: Campaign,
+    kinds: Mapping[str, Kind] | None,
+    options: SearchOptions,
+    tell: Monitor,
+) -> Diagnosis:
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
     given = campaign.trials

@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
+from .workers import is_helping
+
 Progress = Callable[[str, float], None]
 
 
@@ -62,7 +64,7 @@ class Monitor:
         if self.stop is not None and self.stop.is_set():
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
         self.share_done = max(self.share_done, share)
-        if self.progress is not None:
+        if self.progress is not None and not is_helping():
             self.progress(stage, self.share_done)
 
     @property

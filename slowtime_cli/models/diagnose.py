@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +20,10 @@ from slowtime_services.engines import Limits
 from slowtime_services.files import DateOrder
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
+
+MOST_JOBS = 4
+"""[processes] That share a diagnosis where --jobs is not given. Source: judgement; candidates
+are few, and each is fitted with what those before it have shown."""
 
 
 def diagnose(
@@ -84,7 +89,7 @@ def diagnose(
         found, document = diagnose_records(
             description, learnt, judged, roles=roles, kinds=kinds,
             options=SearchOptions(quick=quick), unchecked=unchecked, progress=progress,
-            patience_s=patience_s,
+            patience_s=patience_s, jobs=jobs or min(os.cpu_count() or 1, MOST_JOBS),
         )  # fmt: skip
     for text in document.notes:
         note(text)
@@ -110,10 +115,16 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
     words = TextColumn("{task.description}")
     columns = (words, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(
-        *columns, console=ERR, transient=True, disable=not shows_progress()
+        *columns,
+        console=ERR,
+        transient=True,
+        disable=not shows_progress(),
+        auto_refresh=False,  # by a thread, beside which no process can be forked
     ) as progress:
         task = progress.add_task("reading", total=1.0)
-        yield lambda stage, share: progress.update(task, description=stage, completed=share)
+        yield lambda stage, share: progress.update(
+            task, description=stage, completed=share, refresh=True
+        )
 
 
 def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:

@@ -55,7 +55,7 @@ def diagnose_batch(
         held_out = [word for path in case.holdout for word in ("--holdout", str(path))]
         return (
             sys.executable, "-m", "slowtime_cli", "diagnose", str(case.model),
-            *map(str, case.records), *held_out, *more, "--out", str(into),
+            *map(str, case.records), *held_out, *more, "--jobs", "1", "--out", str(into),
         )  # fmt: skip
 
     cases = [

@@ -12,9 +12,11 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.work import metered
 from slowtime_schemas.files.diagnosis import DiagnosisFile
+from slowtime_services.engines.forks import ForkedWorkers, can_fork
 
 from .campaign import gather
 from .channel_roles import Roles
+from .compile_ahead import compile_ahead
 from .compile_time import compiling_s
 from .document import document_of
 from .record_checks import refuse_nonsense
@@ -55,6 +57,7 @@ def diagnose_records(
     progress: Progress | None = None,
     stop: Stop | None = None,
     patience_s: float | None = None,
+    jobs: int = 1,
 ) -> tuple[Diagnosis, DiagnosisFile]:
     """Find the effects that a model lacks to explain records.
 
@@ -77,6 +80,9 @@ def diagnose_records(
         fitted is given up, and what was found by then is the answer; in the last part of it
         only the likeliest are tried. Work is counted, not timed, so that the same records give
         the same answer on any machine. As `patience_for` has it where not given.
+    jobs
+        Processes that share the work. The answer does not depend on it. It is done by one where
+        this process cannot be forked.
 
     Raises
     ------
@@ -92,6 +98,9 @@ def diagnose_records(
     given = gather(description, records, holdout, roles)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
+    workers = ForkedWorkers(jobs) if jobs > 1 and can_fork() else None
+    if workers is not None:
+        compile_ahead(workers)
     with metered() as meter:
         found = diagnose(
             given.campaign,
@@ -99,6 +108,7 @@ def diagnose_records(
             options=options,
             progress=progress,
             stop=stop,
+            workers=workers,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
         )

@@ -194,7 +194,9 @@ def refit(
     point = _over_growing_horizons(plant, prior, records, heard, start, horizons, control)
     if noise is None:
         problem = _problem(plant, prior, records, heard)
-        still = dataclasses.replace(control, cost_to_beat=None, to_convergence=False)
+        still = dataclasses.replace(
+            control, cost_to_beat=None, compared=None, to_convergence=False
+        )
         point = minimise(problem, point, still)[0]
         heard = _estimate_noise(plant, records, point, silent)
     problem = _problem(plant, prior, records, heard)
@@ -250,13 +252,14 @@ def _over_growing_horizons(
     whole = [len(trial.outputs) for trial in records]
     for horizon in horizons[:-1]:
         counts = [prev_fast_len(max(int(horizon * n), min(MIN_SAMPLES, n))) for n in whole]
-        goal = None
-        if control.cost_to_beat is not None and horizon >= MIN_COMPARED_SHARE:
-            goal = control.cost_to_beat * sum(counts) / sum(whole)
         problem = _problem(plant, prior, records, noise, counts)
-        part = dataclasses.replace(control, cost_to_beat=goal, to_convergence=False)
+        part = dataclasses.replace(
+            control, data=(sum(counts), sum(whole)), to_convergence=False
+        )
+        if horizon < MIN_COMPARED_SHARE:
+            part = dataclasses.replace(part, cost_to_beat=None, compared=None)
         point = minimise(problem, point, part)[0]
-        if goal is not None and point.cost > HOPELESS_RATIO * goal:
+        if part.is_beaten(point.cost, HOPELESS_RATIO):
             raise FitAbandoned
     return point
 
@@ -355,6 +358,20 @@ def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
     counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
     weighted = counts / counts.sum() * np.array(noise.relative_sd)
     return float(np.sqrt(np.sum(weighted**2)))
+
+
+def referred_to(fit: Fit, trials: Sequence[Trial]) -> tuple[object, ...]:
+    """List what fits to the same records refer to, and need not be copied.
+
+    Parameters
+    ----------
+    fit
+        One of them.
+    trials
+        The records.
+    """
+    plant = fit.plant
+    return (fit, fit.noise, plant, plant.kinds, *plant.kinds.values(), *trials)
 
 
 def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:

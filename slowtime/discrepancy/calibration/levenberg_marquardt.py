@@ -73,6 +73,22 @@ class FitAbandoned(Exception):
     """A fit was ended because it was late, or could not reach the cost to beat."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Comparison:
+    """A cost that was compared with so many times its share of the cost to beat."""
+
+    cost: float
+    ratio: float
+    data: tuple[int, int]
+
+    def is_beaten(self, cost_to_beat: float | None) -> bool:
+        """Whether it is more than that; never where there is no cost to beat."""
+        if cost_to_beat is None:
+            return False
+        part, whole = self.data
+        return self.cost > self.ratio * (cost_to_beat * part / whole)
+
+
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class FitControl:
     """When a fit ends, and how far constants may move in it.
@@ -89,12 +105,25 @@ class FitControl:
     to_convergence
         Whether to step on until nothing is gained. That takes longer and changes parameters
         that the records hardly determine, but no comparison of models.
+    data
+        Samples that are fitted, and samples of whole records, whose cost is that to beat.
+    compared
+        Keeps what was compared with the cost to beat, where given.
     """
 
     cost_to_beat: float | None = None
     is_late: Callable[[], bool] | None = None
     max_tolerances: float = np.inf
     to_convergence: bool = False
+    data: tuple[int, int] = (1, 1)
+    compared: "list[Comparison] | None" = None
+
+    def is_beaten(self, cost: float, ratio: float = 1.0) -> bool:
+        """Whether a cost is more than so many times its share of the cost to beat."""
+        comparison = Comparison(cost, ratio, self.data)
+        if self.compared is not None:
+            self.compared.append(comparison)
+        return comparison.is_beaten(self.cost_to_beat)
 
     def check_time(self) -> None:
         """Raise `FitAbandoned` once it is late."""
@@ -348,9 +377,8 @@ def minimise(
             break
         before, won, point = point, point.cost - tried.cost, tried
         slow = slow + 1 if won < SLOW_GAIN * beyond else 0
-        goal = control.cost_to_beat
         hoped = point.cost - HOPED_STEPS * won
-        hopeless = goal is not None and number >= MIN_STEPS and hoped > goal
+        hopeless = number >= MIN_STEPS and control.is_beaten(hoped)
         # Where no more was to be had, slopes are what they were.
         if max(won, gain) < enough or hopeless or slow == MAX_SLOW_STEPS:
             break

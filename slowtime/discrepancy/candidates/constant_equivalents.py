@@ -21,6 +21,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import (
     Effect,
@@ -86,16 +87,21 @@ def equivalent_laws(
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
         start = _fit_start(bent, place)
-        for kind in simple_kinds(kinds):
-            if not is_applicable(kind, bent.plant.description):
-                continue
-            nearest = min(
-                (
-                    (free_run_chi2(bent, effect, start, trials, kinds), i, effect)
-                    for i, effect in enumerate(_proportional_laws(bent, kind, place, motions))
-                ),
+        able = [
+            kind for kind in simple_kinds(kinds) if is_applicable(kind, bent.plant.description)
+        ]
+
+        def nearest_law(
+            kind: Kind, place: Place = place, motions: list[Motion] = motions,
+            start: FitStart = start,
+        ) -> tuple[float, int, Effect] | None:  # fmt: skip
+            laws = enumerate(_proportional_laws(bent, kind, place, motions))
+            return min(
+                ((free_run_chi2(bent, law, start, trials, kinds), i, law) for i, law in laws),
                 default=None,
             )
+
+        for kind, nearest in zip(able, map_shared(nearest_law, able), strict=True):
             if nearest is None or not math.isfinite(nearest[0]):
                 continue
             numbers = sum(p.fitted for p in kind.parameters)

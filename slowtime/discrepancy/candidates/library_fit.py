@@ -20,6 +20,7 @@ from slowtime.discrepancy.calibration.augmentation import FitStart
 from slowtime.discrepancy.localization import Localization, PlaceGroup
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.description import Description, moves_with_base
 from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
@@ -143,8 +144,14 @@ def library_candidates(
             if not own:
                 continue
             space = spaces[place] = ForceSpace(fit, located, place)
-            for kind in own:
-                both = (best_effect(kind, space), best_within_tolerances(kind, space))
+            explored = map_shared(
+                lambda kind, space=space: (  # type: ignore[misc]
+                    best_effect(kind, space),
+                    best_within_tolerances(kind, space),
+                ),
+                own,
+            )
+            for kind, both in zip(own, explored, strict=True):
                 if both == (None, None):
                     continue
                 effect, gain = max((one for one in both if one is not None), key=gain_of)

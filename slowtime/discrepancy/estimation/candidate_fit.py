@@ -22,13 +22,15 @@ from slowtime.discrepancy.calibration.augmentation import (
     carry_effect,
     fitted_effects,
 )
+from slowtime.discrepancy.calibration.fit import referred_to
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL
+from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL, Comparison
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import current_workers
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import (
     Effect,
@@ -44,6 +46,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.effects.kind import no_shapes
 from slowtime.dynamics.plant import Name
 
+from .fits_ahead import Attempt, FitsAhead
 from .switching_instant import refine_switching_instant
 
 NESTED = {"stribeck": "coulomb"}
@@ -377,6 +380,8 @@ class Fitting:
         The fit that each of them is added to.
     tick
         Told which candidate is next, and its number; says whether there is no budget for it.
+    late
+        Says the same and keeps nothing; `tick` where that keeps nothing either.
     shooting
         Whether each is fitted to segments of the records first: that leads to the right minimum
         where an effect is strong, and costs more.
@@ -400,6 +405,7 @@ class Fitting:
     trials: Sequence[Trial]
     kinds: Mapping[str, Kind]
     tick: Tick
+    late: Tick | None = None
     shooting: bool = False
     found: tuple[FittedCandidate, ...] = ()
     idle: tuple[FittedCandidate, ...] = ()
@@ -416,11 +422,18 @@ class Fitting:
         Once one leaves nothing, others are given up that were far behind it along the force;
         once one leaves little, others that would leave more.
         """
-        fitting = self
-        for candidate in candidates:
-            if fitting.stopped:
-                break
-            fitting = fitting._fit_one(candidate)
+        fitting, first = self, self.count
+        ahead: FitsAhead[FittedCandidate | None] = FitsAhead(
+            current_workers(), self._shared_objects()
+        )
+        try:
+            for candidate in candidates:
+                if fitting.stopped:
+                    break
+                fitting._begin_ahead(candidates[fitting.count - first :], ahead)
+                fitting = fitting._fit_one(candidate, ahead)
+        finally:
+            ahead.drop()
         return fitting
 
     def ranked(self, over: Callable[[], bool] = bool) -> list[FittedCandidate]:
@@ -440,18 +453,42 @@ class Fitting:
             anew=not self.stopped, over=over,
         )  # fmt: skip
 
-    def _fit_one(self, candidate: Candidate) -> "Fitting":
-        kind, number = self.kinds[candidate.effect.kind], self.count
-        seen = dataclasses.replace(self, count=number + 1)
+    def _begin_ahead(
+        self,
+        candidates: Sequence[Candidate],
+        ahead: "FitsAhead[FittedCandidate | None]",
+    ) -> None:
+        """Begin to fit the next candidates, once there is a noise to compare them by."""
+        if self.noise is None or self.shooting:
+            return
+        for number, candidate in enumerate(candidates[: ahead.room], self.count):
+            action = self.kinds[candidate.effect.kind].action
+            # A law that switches is sought near the cost to beat, which is no comparison.
+            if self._is_passed_over(candidate) or (isinstance(action, Law) and action.switches):
+                continue
+            beat = self._cost_to_beat(candidate.effect)
+            fit = functools.partial(self._attempt, candidate, number, beat, self.late)
+            ahead.begin(number, beat, fit)
+
+    def _shared_objects(self) -> tuple[object, ...]:
+        """List what fits refer to, and need not be copied."""
+        own = referred_to(self.before, self.trials)
+        return (*own, self.noise, self.kinds, *self.kinds.values())
+
+    def _is_passed_over(self, candidate: Candidate) -> bool:
+        """Whether a candidate is so far behind along the force that it is not fitted."""
+        kind = self.kinds[candidate.effect.kind]
         if isinstance(kind.action, Unmeasured) or candidate.cost > self.give_up:
-            return seen
-        if (
-            _straight(kind)
-            and candidate.cost > RIVAL_COST_RATIO * self.reached + GIVE_UP_MARGIN
-        ):
-            return seen
-        if self.tick(candidate.effect, number):
-            return dataclasses.replace(seen, stopped=True)
+            return True
+        most = RIVAL_COST_RATIO * self.reached + GIVE_UP_MARGIN
+        return _straight(kind) and candidate.cost > most
+
+    def _attempt(
+        self, candidate: Candidate, number: int, cost_to_beat: float | None, late: Tick | None
+    ) -> Attempt[FittedCandidate | None]:
+        """Fit a candidate, and keep what was compared with the cost to beat."""
+        kind = self.kinds[candidate.effect.kind]
+        compared: list[Comparison] = []
         named = fit_candidate(
             self.before,
             candidate.effect,
@@ -459,8 +496,9 @@ class Fitting:
             self.kinds,
             self.noise,
             control=FitControl(
-                cost_to_beat=self._cost_to_beat(candidate.effect),
-                is_late=functools.partial(_late, self.tick, candidate.effect, number),
+                cost_to_beat=cost_to_beat,
+                is_late=functools.partial(_late, late or self.tick, candidate.effect, number),
+                compared=compared,
             ),
             schedule=FitSchedule(
                 start=candidate.start,
@@ -468,6 +506,22 @@ class Fitting:
                 horizons=_growing(candidate, kind, shooting=self.shooting),
             ),
         )
+        return Attempt(named, tuple(compared))
+
+    def _fit_one(
+        self, candidate: Candidate, ahead: "FitsAhead[FittedCandidate | None]"
+    ) -> "Fitting":
+        kind, number = self.kinds[candidate.effect.kind], self.count
+        seen = dataclasses.replace(self, count=number + 1)
+        if self._is_passed_over(candidate):
+            return seen
+        if self.tick(candidate.effect, number):
+            return dataclasses.replace(seen, stopped=True)
+        beat, late = self._cost_to_beat(candidate.effect), self.late or self.tick
+        attempt = ahead.take(
+            number, beat, functools.partial(_late, late, candidate.effect, number)
+        ) or self._attempt(candidate, number, beat, self.tick)
+        named = attempt.fit
         if named is None:
             return seen
         if seen.noise is None:

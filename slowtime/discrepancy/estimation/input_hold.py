@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
-from slowtime.discrepancy.calibration.fit import Fit, refit
+from slowtime.discrepancy.calibration.fit import Fit, referred_to, refit
 from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Plant
@@ -233,12 +234,15 @@ def _others(
     """Fit the same model under every other hold; what says least of the input comes last."""
     now = [entry.hold or "band_limited" for entry in last.plant.description.inputs]
     tried = [[one or hold for one in stated] for hold in (*OTHERS, "band_limited")]
-    others = []
-    for holds in tried:
-        if holds != now:
-            with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
-                others.append(with_holds(last, holds, trials, kinds, noise))
-    return others or [last]
+
+    def fit_held(holds: Sequence[Hold]) -> Fit | None:
+        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
+            return with_holds(last, holds, trials, kinds, noise)
+        return None
+
+    shared = (*referred_to(last, trials), kinds, *kinds.values(), noise)
+    others = map_shared(fit_held, [holds for holds in tried if holds != now], shared)
+    return [other for other in others if other is not None] or [last]
 
 
 def held_otherwise(

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.effects import Place, SensorChange
 
 from .gain_probability import gain_probability
@@ -116,10 +117,12 @@ def _rank_families(
         quiet = update_noise(fit, records, solver.trials, best.explained)
         solver = LatentForceSolver(solver.linear, solver.known, quiet)
         order, _ = _sort_by_likelihood(solver, order, REFINED_PLACES, RANKING_ROUNDS)
-    found = [
-        (family, solver.explain(family[0], rounds=ROUNDS if i < REFINED_PLACES else 1))
-        for i, family in enumerate(order)
-    ]
+    explained = map_shared(
+        lambda i: solver.explain(order[i][0], rounds=ROUNDS if i < REFINED_PLACES else 1),
+        range(len(order)),
+        _shared(solver, order),
+    )
+    found = list(zip(order, explained, strict=True))
     return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
 
 
@@ -163,15 +166,28 @@ def _sort_by_likelihood(
     solver: LatentForceSolver, families: list[list[ForceSource]], keen: int, rounds: int
 ) -> tuple[list[list[ForceSource]], PlaceEstimate]:
     """Sort families by likelihood, the first `keen` by all rounds; give the likeliest, too."""
-    likelihoods, best = [], None
-    for i, family in enumerate(families):
-        found = solver.iterate(family[0], rounds=rounds if i < keen else 1)
-        likelihoods.append(found.likelihood)
-        if best is None or found.likelihood > best.likelihood:
-            best = found
-    assert best is not None
+    made: dict[int, PlaceEstimate] = {}
+
+    def likelihood(number: int) -> float:
+        made[number] = solver.iterate(
+            families[number][0], rounds=rounds if number < keen else 1
+        )
+        return made[number].likelihood
+
+    likelihoods = map_shared(likelihood, range(len(families)))
+    first = max(range(len(families)), key=lambda i: likelihoods[i])
+    if first not in made:  # estimated by another process, which told its likelihood only
+        likelihood(first)
     order = sorted(range(len(families)), key=lambda i: -likelihoods[i])
-    return [families[i] for i in order], best
+    return [families[i] for i in order], made[first]
+
+
+def _shared(
+    solver: LatentForceSolver, families: Sequence[Sequence[ForceSource]]
+) -> tuple[object, ...]:
+    """List what estimates refer to: they are large, and the same objects in all."""
+    sources = (source for family in families for source in family)
+    return (solver, solver.linear, solver.known, *solver.trials, *sources)
 
 
 def _motion(

@@ -13,6 +13,7 @@ import numpy as np
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import described_effects
+from slowtime.discrepancy.calibration.fit import referred_to
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.calibration.tolerances import LEFT_TOLERANCES
 from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
@@ -20,6 +21,7 @@ from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfi
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Name
 from slowtime.dynamics.work import unmetered
@@ -67,12 +69,15 @@ def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
         return fit
     at = [fit.prior.index[i] for i in own]
     tolerance = float(np.mean(fit.prior.sd[own] / fit.prior.mean[own]))
-    best = fit
-    for sds in FACTOR_SDS:
+
+    def from_stiffness(sds: float) -> Fit | None:
         values = fit.plant.values.copy()
         values[at] *= np.exp(sds * tolerance)
         with unmetered():
-            other = try_refit(fit.plant, trials, values=values, noise=fit.noise)
+            return try_refit(fit.plant, trials, values=values, noise=fit.noise)
+
+    best = fit
+    for other in map_shared(from_stiffness, FACTOR_SDS, referred_to(fit, trials)):
         if other is None or max(map(abs, other.constant_pulls.values())) > LEFT_TOLERANCES:
             continue
         if other.cost < MUCH_LOWER_SHARE * best.cost:

@@ -312,7 +312,13 @@ def _fit_proposals(
 
 
 def _fitting(given: Round, turn: TrialOrder) -> Fitting:
-    return Fitting(before=given.before, trials=given.trials, kinds=given.kinds, tick=turn)
+    return Fitting(
+        before=given.before,
+        trials=given.trials,
+        kinds=given.kinds,
+        tick=turn,
+        late=turn.is_late,
+    )
 
 
 def _with_released_constants(

@@ -39,12 +39,16 @@ class TrialOrder:
         """Say whether there is no time for a label."""
         share = self._begun + self._step * turn
         self._tell(f"refitting {effect.kind} at {effect.place}", share)
+        stop = self.is_late(effect, turn)
+        self.cut.extend([effect] if stop and label_of(effect) not in self._far else [])
+        return stop
+
+    def is_late(self, effect: Effect, turn: int) -> bool:
+        """Say the same, and keep nothing."""
         if label_of(effect) in self._far:
             return self._tell.is_late
         must = self.must and turn == 0
-        stop = self._tell.is_over if self._number else self._tell.is_late and not must
-        self.cut.extend([effect] if stop else [])
-        return stop
+        return self._tell.is_over if self._number else self._tell.is_late and not must
 
 
 def near_first(

@@ -6,7 +6,7 @@ the package nor the user's own (NUMBA_CACHE_DIR names another), code is compiled
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
@@ -24,7 +24,7 @@ Scalar = Callable[[float, float, float, Any, Any], float]
 number out."""
 
 _REAL = types.float64
-_OPTIONS = {"error_model": "numpy", "_nrt": False}
+_OPTIONS: Mapping[str, Any] = {"error_model": "numpy", "_nrt": False}
 ROUND = 8
 """Numbers that `sum_rows` takes at a time."""
 BLOCK = 4
@@ -39,11 +39,120 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     Without the bookkeeping that arrays of its own would take, it compiles twice as fast.
     """
     # Checkers of array shapes wrap functions in Python, which machine code cannot call.
-    plain = inspect.unwrap(function)
+    return cast(Callable[P, R], _cached(inspect.unwrap(function), _OPTIONS))
+
+
+def _cached(plain: Callable[..., Any], options: Mapping[str, Any]) -> Any:
     try:
-        return cast(Callable[P, R], numba.njit(cache=True, **_OPTIONS)(plain))
+        return numba.njit(cache=True, **options)(plain)
     except RuntimeError:  # no folder to keep the code in
-        return cast(Callable[P, R], numba.njit(**_OPTIONS)(plain))
+        return numba.njit(**options)(plain)
+
+
+class Routines:
+    """Compiled functions that call each other by address, each compiled once by itself.
+
+    Numba copies a function into every one that calls it, and optimizes and translates each copy
+    again. Of functions that call each other over several levels, that is most of the time that
+    compiling takes.
+
+    Parameters
+    ----------
+    first_row
+        Row of the table of memory that holds the address of the first of them; the others
+        follow in the order in which they are defined. The table is the first argument of each
+        routine, and the address is the first entry of the row.
+    """
+
+    def __init__(self, first_row: int) -> None:
+        self._first_row = first_row
+        self._found: list[tuple[Any, Any, bool]] = []
+
+    def define(
+        self, signature: Any, *, rare: bool = False
+    ) -> Callable[[Callable[P, R]], Callable[P, R]]:
+        """Make a routine of a function; only compiled code can call it.
+
+        Parameters
+        ----------
+        signature
+            Types of what it returns and takes.
+        rare
+            Whether it is left out, and not compiled, where a run has no use for rare ones.
+        """
+
+        def decorate(function: Callable[P, R]) -> Callable[P, R]:
+            row = self._first_row + len(self._found)
+            options = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            plain = inspect.unwrap(function)
+            self._found.append((_cached(plain, options), signature, rare))
+            return cast(Callable[P, R], _call_by_row(plain, row, signature))
+
+        return decorate
+
+    def __len__(self) -> int:
+        """Count the routines."""
+        return len(self._found)
+
+    def compile(self, number: int) -> bool:
+        """Compile one of them; tell whether its code was on disk already.
+
+        Parameters
+        ----------
+        number
+            Of the routine, in the order in which they are defined.
+        """
+        function, signature, _ = self._found[number]
+        function.compile(signature.args)
+        return bool(function.stats.cache_hits)
+
+    @functools.cache  # noqa: B019  # there is one such object for each module
+    def addresses(self, *, rare: bool) -> Sequence[int]:
+        """Compile the routines, and tell where their machine code stands in memory.
+
+        Parameters
+        ----------
+        rare
+            Whether those that are rare are needed, too; their address is 0 where not.
+        """
+        return tuple(
+            0 if is_rare and not rare else _native_address(function, signature)
+            for function, signature, is_rare in self._found
+        )
+
+
+def _native_address(function: Any, signature: Any) -> int:
+    function.compile(signature.args)
+    made = function.overloads[signature.args]
+    return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+
+def _call_by_row(function: Callable[..., Any], row: int, signature: Any) -> Any:
+    """Make what compiled code calls in place of a function: the code at an address in a row."""
+
+    def call(typing_context: Any, store: Any, *others: Any) -> Any:
+        def generate(context: Any, builder: Any, used: Any, arguments: Any) -> Any:
+            table = context.make_array(used.args[0])(context, builder, arguments[0])
+            at = builder.mul(builder.extract_value(table.shape, 1), _constant(row))
+            address = builder.load(builder.gep(table.data, [at]))
+            convention = context.call_conv
+            shape = convention.get_function_type(signature.return_type, signature.args)
+            code = builder.inttoptr(address, shape.as_pointer())
+            status, found = convention.call_function(
+                builder, code, signature.return_type, signature.args, arguments
+            )
+            with cgutils.if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return found
+
+        return signature, generate
+
+    names = list(inspect.signature(function).parameters.values())
+    context = inspect.Parameter("typing_context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    plain = [name.replace(annotation=inspect.Parameter.empty) for name in names]
+    call.__signature__ = inspect.Signature([context, *plain])  # type: ignore[attr-defined]
+    call.__name__ = function.__name__
+    return intrinsic(call)
 
 
 @functools.cache

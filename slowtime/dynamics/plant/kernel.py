@@ -24,6 +24,7 @@ import numpy as np
 from slowtime.dynamics.effects.compilation import (
     BLOCK,
     ROUND,
+    Routines,
     call_law,
     compiled,
     sum_block,
@@ -204,14 +205,21 @@ def padded_count(count: int) -> int:
     return -(-count // ROUND) * ROUND
 
 
+def has_events(system: System) -> bool:
+    """Whether friction, or laws that jump, make events."""
+    return bool(len(system.jump_times) or system.effect_table[:, FRICTION].any())
+
+
 def memory_table(system: System, now: Workspace) -> Whole:
-    """Return address and shape of each array: one row per array.
+    """Return address and shape of each array, one row per array, then addresses of routines.
 
     Compiled functions take this one table as `store`; with the arrays as arguments, compiling
     takes five times as long. The arrays must outlive the table.
     """
-    found = np.zeros((len(system) + len(now), 5), dtype=np.int64)
-    for row, array in zip(found, (*system, *now), strict=True):
+    arrays = len(system) + len(now)
+    found = np.zeros((arrays + len(ROUTINES), 5), dtype=np.int64)
+    found[arrays:, 0] = ROUTINES.addresses(rare=has_events(system))
+    for row, array in zip(found[:arrays], (*system, *now), strict=True):
         assert array.flags.c_contiguous
         assert array.dtype in (np.float64, np.int64)
         row[0] = array.ctypes.data
@@ -219,6 +227,8 @@ def memory_table(system: System, now: Workspace) -> Whole:
     return found
 
 
+ARRAYS = 51
+"""[arrays] Of a system and a workspace; one row each of that table."""
 (
     EFFECT_TABLE,
     LAWS,
@@ -271,7 +281,7 @@ def memory_table(system: System, now: Workspace) -> Whole:
     LINEAR_SLOPE_PRODUCT,
     ZEROS,
     NEEDED_RATES,
-) = range(51)
+) = range(ARRAYS)
 """Rows of that table."""
 
 
@@ -279,6 +289,13 @@ line, grid = view_of(numba.float64, 1), view_of(numba.float64, 2)
 cube = view_of(numba.float64, 3)
 whole_line, whole_grid = view_of(numba.int64, 1), view_of(numba.int64, 2)
 """Views of an array, from that table and a row: real numbers by axes, and integers."""
+
+NOTHING, REAL, WHOLE, TRUTH = numba.void, numba.float64, numba.int64, numba.boolean
+LINE, GRID, STORE = numba.float64[::1], numba.float64[:, ::1], numba.int64[:, ::1]
+"""Types of what routines take: numbers, real arrays of one and two axes, and that table."""
+
+ROUTINES = Routines(ARRAYS)
+"""What is compiled by itself, and called by the address in that table."""
 
 
 @compiled
@@ -305,7 +322,7 @@ def address(matrix: Reals, row: int, column: int) -> int:
     return int(matrix.ctypes.data + 8 * (row * matrix.shape[1] + column))
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, LINE, GRID))
 def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
     """Multiply slopes of a matrix to linear parameters by a column.
 
@@ -328,7 +345,7 @@ def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
             found[i] += share * slopes[c, i]
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, GRID, WHOLE, GRID, GRID))
 def propagate_slopes(
     store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals
 ) -> None:
@@ -373,12 +390,14 @@ def propagate_slopes(
             sum_rows(address(found, r, j), start + 8 * r * step, shares, states, rows, width)
 
 
-@compiled
-def solve(matrix: Reals, right: Reals, size: int) -> None:
+@ROUTINES.define(NOTHING(STORE, GRID, GRID, WHOLE))
+def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
     """Solve a system of linear equations in place, by elimination with pivoting.
 
     Parameters
     ----------
+    store
+        Addresses and shapes of all arrays of a run; see `memory_table`.
     matrix
         Matrix [row, column]; overwritten.
     right
@@ -444,7 +463,7 @@ def law_value(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -
     return float(call_law(law, w[seen], w[seen + 1], t, z, own))
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, LINE, LINE, REAL, GRID, WHOLE))
 def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int) -> None:
     """Evaluate all channels; of friction that sticks, the largest force that it holds.
 
@@ -471,7 +490,7 @@ def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: 
             y[first + c, 0] = law_value(laws[c], table[i], modes[i], w, t, p)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, LINE, REAL, WHOLE))
 def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
     """Differentiate all channels to observations and parameters, by central differences.
 
@@ -520,7 +539,7 @@ def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
                     by_parameter[c, k - observed_count] = slope / (2.0 * step)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, WHOLE, GRID, WHOLE, GRID, WHOLE))
 def apply_chain_rule(
     store: Whole, point: int, slope_w: Reals, at: int, slope_y: Reals, first: int
 ) -> None:
@@ -563,7 +582,7 @@ def apply_chain_rule(
                     slope_y[first + c, j] += by_parameter[c, k]
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, GRID, GRID, GRID))
 def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
     """Add the forces that keep the speeds of sticking friction, and their effect on the rates.
 
@@ -601,7 +620,7 @@ def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> N
         row += 1
     if row == 0:
         return
-    solve(stuck, right, row)
+    solve(store, stuck, right, row)
     row = opaque(0)
     for i in range(len(table)):
         if table[i, FRICTION] == 1 and modes[i] == 0.0:
@@ -613,7 +632,7 @@ def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> N
             row += 1
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, LINE))
 def observe(store: Whole, x: Reals) -> None:
     """Compute the observations that laws take from a state.
 
@@ -635,7 +654,7 @@ def observe(store: Whole, x: Reals) -> None:
         sum_rows(found, zeros.ctypes.data, x.ctypes.data, len(x), rows, width)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, LINE, REAL, GRID, REAL))
 def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
     """Compute all forces at one instant, those of sticking too, and the rate of the state.
 
@@ -677,7 +696,7 @@ def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) 
     add_sticking_forces(store, rate, v, stuck_right)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, GRID, GRID))
 def needed_rate_slopes(store: Whole, slope: Reals, found: Reals) -> None:
     """Compute slopes of the needed rates, as `linear_slopes` and `propagate_slopes` would.
 
@@ -712,7 +731,7 @@ def needed_rate_slopes(store: Whole, slope: Reals, found: Reals) -> None:
             sum_rows(address(found, r, j), start, row, states, rows, width)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, GRID, REAL, GRID, REAL, TRUTH))
 def state_rate_slopes(
     store: Whole, slope: Reals, t: float, coefficients: Reals, s: float, every: bool
 ) -> None:
@@ -780,7 +799,7 @@ def state_rate_slopes(
     add_sticking_forces(store, slope_rate, slope_v, stuck_slope)
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, REAL, GRID, REAL), rare=True)
 def choose_friction_modes(store: Whole, t: float, coefficients: Reals, s: float) -> None:
     """Let friction whose mode is 0 slide where its limit is exceeded.
 
@@ -816,7 +835,7 @@ def choose_friction_modes(store: Whole, t: float, coefficients: Reals, s: float)
         modes[worst] = sign
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, REAL, REAL, GRID, REAL, REAL, WHOLE), rare=True)
 def runge_kutta_step(
     store: Whole,
     t: float,
@@ -869,7 +888,7 @@ def runge_kutta_step(
                 s_0[k, j] = slope[k, j] + ahead * slope_rate[k, j]
 
 
-@compiled
+@ROUTINES.define(REAL(STORE, WHOLE, LINE, REAL, GRID, REAL), rare=True)
 def event_distance(
     store: Whole, i: int, x: Reals, t: float, coefficients: Reals, s: float
 ) -> float:
@@ -907,71 +926,7 @@ def event_distance(
     return float(most * (1.0 + 1e-9) - abs(forces))
 
 
-@compiled
-def step_through_events(
-    store: Whole, t: float, h: float, coefficients: Reals, s: float, width: float
-) -> None:
-    """Take a shortest step, and locate every event within it.
-
-    Parameters
-    ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    t
-        Time [s].
-    h
-        Length of the step [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
-    width
-        Length of the step over the sample interval [1].
-    """
-    table, jumps = whole_grid(store, EFFECT_TABLE), line(store, JUMP_TIMES)
-    x, slope = line(store, STATE), grid(store, STATE_SLOPES)
-    x_1, s_1 = line(store, NEXT_STATE), grid(store, NEXT_SLOPES)
-    states, slopes = slope.shape
-    left, pace = h, width / h
-    for count in range(MAX_EVENTS):
-        step, which, jump = left, opaque(-1), opaque(-1)
-        for j in range(len(jumps)):
-            ahead = jumps[j] - t
-            if TIME_RESOLUTION * h < ahead and ahead <= step * (1.0 + TIME_RESOLUTION):
-                step, jump = min(ahead, left), j
-        runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
-        for i in range(len(table)):
-            if table[i, FRICTION] == 0 or count == MAX_EVENTS - 1:
-                continue
-            above = event_distance(store, i, x_1, t + step, coefficients, s + pace * step)
-            if above >= 0.0:
-                continue
-            low, high = 0.0, step
-            below = event_distance(store, i, x, t, coefficients, s)
-            while high - low > 1e-12 * h and below > 0.0:
-                # Regula falsi, one end halved where the other lags.
-                guess = low + (high - low) * min(max(below / (below - above), 0.02), 0.98)
-                runge_kutta_step(store, t, guess, coefficients, s, pace * guess, opaque(0))
-                found = event_distance(store, i, x_1, t + guess, coefficients, s + pace * guess)
-                if found < 0.0:
-                    high, above, below = guess, found, 0.5 * below
-                else:
-                    low, below, above = guess, found, 0.5 * above
-            step, which, jump = high, i, opaque(-1)
-            runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
-        runge_kutta_step(store, t, step, coefficients, s, pace * step, slopes)
-        for k in range(states):
-            x[k] = x_1[k]
-            for j in range(slopes):
-                slope[k, j] = s_1[k, j]
-        t, s, left = t + step, s + pace * step, left - step
-        if which >= 0 or jump >= 0:
-            pass_event(store, t, coefficients, s, which, jump, TIME_RESOLUTION * h)
-        if left <= TIME_RESOLUTION * h:
-            return
-
-
-@compiled
+@ROUTINES.define(NOTHING(STORE, REAL, GRID, REAL, WHOLE, WHOLE, REAL), rare=True)
 def pass_event(
     store: Whole,
     t: float,
@@ -1036,7 +991,71 @@ def pass_event(
             slope[k, j] += change * moved[j]
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, REAL, REAL, GRID, REAL, REAL), rare=True)
+def step_through_events(
+    store: Whole, t: float, h: float, coefficients: Reals, s: float, width: float
+) -> None:
+    """Take a shortest step, and locate every event within it.
+
+    Parameters
+    ----------
+    store
+        Addresses and shapes of all arrays of a run; see `memory_table`.
+    t
+        Time [s].
+    h
+        Length of the step [s].
+    coefficients
+        Polynomials of the inputs over the sample interval [input, power].
+    s
+        Share of the sample interval that has passed [1].
+    width
+        Length of the step over the sample interval [1].
+    """
+    table, jumps = whole_grid(store, EFFECT_TABLE), line(store, JUMP_TIMES)
+    x, slope = line(store, STATE), grid(store, STATE_SLOPES)
+    x_1, s_1 = line(store, NEXT_STATE), grid(store, NEXT_SLOPES)
+    states, slopes = slope.shape
+    left, pace = h, width / h
+    for count in range(MAX_EVENTS):
+        step, which, jump = left, opaque(-1), opaque(-1)
+        for j in range(len(jumps)):
+            ahead = jumps[j] - t
+            if TIME_RESOLUTION * h < ahead and ahead <= step * (1.0 + TIME_RESOLUTION):
+                step, jump = min(ahead, left), j
+        runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
+        for i in range(len(table)):
+            if table[i, FRICTION] == 0 or count == MAX_EVENTS - 1:
+                continue
+            above = event_distance(store, i, x_1, t + step, coefficients, s + pace * step)
+            if above >= 0.0:
+                continue
+            low, high = 0.0, step
+            below = event_distance(store, i, x, t, coefficients, s)
+            while high - low > 1e-12 * h and below > 0.0:
+                # Regula falsi, one end halved where the other lags.
+                guess = low + (high - low) * min(max(below / (below - above), 0.02), 0.98)
+                runge_kutta_step(store, t, guess, coefficients, s, pace * guess, opaque(0))
+                found = event_distance(store, i, x_1, t + guess, coefficients, s + pace * guess)
+                if found < 0.0:
+                    high, above, below = guess, found, 0.5 * below
+                else:
+                    low, below, above = guess, found, 0.5 * above
+            step, which, jump = high, i, opaque(-1)
+            runge_kutta_step(store, t, step, coefficients, s, pace * step, opaque(0))
+        runge_kutta_step(store, t, step, coefficients, s, pace * step, slopes)
+        for k in range(states):
+            x[k] = x_1[k]
+            for j in range(slopes):
+                slope[k, j] = s_1[k, j]
+        t, s, left = t + step, s + pace * step, left - step
+        if which >= 0 or jump >= 0:
+            pass_event(store, t, coefficients, s, which, jump, TIME_RESOLUTION * h)
+        if left <= TIME_RESOLUTION * h:
+            return
+
+
+@ROUTINES.define(NOTHING(STORE, WHOLE))
 def newton_inverse(store: Whole, level: int) -> None:
     """Invert the Jacobian of (force - law) at the three points to the forces there.
 
@@ -1071,10 +1090,10 @@ def newton_inverse(store: Whole, level: int) -> None:
     for r in range(3 * channels):
         for k in range(3 * channels):
             inverse[r, k] = 1.0 if k == r else 0.0
-    solve(newton, inverse, 3 * channels)
+    solve(store, newton, inverse, 3 * channels)
 
 
-@compiled
+@ROUTINES.define(REAL(STORE, WHOLE, REAL, REAL, REAL))
 def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: float) -> float:
     """Try one step: write the forces at its three points into `point_forces`.
 
@@ -1188,7 +1207,7 @@ def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: fl
     return error / tolerance
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, WHOLE))
 def add_driven_inputs(store: Whole, level: int) -> None:
     """Add the contribution of inputs that depend on parameters to the slopes of a step.
 
@@ -1210,7 +1229,7 @@ def add_driven_inputs(store: Whole, level: int) -> None:
                 slope_room[r, driven[i, 0]] += big[r, at + k] * part[inputs + i, k]
 
 
-@compiled
+@ROUTINES.define(NOTHING(STORE, WHOLE, REAL, REAL))
 def accept_step(store: Whole, level: int, t: float, h: float) -> None:
     """Take the step that `collocation_step` found: state and slopes.
 
@@ -1314,7 +1333,7 @@ def restrict_polynomials(coefficients: Reals, s: float, width: float, part: Real
 @compiled
 def simulate(
     store: Whole,
-    has_events: bool | None,
+    events: bool,
     coefficients: Reals,
     start_s: float,
     interval: float,
@@ -1333,9 +1352,8 @@ def simulate(
     ----------
     store
         Addresses and shapes of all arrays of a run; see `memory_table`.
-    eventful
-        True where friction or laws that jump make events; with None, the code for events is
-        not compiled.
+    events
+        Whether friction or laws that jump make events.
     coefficients
         Polynomials of the inputs over each sample interval [time, input, power].
     start_s
@@ -1375,7 +1393,7 @@ def simulate(
     last_level = len(big) - 1
     parts, level, steps = 1 << last_level, 0 * last_level, 0
     first = matrix.shape[1] - channels
-    if has_events is not None:
+    if events:
         choose_friction_modes(store, start_s, coefficients[0], 0.0)
     for sample in range(samples):
         t = start_s + sample * interval
@@ -1399,7 +1417,7 @@ def simulate(
             s, width = parts_done / parts, parts_of_step / parts
             at, h = t + s * interval, width * interval
             error = 0.0
-            if has_events is not None:
+            if events:
                 for j in range(len(jumps)):
                     ahead = jumps[j] - at
                     if TIME_RESOLUTION * h < ahead and ahead <= h * (1.0 + TIME_RESOLUTION):
@@ -1413,7 +1431,7 @@ def simulate(
             if error > 1.0 and level < last_level:
                 level += 1
                 continue
-            if has_events is not None and error == np.inf:
+            if events and error == np.inf:
                 step_through_events(store, at, h, coefficients[sample], s, width)
             else:
                 accept_step(store, level, at, h)

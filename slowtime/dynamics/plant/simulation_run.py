@@ -20,7 +20,7 @@ from .boundary import (
     pseudo_static,
 )
 from .imposed import Driven, differentiations, driven_by
-from .kernel import System, Workspace, memory_table, padded_count, simulate
+from .kernel import System, Workspace, has_events, memory_table, padded_count, simulate
 from .matrices import Matrices
 from .parameter_names import Name
 from .sensing import (
@@ -185,10 +185,9 @@ def run(
     )
     slope_columns = [parameters.index(name) for name in order]
     slope_columns += range(len(parameters), len(parameters) + layout.free)
-    has_events = True if len(system.jump_times) or system.effect_table[:, 0].any() else None
     steps = simulate(
         memory_table(system, workspace),
-        has_events,
+        has_events(system),
         coefficients,
         start_s,
         interval,

@@ -133,7 +133,8 @@ Examples:
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Cases of a batch that run in parallel.  [default: one for each core]",
+    help="Processes that share a diagnosis, which finds the same with any number; of a batch, "
+    "cases that run in parallel.  [default: one for each core; at most 4 for one diagnosis]",
 )
 @click.option(
     "--engine",

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 import slowtime
 from slowtime.dynamics.effects import Motion, catalogue, force_along
-from slowtime.dynamics.effects.compilation import ROUND, compiled, law_address, sum_rows
+from slowtime.dynamics.effects.compilation import (
+    ROUND,
+    Routines,
+    compiled,
+    law_address,
+    sum_rows,
+)
 
 TRY = """
 import numpy as np
@@ -113,3 +119,44 @@ def test_a_round_of_columns_is_summed_and_nothing_beside_it(seed, count, column,
     due = start + shares[:count] @ rows[:count, column : column + ROUND]
     assert found[:ROUND] == pytest.approx(due, rel=1e-12, abs=1e-12)
     assert (found[ROUND:] == 7.0).all()
+
+
+STORE = numba.int64[:, ::1]
+ROUTINES = Routines(first_row=1)
+
+
+@ROUTINES.define(numba.float64(STORE, numba.float64))
+def twice(store, number):
+    return 2.0 * number
+
+
+@ROUTINES.define(numba.float64(STORE, numba.float64))
+def twice_and_one(store, number):
+    return twice(store, number) + 1.0
+
+
+@ROUTINES.define(numba.float64(STORE, numba.float64), rare=True)
+def never(store, number):
+    return number.no_such_attribute  # cannot be compiled
+
+
+@compiled
+def outer(store, number):
+    return twice_and_one(store, number)
+
+
+@pytest.mark.long
+def test_routines_call_each_other_by_the_addresses_in_the_table():
+    table = np.zeros((4, 5), dtype=np.int64)
+    table[1:, 0] = ROUTINES.addresses(rare=False)
+    assert outer(table, 3.0) == 7.0
+    # What is called is what the table says: with the same routine in both rows, no 1 is added.
+    table[2, 0] = table[1, 0]
+    assert outer(table, 3.0) == 6.0
+
+
+@pytest.mark.long
+def test_a_rare_routine_is_compiled_only_where_it_is_needed():
+    assert ROUTINES.addresses(rare=False)[2] == 0
+    with pytest.raises(numba.core.errors.NumbaError):
+        ROUTINES.addresses(rare=True)

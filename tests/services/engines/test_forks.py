@@ -1,0 +1,86 @@
+"""Forked workers compute what one process computes, and what a lost one left undone."""
+
+import os
+import signal
+import sys
+
+import pytest
+
+from slowtime.discrepancy.workers import counted, is_helping, map_shared, shared_among
+from slowtime.dynamics.work import count_work, metered
+from slowtime_services.engines.forks import ForkedWorkers
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux")
+NUMBERS = range(40)
+
+
+def square(number):
+    count_work(number)
+    return number**2
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_results_and_work_are_those_of_one_process(count):
+    with metered() as meter, shared_among(ForkedWorkers(count)):
+        assert map_shared(square, NUMBERS) == [number**2 for number in NUMBERS]
+    assert meter.spent == sum(NUMBERS)
+
+
+def test_more_items_than_are_dealt_at_a_time_are_all_computed(monkeypatch):
+    monkeypatch.setattr("slowtime_services.engines.forks.MOST_TOKENS", 7)
+    with shared_among(ForkedWorkers(2)):
+        assert map_shared(square, NUMBERS) == [number**2 for number in NUMBERS]
+
+
+def test_what_a_killed_process_had_to_do_is_done_by_the_other():
+    def fatal_elsewhere(number):
+        if is_helping():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return square(number)
+
+    with metered() as meter, shared_among(ForkedWorkers(3)):
+        assert map_shared(fatal_elsewhere, NUMBERS) == [number**2 for number in NUMBERS]
+    assert meter.spent == sum(NUMBERS)
+
+
+def test_the_first_error_in_the_order_of_the_items_is_raised():
+    def refuse(number):
+        if number in (5, 30):
+            raise ValueError(f"not {number}")
+        return number
+
+    with shared_among(ForkedWorkers(2)), pytest.raises(ValueError, match="not 5"):
+        map_shared(refuse, NUMBERS)
+
+
+def test_shared_objects_stay_the_same_objects():
+    whole = [object(), lambda: None]  # neither can be sent
+    found = ForkedWorkers(2).begin(lambda: counted(lambda: whole[1]), whole).result()
+    assert found is not None
+    assert found[0] is whole[1]
+
+
+def test_a_process_that_is_lost_has_no_result():
+    def fatal():
+        os.kill(os.getpid(), signal.SIGKILL)
+        return None, 0
+
+    pending = ForkedWorkers(2).begin(fatal, ())
+    assert pending.result() is None
+
+
+def test_no_process_is_left_behind():
+    def endless():
+        signal.pause()
+        return None, 0
+
+    pending = ForkedWorkers(2).begin(endless, ())
+    pending.drop()
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_workers_share_nothing_further():
+    with shared_among(ForkedWorkers(2)):
+        found = map_shared(lambda _: map_shared(lambda _: is_helping(), range(3)), range(6))
+    assert all(len(set(inner)) == 1 for inner in found)
