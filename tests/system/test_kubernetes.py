@@ -1,4 +1,4 @@
-"""The manifests of Kubernetes: sound by schema, and in agreement with the command."""
+"""Manifests of Kubernetes and the cluster of Compose: by schema, and by the command."""
 
 import re
 from pathlib import Path
@@ -82,3 +82,30 @@ def test_services_and_claims_that_are_named_are_there():
         assert ("Service", service) in names
     assert ("Cluster", "database") in names
     assert all(one["metadata"].get("namespace", "slowtime") == "slowtime" for _, one in every)
+
+
+def cluster() -> dict[str, list[str]]:
+    """Commands of the containers of `docker-compose.cluster.yml`."""
+
+    class Loader(yaml.SafeLoader):
+        """Reads a list that replaces the one before as a list."""
+
+    Loader.add_constructor("!override", Loader.construct_sequence)
+    text = (FOLDER.parents[1] / "docker-compose.cluster.yml").read_text()
+    services = yaml.load(text, Loader)["services"]
+    return {name: one["command"] for name, one in services.items()}
+
+
+@pytest.mark.parametrize("name", cluster())
+def test_a_container_of_the_cluster_runs_a_command_with_options_that_it_has(name):
+    test_a_container_runs_a_command_that_there_is_with_options_that_it_has(
+        {"args": cluster()[name]}
+    )
+
+
+def test_whoever_connects_in_the_cluster_knows_both_routers():
+    clients = {name: args for name, args in cluster().items() if "router" not in name}
+    del clients["keys"]
+    assert len(clients) == 5
+    for arguments in clients.values():
+        assert {"--connect=tls/router:7447", "--connect=tls/router-2:7447"} <= set(arguments)
