@@ -86,13 +86,8 @@ def test_services_and_claims_that_are_named_are_there():
 
 def cluster() -> dict[str, list[str]]:
     """Commands of the containers of `docker-compose.cluster.yml`."""
-
-    class Loader(yaml.SafeLoader):
-        """Reads a list that replaces the one before as a list."""
-
-    Loader.add_constructor("!override", Loader.construct_sequence)
     text = (FOLDER.parents[1] / "docker-compose.cluster.yml").read_text()
-    services = yaml.load(text, Loader)["services"]
+    services = yaml.safe_load(text.replace("!override ", ""))["services"]
     return {name: one["command"] for name, one in services.items()}
 
 
