@@ -36,6 +36,15 @@ PER_SESSION = 500
 PER_PROCESS = 25_000
 """Assets of one process of sessions."""
 
+LEASE_S = 120.0
+"""Time after which a silent process counts as gone [s]: a busy machine lets declarations wait."""
+
+LEASE = {"transport/link/tx/lease": round(1000 * LEASE_S)}
+"""The same for the router, in Zenoh's words."""
+
+IDLE_S = 4
+"""Seconds without work after which all declarations have been worked off."""
+
 PAYLOAD = bytes(360)
 """As long as a features message of one mode."""
 
@@ -65,7 +74,7 @@ def agents(endpoint: str, spell: Spell, names: list[str], pipe: Pipe) -> None:
     kept: list[object] = []
     channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(1)
     for begin in range(0, len(names), PER_SESSION):
-        bus = ZenohBus("client", [endpoint])
+        bus = ZenohBus("client", [endpoint], lease_s=LEASE_S)
         kept.append(bus)
         # A channel, since a callback has a thread: an agent of one asset can afford it.
         session = bus._session
@@ -86,7 +95,7 @@ def server(endpoint: str, spell: Spell, pipe: Pipe) -> None:
         nonlocal count
         count += 1
 
-    with ZenohBus("client", [endpoint]) as bus:
+    with ZenohBus("client", [endpoint], lease_s=LEASE_S) as bus:
         bus.subscribe(spell(FEATURES.everywhere), hear)
         bus.watch(spell(alive_key("*", "*")), lambda key, alive: None)
         pipe.send("listens")
@@ -102,7 +111,9 @@ def measure(assets: int, messages: int, spell: Spell) -> tuple[float, float, flo
     """
     context = multiprocessing.get_context("spawn")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    routing = context.Process(target=router.run, args=([endpoint],), daemon=True)
+    routing = context.Process(
+        target=router.run, args=([endpoint],), kwargs={"options": LEASE}, daemon=True
+    )
     routing.start()
     processes, pipes = [routing], []
 
@@ -126,7 +137,7 @@ def measure(assets: int, messages: int, spell: Spell) -> tuple[float, float, flo
         busy = [routing.pid, processes[1].pid]
         settle(busy)
         declared_us = 1e6 * (cpu_s(routing.pid) - before) / assets
-        with ZenohBus("client", [endpoint]) as bus:
+        with ZenohBus("client", [endpoint], lease_s=LEASE_S) as bus:
             passes = [publish(bus, names, messages, spell, pipes[0], busy) for _ in range(3)]
     finally:
         for process in processes[::-1]:
@@ -164,10 +175,12 @@ def _told(pipe: Pipe) -> int:
 
 def settle(pids: list[int | None]) -> None:
     """Wait until the processes have worked off what they were told."""
-    before = -1.0
-    while (now := sum(map(cpu_s, pids))) - before > 0.02:
-        before = now
+    before, idle = -1.0, 0
+    while idle < IDLE_S:
         time.sleep(1.0)
+        now = sum(map(cpu_s, pids))
+        idle = idle + 1 if now - before < 0.1 else 0
+        before = now
 
 
 def main() -> int:
