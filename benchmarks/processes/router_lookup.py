@@ -37,7 +37,7 @@ PER_PROCESS = 25_000
 """Assets of one process of sessions."""
 
 LEASE_S = 120.0
-"""Time after which a silent process counts as gone [s]: a busy machine lets declarations wait."""
+"""Time after which a silent process counts as gone [s]; a busy one may be silent for long."""
 
 LEASE = {"transport/link/tx/lease": round(1000 * LEASE_S)}
 """The same for the router, in Zenoh's words."""
