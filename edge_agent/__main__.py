@@ -7,11 +7,12 @@ import logging
 import secrets
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from slowtime.signals.block import Block
-from slowtime_services.bus import Bus, ZenohBus
+from slowtime_schemas.partitions import partition_of
+from slowtime_services.bus import BackgroundBus, Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.shutdown import ended_by_signals
@@ -34,6 +35,9 @@ PRIVATE["boards"] = {"__all__": dict(PRIVATE)}
 
 SETTLING_S = 0.2
 """From a connection until both sides know of each other's subscriptions."""
+
+ATTEMPT_S = 2.0
+"""Time of one attempt to reach any of several routers [s]."""
 
 
 def run(
@@ -180,7 +184,7 @@ def _run_boot(
             return rest
 
 
-def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> ZenohBus:
+def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> Bus:
     """Open the bus and give the router a moment; without it the agent begins all the same."""
     if settings.credentials is not None:
         own = Credentials.read(settings.credentials, at_any_time=True)
@@ -188,7 +192,7 @@ def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> Z
     options = options_for(
         settings.credentials, settings.connect, settings.zenoh, at_any_time=True
     )
-    bus = ZenohBus("peer", settings.connect, options=options, clock=clock)
+    bus = _bus(settings, options, clock)
     patience = Pacer(SystemClock(), stop)
     waited = 0.0
     while not bus.connected and waited < settings.connect_wait_s:
@@ -200,6 +204,41 @@ def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> Z
     else:
         logger.warning("No router at %s yet; listening begins.", ", ".join(settings.connect))
     return bus
+
+
+def _bus(
+    settings: EdgeSettings, options: Mapping[str, object], clock: Clock
+) -> ZenohBus | BackgroundBus:
+    """Open a bus over the one router, or over one of several.
+
+    A peer connects to all routers it is given, and would send everything to each. A client
+    takes the first that answers, and the next one when that dies; but it waits for one.
+    """
+    if len(settings.connect) == 1:
+        return ZenohBus("peer", settings.connect, options=options, clock=clock)
+    routers = own_order(settings.connect, settings.asset)
+
+    def opened() -> ZenohBus:
+        return ZenohBus(
+            "client", routers, open_timeout_s=ATTEMPT_S, options=options, clock=clock
+        )
+
+    return BackgroundBus(opened)
+
+
+def own_order(routers: Sequence[str], asset: str) -> tuple[str, ...]:
+    """Return the routers of a site in the order in which an asset tries them.
+
+    The assets of a site begin with different ones, by their partition, so that each router has
+    its share.
+
+    Examples
+    --------
+    >>> own_order(("tcp/a:7447", "tcp/b:7447"), "bridge-7")
+    ('tcp/b:7447', 'tcp/a:7447')
+    """
+    first = partition_of(asset) % len(routers)
+    return (*routers[first:], *routers[:first])
 
 
 def new_boot(clock: Clock) -> str:

@@ -366,7 +366,8 @@ class EdgeSettings(ProcessSettings):
     boot: BootId | None = None
     """Name of this run; None for the time and a few random letters."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    """Where the router is."""
+    """Where the router is; of several, the agent uses one that answers, and another when it
+    dies."""
     connect_wait_s: NotNegative = 3.0
     """How long to wait for the router before listening begins. Features are not lost without
     it, since they are asked for again; raw blocks would be."""

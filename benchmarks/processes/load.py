@@ -33,7 +33,7 @@ import numpy as np
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Health, Mode, Quality
 from slowtime_schemas.quantities import Quantity
-from slowtime_schemas.streams import ACK, FEATURES, HEALTH, alive_key, request_key
+from slowtime_schemas.streams import ACK, FEATURES, HEALTH, address_of, alive_key, request_key
 from slowtime_services import router
 from slowtime_services.bus import Query, Sample, ZenohBus
 from twin_server import __main__ as twin_process
@@ -110,7 +110,7 @@ class Senders:
             return sum(map(len, self._sent_s))
 
     def _hear(self, sample: Sample) -> None:
-        number = int(sample.key.split("/")[-2][1:])
+        number = int(sample.key.split("/")[-1][1:])
         last = json.loads(sample.payload)["sequence"]
         now_s = time.monotonic()
         with self._lock:
@@ -120,7 +120,7 @@ class Senders:
                 self.took_s.append((sent_s, now_s - sent_s))
 
     def _account(self, query: Query) -> Iterator[tuple[str, bytes]]:
-        number = int(query.key.split("/")[-3][1:])
+        number = int(query.key.split("/")[-1][1:])
         with self._lock:
             first, last = next(iter(self._kept[number]), -1), self.made[number] - 1
         if first >= 0:
@@ -128,7 +128,7 @@ class Senders:
             yield query.key, json.dumps(held).encode()
 
     def _features(self, query: Query) -> Iterator[tuple[str, bytes]]:
-        site, name = query.key.split("/")[-4:-2]
+        site, name = address_of(query.key) or ("", "")
         first, last = int(query.parameters["first"]), int(query.parameters["last"])
         with self._lock:
             kept = self._kept[int(name[1:])].items()

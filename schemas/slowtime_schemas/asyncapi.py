@@ -19,6 +19,7 @@ from .streams import (
     ABOUT,
     FATIGUE,
     FEATURES,
+    FORMER_ROOT,
     RAW,
     REGISTRATION,
     REQUESTS,
@@ -32,6 +33,10 @@ Node = dict[str, Any]
 
 PARAMETERS: dict[str, Node] = {
     "site": {"description": "Where assets stand together.", "examples": ["lab"]},
+    "partition": {
+        "description": "First byte of the SHA-256 of the asset's name in UTF-8, 0 to 255.",
+        "examples": ["174"],
+    },
     "asset": {"description": "One structure of the site.", "examples": ["beam"]},
 }
 ANSWERED_BY: dict[str, tuple[str, Stream | None]] = {
@@ -67,9 +72,9 @@ def document() -> Node:
             "title": "slowtime streams",
             "version": importlib.metadata.version("slowtime"),
             "description": "What edge agents and the twin server say to each other, over "
-            f"Eclipse Zenoh. {_ATTACHMENT} What is refused is counted by reason: "
-            + "; ".join(f"`{word}`, {says}" for word, says in REASONS.items())
-            + ".",
+            f"Eclipse Zenoh. {_ATTACHMENT} Keys of the former version, "
+            f"{FORMER_ROOT}/SITE/ASSET/STREAM, are read as well. What is refused is counted by "
+            "reason: " + "; ".join(f"`{word}`, {says}" for word, says in REASONS.items()) + ".",
             "license": {
                 "name": "Apache-2.0",
                 "url": "https://www.apache.org/licenses/LICENSE-2.0",

@@ -1,9 +1,17 @@
 """The registry of streams: which key carries which message, how often, recorded or not.
 
 Nothing else in the house spells a key.
+
+The name of the stream comes before the asset, since a Zenoh router (1.10) compares a key that
+nobody has declared with every declared key beside it, level by level. Each asset declares some
+keys: a token, acknowledgements, requests. Where they share a level with what is published, a
+publication costs the more the more assets there are; where streams come first, nothing is
+declared beside `features`. The partition bounds the comparisons of a declaration likewise, and
+divides the assets among servers.
 """
 
 import dataclasses
+import functools
 from typing import Literal
 
 from .asset_events import AssetEvent
@@ -21,9 +29,12 @@ from .messages import (
     TwinState,
     Virtual,
 )
+from .partitions import partition_of
 from .raw_header import RawHeader
 
-ROOT = "slowtime/v1"
+ROOT = "slowtime/v2"
+FORMER_ROOT = "slowtime/v1"
+"""Root of the former keys, SITE/ASSET/STREAM, of older edges and recordings."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,9 +66,15 @@ class Stream:
     says: str
     max_bytes: int = 2**20
 
-    def key(self, site: str, asset: str) -> str:
-        """Key expression of one asset; give ``"*"`` for any site or asset."""
-        return f"{ROOT}/{site}/{asset}/{self.name}"
+    def key(self, site: str, asset: str, *, partition: int | None = None) -> str:
+        """Key expression of one asset; give ``"*"`` for any site or asset.
+
+        Parameters
+        ----------
+        partition
+            With any asset, only those of this partition, 0 to 255.
+        """
+        return f"{ROOT}/{site}/{self.name}/{_within(asset, partition)}"
 
     @property
     def everywhere(self) -> str:
@@ -211,17 +228,20 @@ STREAMS: tuple[Stream, ...] = (
 
 def alive_key(site: str, asset: str) -> str:
     """Key of the liveliness token of an edge agent."""
-    return f"{ROOT}/{site}/{asset}/alive"
+    return f"{ROOT}/{site}/{ALIVE}/{_within(asset)}"
 
 
 def server_key(name: str) -> str:
-    """Key of the liveliness token of a twin server."""
-    return f"{ROOT}/server/{name}"
+    """Key of the liveliness token of a twin server.
+
+    The same in every version, so that servers of two versions know of each other.
+    """
+    return f"{FORMER_ROOT}/server/{name}"
 
 
 def any_key(site: str = "*", asset: str = "*") -> str:
     """Key expression of every stream at once, so that one subscription keeps their order."""
-    return f"{ROOT}/{site}/{asset}/*"
+    return f"{ROOT}/{site}/*/{_within(asset)}"
 
 
 def request_key(site: str, asset: str, what: str) -> str:
@@ -230,8 +250,14 @@ def request_key(site: str, asset: str, what: str) -> str:
         raise ValueError(
             f"No request is called {what!r}. Allowed: {', '.join(sorted(REQUESTS))}."
         )
-    return f"{ROOT}/{site}/{asset}/request/{what}"
+    return f"{ROOT}/{site}/{REQUEST}/{what}/{_within(asset)}"
 
+
+ALIVE = "alive"
+"""Level of liveliness tokens, where a stream has its name."""
+
+REQUEST = "request"
+"""Level of requests, before the word of `REQUESTS`."""
 
 REQUESTS = {
     "account": "what the spool holds: one JSON object per boot, {boot, first, last, "
@@ -246,21 +272,92 @@ REQUESTS = {
 
 
 def parse_key(key: str) -> tuple[Stream, str, str]:
-    """Stream, site and asset of a key.
+    """Stream, site and asset of a key, present or former.
 
     Raises
     ------
     ValueError
         If no stream of the registry has such a key.
     """
-    parts = key.split("/")
-    stream = BY_NAME.get(parts[-1]) if len(parts) == 5 else None
+    parts = current_key(key).split("/")
+    stream = BY_NAME.get(parts[3]) if len(parts) == 6 else None
     if stream is None or "/".join(parts[:2]) != ROOT:
         raise ValueError(
-            f"{key!r:.200} is no key of ours. Allowed: {ROOT}/SITE/ASSET/STREAM, STREAM one "
-            f"of {', '.join(BY_NAME)}."
+            f"{key!r:.200} is no key of ours. Allowed: {ROOT}/SITE/STREAM/PARTITION/ASSET, "
+            f"STREAM one of {', '.join(BY_NAME)}."
         )
-    return stream, parts[2], parts[3]
+    site, partition, asset = parts[2], parts[4], parts[5]
+    if partition != _partition(asset):
+        raise ValueError(
+            f"{key!r:.200} names partition {partition:.20}. Allowed for {asset:.60}: "
+            f"{_partition(asset)}, the first byte of the SHA-256 of its name."
+        )
+    return stream, site, asset
+
+
+def address_of(key: str) -> tuple[str, str] | None:
+    """Site and asset of any key of an asset, present or former; None of another key.
+
+    Examples
+    --------
+    >>> address_of(alive_key("lab", "beam")), address_of("slowtime/v1/lab/beam/alive")
+    (('lab', 'beam'), ('lab', 'beam'))
+    >>> address_of(server_key("one")) is None
+    True
+    """
+    parts = current_key(key).split("/")
+    if "/".join(parts[:2]) != ROOT or len(parts) not in (6, 7):
+        return None
+    return parts[2], parts[-1]
+
+
+def former_key(key: str) -> str | None:
+    """Key, or key expression, of the same in the former version; None of others.
+
+    A former expression has no partition: one of a single partition becomes that of all.
+
+    Examples
+    --------
+    >>> former_key(FEATURES.key("lab", "beam"))
+    'slowtime/v1/lab/beam/features'
+    >>> former_key(request_key("*", "*", "raw"))
+    'slowtime/v1/*/*/request/raw'
+    """
+    parts = key.split("/")
+    if "/".join(parts[:2]) != ROOT or len(parts) not in (6, 7):
+        return None
+    site, names, asset = parts[2], parts[3:-2], parts[-1]
+    return "/".join((FORMER_ROOT, site, asset, *names))
+
+
+@functools.lru_cache(maxsize=65536)
+def current_key(key: str) -> str:
+    """Key of the present version; every other key unchanged.
+
+    Examples
+    --------
+    >>> current_key("slowtime/v1/lab/beam/features")
+    'slowtime/v2/lab/features/174/beam'
+    """
+    parts = key.split("/")
+    requested = len(parts) == 6 and parts[4] == REQUEST
+    if "/".join(parts[:2]) != FORMER_ROOT or not (len(parts) == 5 or requested):
+        return key
+    site, asset, names = parts[2], parts[3], parts[4:]
+    return "/".join((ROOT, site, *names, _within(asset)))
+
+
+def _within(asset: str, partition: int | None = None) -> str:
+    """Last two levels of a key: partition and asset."""
+    return f"{_partition(asset) if partition is None else partition}/{asset}"
+
+
+@functools.lru_cache(maxsize=2**17)
+def _partition(asset: str) -> str:
+    """Level of the partition of an asset, or of any asset, or of a placeholder."""
+    if asset == "*":
+        return "*"
+    return "{partition}" if asset == "{asset}" else str(partition_of(asset))
 
 
 MESSAGES: dict[str, type[Message]] = {RawHeader.MESSAGE: RawHeader} | {

@@ -24,7 +24,7 @@ class Run(NamedTuple):
 
 def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
     """Return the boot and sequence of a features message; None for any other."""
-    if not key.endswith("/" + FEATURES.name):
+    if f"/{FEATURES.name}/" not in key:
         return None
     if (ours := AS_WE_ENCODE.match(payload)) is not None:
         site, asset, boot, number = ours.groups()

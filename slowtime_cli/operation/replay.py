@@ -219,4 +219,4 @@ def _assets(recording: Path) -> Iterator[str]:
 
 def _assets_of(recording: Path, stream: Stream) -> list[str]:
     keys = contents(recording, streams=[stream]).counts
-    return sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count})
+    return sorted({".".join(parse_key(key)[1:]) for key, count in keys.items() if count})

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from slowtime_cli.shared.options import endpoints
-from slowtime_schemas.streams import alive_key
+from slowtime_schemas.streams import address_of, alive_key
 from slowtime_services import router as router_process
-from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.bus import Bus, BusUnreachableError, TwoVersionBus, ZenohBus
 from slowtime_services.credentials import options_for
 
 
@@ -39,12 +39,14 @@ def status(
     options = options_for(credentials, connect)
     try:
         with ZenohBus("client", connect, open_timeout_s=timeout_s, options=options) as bus:
-            alive = _alive(bus, alive_key(site, name), timeout_s if asset else 0.5)
+            alive = _alive(
+                TwoVersionBus(bus), alive_key(site, name), timeout_s if asset else 0.5
+            )
     except BusUnreachableError as error:
         click.echo(str(error), err=True)
         return 1
     for key in sorted(alive):
-        click.echo("{}.{} is alive".format(*key.split("/")[2:4]))
+        click.echo("{}.{} is alive".format(*(address_of(key) or ("?", key))))
     if not alive:
         click.echo(
             f"{asset or 'No edge agent'} is {'not ' if asset else ''}alive; the router answers."

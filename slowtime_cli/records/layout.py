@@ -11,8 +11,7 @@ from slowtime_services.replay import RecordingError, contents, layout_of
 def layout(recording: Path, out: Path) -> None:
     """Write a layout for Foxglove or Lichtblick to fit a recording."""
     try:
-        counts = contents(recording).counts
-        whole = layout_of([topic for topic, count in counts.items() if count])
+        whole = layout_of(contents(recording).topics)
     except (RecordingError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     out.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")

@@ -21,7 +21,7 @@ from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
-from slowtime_schemas.streams import ASSET_EVENT, FEATURES
+from slowtime_schemas.streams import ASSET_EVENT, FEATURES, parse_key
 from slowtime_services.bus import Sample
 from slowtime_services.replay import contents, read_recording
 from twin_server.history.rendering import points, state_objects
@@ -103,7 +103,7 @@ def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
 
 def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
     counts = contents(source, streams=[FEATURES]).counts
-    assets = sorted(".".join(key.split("/")[2:4]) for key, count in counts.items() if count)
+    assets = sorted(".".join(parse_key(key)[1:]) for key, count in counts.items() if count)
     if not assets:
         raise click.UsageError(
             f"{source} holds no features. If it holds raw blocks, run `slowtime identify "

@@ -156,7 +156,7 @@ def test_a_recording_without_an_index_is_read_all_the_same():
         writer.add_message(channel, 5, b"{}", 5)
         writer.finish()
         Path("a.mcap").write_bytes(file.getvalue())
-        assert contents("a.mcap").counts == {"slowtime/v1/lab/beam/features": 1}
+        assert contents("a.mcap").counts == {"slowtime/v2/lab/features/174/beam": 1}
         assert [m.payload for m in read_recording("a.mcap")] == [b"{}"]
 
 

@@ -48,7 +48,9 @@ def _good() -> list[tuple[str, list[bytes]]]:
 
 GOOD = _good()
 KEYS = [key for key, _ in GOOD] + [
-    "slowtime/v1/lab/beam", "slowtime/v1/lab/beam/features/x", "slowtime/v9/a/b/features", "",
+    "slowtime/v2/lab/features/1/beam", "slowtime/v2/lab/features/174",
+    "slowtime/v2/lab/alive/0/a", "slowtime/v1/lab/beam",
+    "slowtime/v1/lab/beam/features/x", "slowtime/v9/a/b/features", "",
     "slowtime/v1/LAB/../features", "slowtime/v1/a/b/" + "x" * 5_000, "a\x00b",
 ]  # fmt: skip
 

@@ -97,7 +97,7 @@ class Checkpoint:
 
     def to_json(self) -> str:
         """Write it as text, every float exactly."""
-        return json.dumps(dataclasses.asdict(self))
+        return _ENCODER.encode(self)
 
     @classmethod
     def from_json(cls, text: str) -> "Checkpoint":
@@ -155,6 +155,14 @@ class Checkpoint:
     def has_damping(self) -> bool:
         """Whether a nominal damping ratio is known."""
         return self.known is not None and not math.isnan(self.known.damping_ratio)
+
+
+def _fields(part: Any) -> dict[str, Any]:
+    """Fields of a dataclass by name; not `asdict`, which copies all that is within."""
+    return {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+
+
+_ENCODER = json.JSONEncoder(default=_fields)
 
 
 class Twin(NamedTuple):

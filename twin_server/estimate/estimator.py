@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from slowtime.evolution import (
@@ -136,12 +136,13 @@ def _estimate_by_kind(
         for row, detail in zip(rows, told.details, strict=True):
             details[row] = detail
     others = [place for place, apart in enumerate(of_elements) if not apart]
+    among_others = {place: number for number, place in enumerate(others)}
     rows = sorted(row for place in others for row in rows_of[place].tolist())
     if rows:
         found = estimate(
             [twins[place] for place in others],
             [features[row] for row in rows],
-            [others.index(owners[row]) for row in rows],
+            [among_others[owners[row]] for row in rows],
             [missing_before[row] for row in rows],
         )
         states[rows] = found.states
@@ -203,19 +204,17 @@ def _estimate_all(
     states["reasons"] |= np.where(lost, st.NOT_REPRESENTABLE, 0).astype(np.uint32)
     frequency, sd, correlation = _freed(states, nominals, frequency, sd, given.correlation)
     usable = ~unknown & ~np.isnan(frequency)
-    kinds = [_kind(twin.registration) for twin in twins]
-    for kind in dict.fromkeys(kinds):
-        theirs = np.array([other == kind for other in kinds])[owner]
+    free = _of_each(twins, owner, lambda r: r.damping_coefficient_sd)
+    for kind, theirs in _rows_by_kind(twins, owner):
         _assume(states, theirs, kind[0])
-        rows = np.flatnonzero(theirs & usable)
+        rows = theirs[usable[theirs]]
         if rows.size == 0:
             continue
         ratio = frequency[rows] / nominals.frequency[rows]
         if kind[0] == "both":
-            free = _of_each(twins, owner, lambda r: r.damping_coefficient_sd)[rows]
             # The smoothed frequency carries several epochs' errors, not this one's.
             shared = np.where(smoothed[rows], 0.0, correlation[rows])
-            _both(states, rows, ratio, sd, frequency, given, nominals, kind, free, shared)
+            _both(states, rows, ratio, sd, frequency, given, nominals, kind, free[rows], shared)
         else:
             ratio_sd = sd[rows] / nominals.frequency[rows]
             one = stiffness_from_frequency if kind[0] == "stiffness" else mass_from_frequency
@@ -257,6 +256,16 @@ def _kind(registration: Registration) -> _Kind:
     return registration.changes, 0.0, 0.0
 
 
+def _rows_by_kind(
+    twins: Sequence[Twin], owner: Int[np.ndarray, " time"]
+) -> list[tuple[_Kind, Int[np.ndarray, " _"]]]:
+    """Return the readings of each kind, in order; kinds in the order of their first twin."""
+    numbers: dict[_Kind, int] = {}
+    of_twin = [numbers.setdefault(_kind(twin.registration), len(numbers)) for twin in twins]
+    each = np.array(of_twin, dtype=np.intp)[owner]
+    return list(zip(numbers, _rows_by_owner(each, len(numbers)), strict=True))
+
+
 def _of_each(
     twins: Sequence[Twin],
     owner: Int[np.ndarray, " time"],
@@ -269,7 +278,7 @@ def _of_each(
     return each
 
 
-def _assume(states: States, rows: Bool[np.ndarray, " time"], changes: str) -> None:
+def _assume(states: States, rows: Int[np.ndarray, " some"], changes: str) -> None:
     for kept, bit in (("stiffness", st.ASSUMES_STIFFNESS), ("mass", st.ASSUMES_MASS)):
         if changes not in (kept, "both"):
             states[f"{kept}_change"][rows] = 0.0

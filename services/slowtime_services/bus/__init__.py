@@ -2,6 +2,7 @@
 
 from .background import BackgroundBus
 from .inbox import Inbox
+from .key_versions import TwoVersionBus
 from .keys import InvalidKeyError, matches
 from .memory import MemoryBus
 from .protocol import (
@@ -27,6 +28,7 @@ __all__ = [
     "MemoryBus",
     "Query",
     "Sample",
+    "TwoVersionBus",
     "ZenohBus",
     "matches",
 ]

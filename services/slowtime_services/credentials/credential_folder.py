@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from slowtime_services.operating_system import access_of_others
 
+from .access import in_both_versions
 from .authority import ACCESS, CERTIFICATE, KEY, TRUSTED
 from .roles import common_name
 
@@ -151,7 +152,7 @@ class Credentials:
         return self.client_options() | {
             f"{TLS}/listen_private_key": str(self.folder / KEY),
             f"{TLS}/listen_certificate": str(self.folder / CERTIFICATE),
-            "access_control": json.loads(path.read_text()),
+            "access_control": in_both_versions(json.loads(path.read_text())),
         }
 
 

@@ -26,6 +26,7 @@ from slowtime_schemas.streams import (
     VIRTUAL,
     alive_key,
     any_key,
+    former_key,
     request_key,
     server_key,
 )
@@ -75,7 +76,7 @@ def edge(site: str, asset: str) -> Role:
         hears=(ACK.key(site, asset), SAMPLES.key(site, asset)),
         subscribes=(ACK.key(site, asset), SAMPLES.key(site, asset)),
         answers=tuple(request_key(site, asset, what) for what in ASKED_OF_EDGES),
-        replies=written,
+        replies=(*written, request_key(site, asset, "account")),
         announces=(alive_key(site, asset),),
         watches=(alive_key(site, asset),),  # for the health check beside it
     )
@@ -131,11 +132,21 @@ ROLES: Mapping[str, str] = {
 
 
 def rights(role: str, site: str, asset: str | None) -> Role:
-    """Rights of a role of `ROLES`; those of a router are its own."""
+    """Rights of a role of `ROLES`, on keys of both versions; those of a router are its own."""
     if role == "edge":
         assert asset is not None
-        return edge(site, asset)
-    return {"server": server, "observer": observer, "player": player}[role]()
+        return _in_both_versions(edge(site, asset))
+    return _in_both_versions({"server": server, "observer": observer, "player": player}[role]())
+
+
+def _in_both_versions(role: Role) -> Role:
+    """Add the former keys: an edge may be older than its router, which reads this."""
+    named = {field.name: getattr(role, field.name) for field in dataclasses.fields(role)}
+    both = {
+        name: (*keys, *(former for key in keys if (former := former_key(key)) is not None))
+        for name, keys in named.items()
+    }
+    return Role(**both)
 
 
 def common_name(role: str, site: str, asset: str | None, serial: int) -> str:

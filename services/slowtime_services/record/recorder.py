@@ -19,7 +19,7 @@ from slowtime_schemas.streams import (
     parse_key,
     request_key,
 )
-from slowtime_services.bus import Bus, Inbox, Sample
+from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
 from slowtime_services.clock import Clock, SystemClock
 
 from .retransmission import Retransmission
@@ -152,6 +152,7 @@ class Recorder:
             )
         self._writer = RecordingWriter(self._paths[0])
         self._began = self._flushed = time.monotonic()
+        bus = TwoVersionBus(bus)
         self._healer = Retransmission(bus, self._arrive)
         self._healing, self._closing = FEATURES.name in self._streams, threading.Event()
         self._threads = [

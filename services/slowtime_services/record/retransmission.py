@@ -89,7 +89,7 @@ class Retransmission:
         if (known := run_and_sequence(key, payload)) is not None:
             with self._lock:
                 self._has_come(*known)
-        elif key.endswith("/" + HEALTH.name):
+        elif f"/{HEALTH.name}/" in key:
             self._note_health(key, payload)
 
     def heal(self, *, at_last: bool = False) -> None:

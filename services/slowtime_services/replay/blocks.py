@@ -9,7 +9,7 @@ import numpy as np
 from slowtime.signals.block import Block, RateCorrection
 from slowtime_schemas.raw import decode_raw
 from slowtime_schemas.raw_header import RawHeader
-from slowtime_schemas.streams import RAW
+from slowtime_schemas.streams import RAW, parse_key
 from slowtime_services.files import Gap, Record, find_column, read_record
 
 from .recording_reader import ForeignRecordingError, RecordingError, contents, read_recording
@@ -110,9 +110,7 @@ def record_or_foreign(path: Path | str) -> Record:
 def _raw_keys(path: Path, site: str | None, asset: str | None) -> set[str]:
     found = {key for key, count in contents(path, streams=[RAW]).counts.items() if count}
     keys = {
-        key
-        for key in found
-        if key == RAW.key(site or key.split("/")[2], asset or key.split("/")[3])
+        key for key in found if (of := parse_key(key)[1:]) == (site or of[0], asset or of[1])
     }
     if not keys:
         raise RecordingError(

@@ -8,7 +8,16 @@ is valid, and the events.
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from slowtime_schemas.streams import EVENT, FEATURES, HEALTH, RAW, STATE, Stream, parse_key
+from slowtime_schemas.streams import (
+    EVENT,
+    FEATURES,
+    HEALTH,
+    RAW,
+    STATE,
+    Stream,
+    current_key,
+    parse_key,
+)
 
 Node = dict[str, Any]
 
@@ -47,7 +56,7 @@ PLOTS: tuple[tuple[str, tuple[tuple[Stream, str, str], ...]], ...] = (
 
 
 def layout_of(topics: Collection[str]) -> Node:
-    """Lay out a recording that holds `topics`.
+    """Lay out a recording that holds `topics`, of keys of either version.
 
     Raises
     ------
@@ -55,10 +64,11 @@ def layout_of(topics: Collection[str]) -> Node:
         Where there is nothing in it that could be plotted.
     """
     panels: dict[str, Node] = {}
+    known = {current_key(topic): topic for topic in topics}
     tabs = [
-        {"title": f"{site}.{asset}", "layout": _of_asset(site, asset, topics, panels)}
+        {"title": f"{site}.{asset}", "layout": _of_asset(site, asset, known, panels)}
         for site, asset in sorted({parse_key(topic)[1:] for topic in topics})
-        if any(_plots(site, asset, topics))
+        if any(_plots(site, asset, known))
     ]
     if not tabs:
         samples = any(parse_key(topic)[0] is RAW for topic in topics)
@@ -82,7 +92,7 @@ def layout_of(topics: Collection[str]) -> Node:
     }
 
 
-def _of_asset(site: str, asset: str, topics: Collection[str], panels: dict[str, Node]) -> Any:
+def _of_asset(site: str, asset: str, topics: Mapping[str, str], panels: dict[str, Node]) -> Any:
     """Add panels of one asset; how they are arranged."""
     name = f"{site}.{asset}"
     added = []
@@ -91,11 +101,11 @@ def _of_asset(site: str, asset: str, topics: Collection[str], panels: dict[str, 
         added.append(f"Plot!{name}.{number}")
     state, event = STATE.key(site, asset), EVENT.key(site, asset)
     if state in topics:
-        valid = {"value": f"{state}.valid", "timestampMethod": "receiveTime"}
+        valid = {"value": f"{topics[state]}.valid", "timestampMethod": "receiveTime"}
         panels[f"StateTransitions!{name}"] = {"isSynced": True, "paths": [valid]}
         added.append(f"StateTransitions!{name}")
     if event in topics:
-        panels[f"RawMessages!{name}"] = {"topicPath": event, "diffEnabled": False}
+        panels[f"RawMessages!{name}"] = {"topicPath": topics[event], "diffEnabled": False}
         added.append(f"RawMessages!{name}")
     half = (len(added) + 1) // 2
     left, right = _column(added[:half]), _column(added[half:])
@@ -104,11 +114,11 @@ def _of_asset(site: str, asset: str, topics: Collection[str], panels: dict[str, 
     return {"direction": "row", "first": left, "second": right, "splitPercentage": 50}
 
 
-def _plots(site: str, asset: str, topics: Collection[str]) -> Iterator[Node]:
+def _plots(site: str, asset: str, topics: Mapping[str, str]) -> Iterator[Node]:
     for title, series in PLOTS:
         paths = [
             {
-                "value": f"{stream.key(site, asset)}{path}",
+                "value": f"{topics[stream.key(site, asset)]}{path}",
                 "label": label,
                 "enabled": True,
                 "timestampMethod": "receiveTime",

@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -15,7 +15,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from mcap.summary import Summary as McapSummary
 from mcap.writer import MCAP0_MAGIC
 
-from slowtime_schemas.streams import STREAMS, Stream, parse_key
+from slowtime_schemas.streams import STREAMS, Stream, current_key, parse_key
 from slowtime_services.record.chunks import plain
 
 RECORD = struct.Struct("<BQ")
@@ -46,11 +46,13 @@ class Contents:
     """Contents of a recording, from its index."""
 
     counts: dict[str, int]
-    """Messages by key."""
+    """Messages by key of the present version."""
     start_ns: int
     end_ns: int
     metadata: dict[str, str]
     """What wrote it, and what was said of it."""
+    topics: tuple[str, ...] = ()
+    """Topics of the file that hold messages, as they are spelt there."""
 
     @property
     def messages(self) -> int:
@@ -76,7 +78,8 @@ def contents(path: Path | str, *, streams: Collection[Stream] = STREAMS) -> Cont
         except Exception as error:
             raise RecordingError(_is_damaged(Path(path), str(error))) from error
         return Contents(
-            counts={c.topic: per_channel.get(c.id, 0) for c in wanted},
+            counts=_counted(wanted, per_channel),
+            topics=tuple(c.topic for c in wanted if per_channel.get(c.id)),
             start_ns=statistics.message_start_time if statistics else 0,
             end_ns=statistics.message_end_time if statistics else 0,
             metadata=dict(metadata),
@@ -132,7 +135,7 @@ def _every_message(
     if summary is None or not summary.chunk_indexes:
         yield from _unindexed(file, keys)
         return
-    topics = {c.id: c.topic for c in summary.channels.values() if c.topic in keys}
+    topics = {c.id: current_key(c.topic) for c in summary.channels.values() if c.topic in keys}
     for index in summary.chunk_indexes:
         inside = index.message_index_offsets
         timely = index.message_start_time <= last and index.message_end_time >= first
@@ -152,7 +155,7 @@ def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
         within = breakup_chunk(plain(record), True) if isinstance(record, Chunk) else [record]
         for found in within:
             if isinstance(found, Channel) and found.topic in keys:
-                topics[found.id] = found.topic
+                topics[found.id] = current_key(found.topic)
             elif isinstance(found, Message) and found.channel_id in topics:
                 topic = topics[found.channel_id]
                 yield Recorded(found.log_time, found.publish_time, topic, found.data)
@@ -223,6 +226,15 @@ def _channels_of_streams(
         )
     names = {stream.name for stream in streams}
     return [channel for stream, channel in ours if stream and stream.name in names]
+
+
+def _counted(channels: Iterable[Channel], per_channel: Mapping[int, int]) -> dict[str, int]:
+    """Count the messages of each key, whichever version its topics have."""
+    counts: dict[str, int] = {}
+    for channel in channels:
+        key = current_key(channel.topic)
+        counts[key] = counts.get(key, 0) + per_channel.get(channel.id, 0)
+    return counts
 
 
 def _stream_of(topic: str) -> Stream | None:

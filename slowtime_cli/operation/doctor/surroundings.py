@@ -49,7 +49,7 @@ def router(
         with ZenohBus("client", connect, open_timeout_s=timeout_s, options=options) as bus:
             watched: set[str] = set()
             watching = bus.watch(
-                "slowtime/v1/**", lambda who, alive: watched.add(who) if alive else None
+                "slowtime/**", lambda who, alive: watched.add(who) if alive else None
             )
             time.sleep(min(0.5, timeout_s))
             watching.close()

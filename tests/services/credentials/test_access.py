@@ -1,5 +1,6 @@
 """Over real Zenoh: each does what its certificate is for, and nothing else."""
 
+import copy
 import datetime
 
 import pytest
@@ -17,6 +18,7 @@ from slowtime_schemas.streams import (
     STATE,
     STREAMS,
     VIRTUAL,
+    address_of,
     alive_key,
     any_key,
     request_key,
@@ -24,6 +26,7 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import BusUnreachableError, Sample, ZenohBus
 from slowtime_services.credentials import Authority, Credentials, access_control
+from slowtime_services.credentials.access import in_both_versions
 
 LAST = "done"
 WRITTEN = (FEATURES, HEALTH, ABOUT, RAW, FATIGUE, VIRTUAL)
@@ -57,7 +60,7 @@ def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
     for site, asset in (("lab", "frame"), ("other", "beam"), ("lab", "beam")):
         for stream in STREAMS:
             say(edge, stream.key(site, asset), b"x")
-    say(edge, "slowtime/v1/lab/beam/features/more", b"x")
+    say(edge, "slowtime/v2/lab/features/174/beam/more", b"x")
     say(edge, "elsewhere", b"x")
     own = {(s.key("lab", "beam"), b"x") for s in (*WRITTEN, SAMPLES)}
     # What was said before the subscriptions were known may be missing; no forged key may come.
@@ -233,4 +236,33 @@ def test_no_rule_of_an_edge_reaches_beyond_its_asset(authority):
         "declare_liveliness_subscriber",
     }  # fmt: skip
     keys = {key for rule in own for key in rule["key_exprs"]}
-    assert all(key.startswith("slowtime/v1/lab/beam/") and "*" not in key for key in keys)
+    assert all(address_of(key) == ("lab", "beam") and "*" not in key for key in keys)
+
+
+def test_routers_with_credentials_pass_everything_on_to_each_other(
+    authority, router, join, free_port, eventually
+):
+    here = f"tls/127.0.0.1:{free_port()}"
+    folder = authority.home / "router"
+    beside = Credentials.read(folder).router_options()
+    edge_options = Credentials.read(authority.home / "edge-beam").client_options()
+    server = join("server")
+    got: list[Sample] = []
+    server.subscribe(FEATURES.everywhere, got.append)
+    with (
+        ZenohBus("router", [router], [here], options=beside),
+        ZenohBus("client", [here], options=edge_options) as edge,
+    ):
+        asked = request_key("lab", "beam", "account")
+        edge.answer(asked, lambda query: [(query.key, b"all")])
+        assert eventually(lambda: [one.payload for one in server.ask(asked)] == [b"all"])
+        told(edge, got, FEATURES.key("lab", "beam"), eventually)
+
+
+def test_access_that_was_written_with_former_keys_lets_present_ones_through(authority):
+    told_now = access_control(authority.valid)
+    old = copy.deepcopy(told_now)
+    for rule in old["rules"]:
+        rule["key_exprs"] = [key for key in rule["key_exprs"] if "slowtime/v2" not in key]
+    now = {rule["id"]: set(rule["key_exprs"]) for rule in in_both_versions(old)["rules"]}
+    assert now == {rule["id"]: set(rule["key_exprs"]) for rule in told_now["rules"]}

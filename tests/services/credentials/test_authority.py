@@ -85,6 +85,7 @@ def test_what_expires_soon_is_renewed_and_the_old_one_stays_valid(tmp_path):
     assert {who: len(of) for who, of in names.items()} == {
         "edge:lab:beam": 2,
         "edge:lab:old": 1,
+        "router:lab": 1,
     }
 
 

@@ -38,7 +38,7 @@ def test_every_recorded_stream_is_in_the_file_as_it_came(tmp_path):
             if stream.recorded:
                 sent.append((2_000 + i, 1_000, stream.key("lab", "beam"), payload))
         bus.publish("slowtime/v1/other", b"", encoding="x")
-        bus.publish("slowtime/v1/lab/beam/unheard-of", b"", encoding="x")
+        bus.publish("slowtime/v2/lab/unheard-of/174/beam", b"", encoding="x")
     assert [tuple(m) for m in read_recording(tmp_path / "a.mcap")] == sent
     assert recorder.recording.counts == {"features": 2, "about": 1, "state": 1}
     assert recorder.recording.dropped == recorder.recording.refused == 0

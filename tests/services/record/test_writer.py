@@ -54,7 +54,7 @@ def test_what_was_written_is_in_the_file_with_its_times(tmp_path, features_of):
     write(tmp_path / "a.mcap", messages)
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        got = list(reader.iter_messages("slowtime/v1/lab/beam/features"))
+        got = list(reader.iter_messages("slowtime/v2/lab/features/174/beam"))
         metadata = {m.name: m.metadata for m in reader.iter_metadata()}
         summary = reader.get_summary()
     assert [m.data for _, _, m in got] == [encode(m) for m in messages]
@@ -75,11 +75,11 @@ def test_json_channels_carry_a_schema_that_plots_and_raw_ones_their_layout(
         summary = make_reader(file).get_summary()
     assert summary is not None
     by_topic = {c.topic: (c, summary.schemas[c.schema_id]) for c in summary.channels.values()}
-    channel, schema = by_topic["slowtime/v1/lab/beam/features"]
+    channel, schema = by_topic["slowtime/v2/lab/features/174/beam"]
     assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
     frequency = json.loads(schema.data)["properties"]["modes"]["items"]["properties"]
     assert frequency["frequency_hz"]["properties"]["value"] == {"type": "number"}
-    channel, schema = by_topic["slowtime/v1/lab/beam/raw"]
+    channel, schema = by_topic["slowtime/v2/lab/raw/174/beam"]
     assert channel.message_encoding == schema.encoding == "x-slowtime-raw"
     assert "the four bytes ``STB1``" in json.loads(schema.data)["layout"]
 

@@ -126,7 +126,8 @@ def test_every_panel_is_laid_out_once(recording):
 def test_what_is_not_in_a_recording_is_not_plotted():
     only = layout_of([HEALTH.key("lab", "beam")])
     assert [path for _, path in paths_of(only)] == [
-        "slowtime/v1/lab/beam/health.last_sequence", "slowtime/v1/lab/beam/health.dropped",
+        "slowtime/v2/lab/health/174/beam.last_sequence",
+        "slowtime/v2/lab/health/174/beam.dropped",
     ]  # fmt: skip
     with pytest.raises(ValueError, match="nothing to plot"):
         layout_of([])

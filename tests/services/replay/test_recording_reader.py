@@ -1,14 +1,23 @@
 """A recording is read in the order it was written; anything else is named for what it is."""
 
+import json
 import os
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from slowtime_schemas.streams import FEATURES, HEALTH, STATE
+from slowtime_schemas.streams import FEATURES, HEALTH, STATE, former_key
+from slowtime_services.bus import MemoryBus
 from slowtime_services.record import RecordingWriter
-from slowtime_services.replay import RecordingError, contents, read_recording
+from slowtime_services.replay import (
+    RecordingError,
+    contents,
+    layout_of,
+    read_recording,
+    replay,
+)
 
 DATA = Path(os.environ.get("SLOWTIME_DATA", Path(__file__).parents[3] / "../shared/data"))
 
@@ -30,7 +39,7 @@ def test_streams_and_times_can_be_chosen(tmp_path):
             for stream in (FEATURES, STATE):
                 writer.write(stream, "lab", "beam", b"", i)
     got = read_recording(tmp_path / "a.mcap", streams=[STATE], start_ns=3, end_ns=6)
-    assert [(m.log_ns, m.key.split("/")[-1]) for m in got] == [(i, "state") for i in (3, 4, 5)]
+    assert [(m.log_ns, m.key.split("/")[3]) for m in got] == [(i, "state") for i in (3, 4, 5)]
     assert list(read_recording(tmp_path / "a.mcap", streams=[HEALTH])) == []
 
 
@@ -102,3 +111,45 @@ def test_recordings_of_ros_open_and_have_no_vibration_in_them():
         with pytest.raises(RecordingError, match="has no vibration in it: topics found: ") as e:
             read_recording(path)
         assert "damaged" not in str(e.value)
+
+
+def former_topics(recording, out):
+    """Write a recording again, byte by byte, under topics of the former keys."""
+    with recording.open("rb") as file, out.open("wb") as target:
+        writer, channels = Writer(target), {}
+        writer.start()
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    former_key(channel.topic) or "", channel.message_encoding, number
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()
+    return out
+
+
+def test_a_recording_with_former_topics_is_read_and_replayed_like_one_of_today(
+    house, tmp_path, ledger
+):
+    today, expected = house(60)
+    former = former_topics(today, tmp_path / "former.mcap")
+    assert contents(former).topics[0].startswith("slowtime/v1/lab/")
+    assert contents(former).counts == contents(today).counts
+    assert list(read_recording(former)) == list(read_recording(today))
+    with MemoryBus() as bus:
+        twin = ledger(bus)
+        played = replay(former, MemoryBus(joins=bus))
+        twin.close()
+    assert played.acknowledged == played.features
+    assert twin.kept == expected
+
+
+def test_a_layout_names_topics_as_the_recording_spells_them(house, tmp_path):
+    former = former_topics(house(60)[0], tmp_path / "former.mcap")
+    text = json.dumps(layout_of(contents(former).topics))
+    assert "slowtime/v1/lab/beam/health.dropped" in text
+    assert "slowtime/v2" not in text

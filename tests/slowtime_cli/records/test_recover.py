@@ -15,7 +15,7 @@ def test_a_sound_recording_is_copied_and_called_sound(run, whole):
     done = run("recover", "whole.mcap", "--out", "out.mcap")
     assert done.status == 0
     assert done.out == (
-        "out.mcap: 600 messages (600 of slowtime/v1/import/record/raw). "
+        "out.mcap: 600 messages (600 of slowtime/v2/import/raw/112/record). "
         "The recording was sound; this is a copy.\n"
     )
     assert run("identify", "out.mcap", "--method", "peak").status == 0
@@ -26,7 +26,9 @@ def test_a_recording_without_its_end_is_made_sound(run, whole, tmp_path):
     assert run("identify", "cut.mcap").status == 2
     done = run("recover", "cut.mcap", "--out", "out.mcap")
     assert (done.status, done.err) == (0, "")
-    assert done.out.startswith("out.mcap: 600 messages (600 of slowtime/v1/import/record/raw);")
+    assert done.out.startswith(
+        "out.mcap: 600 messages (600 of slowtime/v2/import/raw/112/record);"
+    )
     first, second = (
         run("identify", name, "--method", "peak", "--out", "-").json["modes"]
         for name in ("whole.mcap", "out.mcap")

@@ -15,7 +15,7 @@ from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.streams import RAW as RAW_STREAM
 from slowtime_schemas.streams import request_key
-from slowtime_services.bus import Bus, Sample
+from slowtime_services.bus import Bus, Sample, TwoVersionBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.models.model_reader import parse_model
 from slowtime_services.plugins.discovery import PluginError
@@ -61,7 +61,8 @@ class Diagnoses:
         clock: Clock | None = None,
     ) -> None:
         self._pipeline, self._store, self._settings = pipeline, store, settings
-        self._bus, self._clock = bus, clock or SystemClock()
+        self._bus = None if bus is None else TwoVersionBus(bus)
+        self._clock = clock or SystemClock()
         self._jobs = Jobs(command, settings, self._end)
         self._minder = GapMonitor(
             pipeline, store, gaps, self.raw_samples, effects=settings.effects

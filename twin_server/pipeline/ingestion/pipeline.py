@@ -25,10 +25,11 @@ from slowtime_schemas.streams import (
     HEALTH,
     REGISTRATION,
     VIRTUAL,
+    address_of,
     alive_key,
     request_key,
 )
-from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
+from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, TwoVersionBus, matches
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
 from twin_server.collect import (
@@ -107,7 +108,8 @@ class Pipeline:
         bus: Bus | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.settings, self.store, self._bus = settings, store, bus
+        self.settings, self.store = settings, store
+        self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
         self.refusals = Refusals()
         self._reception = Reception(settings.admission, self.refusals)
@@ -123,7 +125,7 @@ class Pipeline:
         self.counts: collections.Counter[str] = collections.Counter()
         self._election = LeaderElection(bus, self._clock)
         self._publisher = StatePublisher(
-            bus,
+            self._bus,
             self._clock,
             self.counts,
             settings.pipeline.states_per_batch,
@@ -338,9 +340,8 @@ class Pipeline:
 
     def _see(self, key: str, alive: bool) -> None:
         """Note that an edge appears or disappears."""
-        site, asset = key.split("/")[-3:-1]
-        if alive_key(site, asset) == key:
-            self._later(lambda: self._account.watch(site, asset, alive=alive))
+        if (of := address_of(key)) is not None and alive_key(*of) == key:
+            self._later(lambda: self._account.watch(*of, alive=alive))
 
     def _work(self) -> None:
         limit = self.settings.pipeline.batch_messages

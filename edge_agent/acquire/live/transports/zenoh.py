@@ -14,7 +14,7 @@ from edge_agent.layouts import Channel, Counter, JsonLayout
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import SensorSamples
 from slowtime_schemas.streams import SAMPLES
-from slowtime_services.bus import Bus, Inbox, Sample
+from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
 from slowtime_services.clock import Clock
 
 POLL_S = 0.2
@@ -107,7 +107,9 @@ def opened(settings: LiveInput, around: TransportContext) -> Opened:
     if around.bus is None:
         raise ValueError("zenoh: needs the bus of an edge agent.")
     key = unquote(settings.bare.partition(":")[2].lstrip("/"))
-    transport = BusSamples(around.bus, key or SAMPLES.key(*around.twin), around.clock)
+    transport = BusSamples(
+        TwoVersionBus(around.bus), key or SAMPLES.key(*around.twin), around.clock
+    )
     if settings.layout is not None:
         return Opened(transport, *declared(settings, "zenoh"))
     return Opened(transport, None, None, _Decoder())

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 
 from slowtime_schemas.codec import decode_sample, encode
 from slowtime_schemas.messages import Health, TwinState
-from slowtime_schemas.streams import ACK, EVENT, HEALTH, REGISTRATION, STATE
+from slowtime_schemas.streams import (
+    ACK,
+    EVENT,
+    HEALTH,
+    REGISTRATION,
+    STATE,
+    current_key,
+    former_key,
+)
 from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
 from twin_server import estimate as estimators
@@ -415,3 +423,43 @@ def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
         for one in edges:
             one.close()
     assert len(written) < 10
+
+
+class FormerAgentBus(MemoryBus):
+    """The bus of an edge agent that knows keys of the former version only."""
+
+    def publish(self, key, payload, **more):
+        super().publish(former_key(key) or key, payload, **more)
+
+    def subscribe(self, key, callback):
+        return super().subscribe(former_key(key) or key, callback)
+
+    def announce(self, key):
+        return super().announce(former_key(key) or key)
+
+    def answer(self, key, handler):
+        def spelt(query):
+            asked = query._replace(key=current_key(query.key))
+            return [(former_key(reply), payload) for reply, payload in handler(asked)]
+
+        return super().answer(former_key(key) or key, spelt)
+
+
+def test_an_agent_with_former_keys_is_healed_acknowledged_and_gives_the_same_history(
+    open_twin, edge, ageing, sample, eventually, tmp_path
+):
+    messages = ageing(60)
+    acknowledged = []
+    with MemoryBus() as bus:
+        pipeline, store = open_twin(bus)
+        agents = FormerAgentBus(joins=bus)
+        agents.subscribe(ACK.key("lab", "beam"), lambda one: acknowledged.append(one.payload))
+        beam = edge(agents)
+        assert eventually(lambda: pipeline.is_alive("lab.beam"))
+        for message in messages:
+            beam.make(message, send=message.sequence % 7 != 3)
+        assert eventually(lambda: store.count("lab.beam") == 60)
+        assert eventually(
+            lambda: acknowledged and json.loads(acknowledged[-1])["sequence"] == 59
+        )
+    assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
