@@ -4,6 +4,7 @@ from .background import BackgroundBus
 from .inbox import Inbox
 from .keys import InvalidKeyError, matches
 from .memory import MemoryBus
+from .partial import PartialBus
 from .protocol import (
     Answers,
     Bus,
@@ -25,6 +26,7 @@ __all__ = [
     "Inbox",
     "InvalidKeyError",
     "MemoryBus",
+    "PartialBus",
     "Query",
     "Sample",
     "ZenohBus",
