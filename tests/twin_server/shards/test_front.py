@@ -37,12 +37,24 @@ class Shard:
     """An HTTP server that says what it was asked."""
 
     def __init__(self, index):
-        self.index, self.asked = index, []
+        self.index, self.asked, self.goes_on = index, [], threading.Event()
         shard = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_GET(self):
-                self.answer(b"")
+                if self.path.endswith("/live"):
+                    self.answer_in_parts()
+                else:
+                    self.answer(b"")
+
+            def answer_in_parts(self):
+                """Send one part, wait, and end before the second was sent."""
+                self.send_response(200)
+                self.send_header("Content-Type", "text/event-stream")
+                self.send_header("Transfer-Encoding", "chunked")
+                self.end_headers()
+                self.wfile.write(b"e\r\nevent: state\n\n\r\n")
+                shard.goes_on.wait(30)
 
             def do_PUT(self):
                 self.answer(self.rfile.read(int(self.headers["Content-Length"])))
@@ -55,6 +67,8 @@ class Shard:
                 self.send_header("X-Shard", str(shard.index))
                 self.end_headers()
                 self.wfile.write(said)
+
+            protocol_version = "HTTP/1.1"
 
             def log_message(self, *_):
                 pass
@@ -140,6 +154,14 @@ def test_query_body_and_token_arrive_and_the_origin_does_not(front, fleet):
     given = {name.lower(): value for name, value in given.items()}
     assert given["authorization"] == "Bearer abc"
     assert "origin" not in given
+
+
+def test_a_live_stream_arrives_as_it_is_sent_and_ends_with_its_shard(front, fleet):
+    with front.stream("GET", "/api/v1/twins/lab.mast-1/live") as answer:
+        parts = answer.iter_raw()
+        assert next(parts) == b"event: state\n\n"
+        fleet.shards[owner("mast-1")].goes_on.set()
+        assert list(parts) == []
 
 
 def test_the_fleet_is_one_list_and_one_ranking(front):
