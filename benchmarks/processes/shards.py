@@ -106,7 +106,7 @@ def rates(count: int) -> tuple[float, float]:
     By elapsed time, and by the processor time of the shard that needs most [1/s].
     """
     with tempfile.TemporaryDirectory() as folder:
-        started = []
+        started: list[tuple[BaseProcess, Connection]] = []
         for share in _shares(count):
             here, there = _SPAWN.Pipe()
             process = _SPAWN.Process(target=from_memory, args=(share, Path(folder), there))

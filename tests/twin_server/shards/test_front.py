@@ -37,7 +37,8 @@ class Shard:
     """An HTTP server that says what it was asked."""
 
     def __init__(self, index):
-        self.index, self.asked, self.goes_on = index, [], threading.Event()
+        self.index, self.goes_on = index, threading.Event()
+        self.asked: list[tuple[str, str, dict[str, str]]] = []
         shard = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
