@@ -15,7 +15,7 @@ import resource
 import tempfile
 import time
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from slowtime_schemas.streams import FEATURES
@@ -106,7 +106,7 @@ def rates(count: int) -> tuple[float, float]:
     By elapsed time, and by the processor time of the shard that needs most [1/s].
     """
     with tempfile.TemporaryDirectory() as folder:
-        started: list[tuple[BaseProcess, Connection]] = []
+        started: list[tuple[SpawnProcess, Connection]] = []
         for share in _shares(count):
             here, there = _SPAWN.Pipe()
             process = _SPAWN.Process(target=from_memory, args=(share, Path(folder), there))
@@ -129,7 +129,7 @@ def processor_time(count: int) -> float:
     """Processor time per feature of `count` shards, from the bus until it is durable [s]."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder, ZenohBus("router", listen=[endpoint]):
-        started: list[tuple[BaseProcess, Connection]] = []
+        started: list[tuple[SpawnProcess, Connection]] = []
         for share in _shares(count):
             here, there = _SPAWN.Pipe()
             process = _SPAWN.Process(
@@ -149,8 +149,9 @@ def processor_time(count: int) -> float:
         here.send("go")
         used_s = sum(pipe.recv() for _, pipe in started)
         here.send("end")
-        for process, _ in (*started, (publisher, here)):
+        for process, _ in started:
             process.join()
+        publisher.join()
     return float(used_s) / TIMED
 
 
