@@ -12,7 +12,7 @@ import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
-from slowtime_services.bus import BackgroundBus, Bus, ZenohBus
+from slowtime_services.bus import BackgroundBus, Bus, PartialBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.shutdown import ended_by_signals
@@ -33,7 +33,11 @@ from twin_server.pipeline import (
     TwinKnowledge,
     WorkerProcesses,
 )
-from twin_server.registration.twin import WrongRegistrationsError, registrations
+from twin_server.registration.twin import (
+    Registration,
+    WrongRegistrationsError,
+    registrations,
+)
 from twin_server.serve import ComputeQueue, Hub, create_app
 from twin_server.serve.access import (
     Guard,
@@ -92,13 +96,19 @@ def run(
             guard = guarded(settings)
             if traces is None and (traces := traces_of("twin")) is not None:
                 open_things.callback(traces.close)
-            listening = open_things.enter_context(_listening(settings.host, settings.port))
-            store = open_store(settings.database, synchronous=settings.synchronous)
+            listening = open_things.enter_context(
+                listening_socket(settings.host, settings.port)
+            )
+            store = open_store(
+                settings.database, synchronous=settings.synchronous, share=settings.shards.share
+            )
             open_things.callback(store.close)
             if bus is None:
                 late = open_things.enter_context(_late_bus(settings, clock))
                 late.wait(min(ATTEMPT_S, settings.connect_timeout_s))
                 bus = late
+            if settings.shards.share is not None:
+                bus = PartialBus(bus, settings.shards.share.has)
             _serve(
                 settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces
             )
@@ -110,7 +120,7 @@ def run(
         WrongStoreError,
         WrongReceiverError,
         WrongRegistrationsError,
-        _AddressError,
+        AddressError,
     ) as error:
         logger.error("%s", error)
         return 2
@@ -118,8 +128,8 @@ def run(
     return 0
 
 
-class _AddressError(OSError):
-    pass
+class AddressError(OSError):
+    """An address that cannot be listened on."""
 
 
 OTHER_FILES = 512
@@ -193,14 +203,14 @@ def _serve(
         events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
     door_of = guard.around(app)
-    connections = Connections(_limits(settings))
-    config = _config(Traced(door_of, traces) if traces else door_of, settings, connections)
+    connections = Connections(limits_of(settings))
+    config = http_config(Traced(door_of, traces) if traces else door_of, settings, connections)
     server = _Server(config, hub, limits.reading_threads)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
     )
-    wanted = registrations(settings.registrations)
+    wanted = _wanted(settings)
     for twin_id, registration in wanted.items():
         pipeline.routing.check(twin_id, registration)
     pipeline.start()
@@ -238,6 +248,19 @@ def _serve(
         pipeline.stop()
 
 
+def _wanted(settings: TwinSettings) -> dict[str, Registration]:
+    """Read the registrations to begin with, of the assets that this server has."""
+    share = settings.shards.share
+    found = registrations(settings.registrations)
+    if share is None:
+        return found
+    return {
+        twin_id: registration
+        for twin_id, registration in found.items()
+        if share.has(twin_id.partition(".")[2])
+    }
+
+
 def allow_files(count: int) -> None:
     """Raise the limit of open files of this process, as far as the system allows."""
     try:
@@ -269,7 +292,8 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def _limits(settings: TwinSettings) -> Limits:
+def limits_of(settings: TwinSettings) -> Limits:
+    """Return the limits of connections."""
     serve = settings.serve
     return Limits(
         head_s=serve.head_s,
@@ -282,7 +306,10 @@ def _limits(settings: TwinSettings) -> Limits:
     )
 
 
-def _config(app: ASGIApp, settings: TwinSettings, connections: Connections) -> uvicorn.Config:
+def http_config(
+    app: ASGIApp, settings: TwinSettings, connections: Connections
+) -> uvicorn.Config:
+    """Return how uvicorn serves `app`."""
     return uvicorn.Config(
         app,
         http=connections.protocol(),
@@ -316,7 +343,7 @@ def _late_bus(settings: TwinSettings, clock: Clock | None) -> BackgroundBus:
 
 
 @contextlib.contextmanager
-def _listening(host: str, port: int) -> Iterator[socket.socket]:
+def listening_socket(host: str, port: int) -> Iterator[socket.socket]:
     """Open the listening socket first, so that a taken port is detected early."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as listening:
@@ -324,7 +351,7 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
         try:
             listening.bind((host, port))
         except OSError as error:
-            raise _AddressError(
+            raise AddressError(
                 f"The server cannot listen on {host}:{port}: {error.strerror or error}. "
                 "Give another --port or --host, or stop the process that uses it."
             ) from error

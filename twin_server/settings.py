@@ -5,12 +5,13 @@ file named by `config` (TOML or JSON). Units are in the names.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_settings import SettingsConfigDict
 
 from slowtime_services.configuration import ProcessSettings
+from slowtime_services.shards import Share
 
 from .events.receivers import AlarmSettings
 from .registration.twin import Registration
@@ -230,6 +231,44 @@ class LedgerSettings(Frozen):
     """A head is signed so often, where anything has changed."""
 
 
+class ShardSettings(Frozen):
+    """Division of the assets among several processes, each with a history of its own.
+
+    Examples
+    --------
+    >>> ShardSettings(count=4).share is None, ShardSettings(count=4, index=1).share
+    (True, Share(index=1, count=4))
+    """
+
+    count: Annotated[int, Field(ge=1, le=256)] = 1
+    """Number of shards; 1 for a single server. At most one for each of the 256 partitions."""
+    index: Annotated[int, Field(ge=0)] | None = None
+    """Which shard this process is, from 0; None for the process that starts all of them."""
+    engine: Annotated[str, Field(pattern=r"^(local|ray(://.+)?)$")] = "local"
+    """Who runs the shards: `local` processes of this machine, or `ray`."""
+    backoff_s: Positive = 0.25
+    """Before a shard that ended is started again; doubled each time up to `max_backoff_s`."""
+    max_backoff_s: Positive = 10.0
+    answer_timeout_s: Positive = 120.0
+    """How long a shard may be silent until its answer is given up; forecasts take longest."""
+
+    @model_validator(mode="after")
+    def _among_all(self) -> Self:
+        if self.index is not None and self.index >= self.count:
+            raise ValueError(
+                f"index {self.index} was given, and there are {self.count} shards. Allowed: 0 "
+                f"to {self.count - 1}. Correct index or count."
+            )
+        return self
+
+    @property
+    def share(self) -> Share | None:
+        """Assets of this process; None for all."""
+        if self.index is None or self.count == 1:
+            return None
+        return Share(self.index, self.count)
+
+
 class TwinSettings(ProcessSettings):
     """All settings of a twin server.
 
@@ -280,5 +319,6 @@ class TwinSettings(ProcessSettings):
     recordings: RecordingSettings = RecordingSettings()
     gap: GapSettings = GapSettings()
     ledger: LedgerSettings = LedgerSettings()
+    shards: ShardSettings = ShardSettings()
     alarms: AlarmSettings = AlarmSettings()
     """Receivers of events, and how they are told."""

@@ -24,6 +24,8 @@ def twin(
     published_on_loopback: bool,
     connect: tuple[str, ...],
     credentials: Path | None,
+    shards: int | None,
+    engine: str | None,
 ) -> int:
     """Run the twin server: features in; estimates, REST and page out."""
     from twin_server.__main__ import run
@@ -35,6 +37,7 @@ def twin(
         behind_proxy=behind_proxy or None,
         published_on_loopback=published_on_loopback or None,
     )
+    divided = given_settings(count=shards, engine=engine)
     with naming_config(config):
         settings = TwinSettings(
             **given_settings(
@@ -47,9 +50,14 @@ def twin(
                 connect=endpoints_unless_configured(connect, config, credentials),
                 credentials=credentials,
                 access=access or None,
+                shards=divided or None,
                 ledger={"key": ledger_key} if ledger_key else None,
                 tls={"certificate": tls_certificate, "key": tls_key} if tls_key else None,
             )
         )
     read_registrations(settings.registrations)  # refused before a router is waited for
+    if settings.shards.count > 1 and settings.shards.index is None:
+        from twin_server.shards import run as run_shards
+
+        return run_shards(settings)
     return run(settings)

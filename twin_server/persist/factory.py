@@ -3,7 +3,10 @@
 from pathlib import Path
 from typing import Literal
 
+from slowtime_services.shards import Share
+
 from .postgres import PostgresStore
+from .shares import check_unshared, database_of_share, postgres_share
 from .sqlite import SqliteStore
 
 
@@ -19,9 +22,17 @@ def is_url(database: str | Path) -> bool:
 
 
 def open_store(
-    database: str | Path, *, synchronous: Literal["NORMAL", "FULL"] = "FULL"
+    database: str | Path,
+    *,
+    synchronous: Literal["NORMAL", "FULL"] = "FULL",
+    share: Share | None = None,
 ) -> SqliteStore | PostgresStore:
     """Open the store that a path or a URL names.
+
+    Parameters
+    ----------
+    share
+        Open the store of these assets, which lies beside: a file or schema of its own.
 
     Raises
     ------
@@ -29,5 +40,11 @@ def open_store(
         Where it cannot be used; the text says what to do.
     """
     if is_url(database):
-        return PostgresStore(str(database))
-    return SqliteStore(Path(database), synchronous=synchronous)
+        url = str(database)
+        return PostgresStore(url if share is None else postgres_share(url, share))
+    path = Path(database)
+    if share is None:
+        check_unshared(path)
+    else:
+        path = database_of_share(path, share)
+    return SqliteStore(path, synchronous=synchronous)

@@ -69,7 +69,7 @@ class PostgresStore(SqlStore):
     def __init__(self, url: str, *, verify: bool = True) -> None:
         super().__init__()
         self._url, self.name = url, without_secret(url)
-        self._psycopg = _driver()
+        self._psycopg = driver()
         self._lock = threading.RLock()
         self._local = threading.local()
         self._idle: list[_Connection] = []
@@ -256,7 +256,14 @@ def without_secret(url: str) -> str:
     return re.sub(r"(password=)[^&]*", r"\1***", shown)
 
 
-def _driver() -> Any:
+def driver() -> Any:
+    """Import psycopg.
+
+    Raises
+    ------
+    WrongStoreError
+        If it is not installed; the text says how to.
+    """
     try:
         import psycopg
     except ImportError as error:

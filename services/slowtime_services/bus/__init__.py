@@ -5,6 +5,7 @@ from .inbox import Inbox
 from .key_versions import TwoVersionBus
 from .keys import InvalidKeyError, matches
 from .memory import MemoryBus
+from .partial import PartialBus
 from .protocol import (
     Answers,
     Bus,
@@ -26,6 +27,7 @@ __all__ = [
     "Inbox",
     "InvalidKeyError",
     "MemoryBus",
+    "PartialBus",
     "Query",
     "Sample",
     "TwoVersionBus",

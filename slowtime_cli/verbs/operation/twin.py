@@ -17,6 +17,7 @@ from slowtime_cli.shared.options import Database, connect_option, credentials_op
 Examples:
   slowtime twin
   slowtime twin --port 8080 --database /var/lib/slowtime/twin.sqlite
+  slowtime twin --shards 4
   slowtime twin --host 0.0.0.0 --tokens tokens.json --tls-certificate c.pem --tls-key k.pem
   curl -X PUT http://127.0.0.1:8000/api/v1/twins/lab.beam -H 'Content-Type: application/json' \\
     -d '{"changes": "stiffness", "nominal": {"frequency_hz": 26.3, "damping_ratio": 0.01}}'
@@ -69,6 +70,13 @@ underscores); flags overrule the environment, which overrules the file.
     help="Only this computer reaches the port, for instance a container's port published on "
     "127.0.0.1 only.",
 )
+@click.option(
+    "--shards",
+    type=click.IntRange(1, 256),
+    help="Divide the assets among so many processes, each with a database of its own.  "
+    "[default: 1]",
+)
+@click.option("--engine", help="Who runs the shards: local.  [default: local]")
 @connect_option
 @credentials_option
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:

@@ -2,7 +2,9 @@
 
 Two servers that acknowledge would let edges delete what only one of them has. Each announces
 itself by a liveliness token; its name is greater than those it finds, so that all agree on who
-was first. The others keep a history of their own, and publish and acknowledge nothing.
+was first. The others keep a history of their own, and publish and acknowledge nothing. Shards
+of one count have different assets, so that each is compared with the same shard of another
+fleet, with fleets of other counts, and with servers of all assets.
 """
 
 import contextlib
@@ -17,6 +19,7 @@ import time
 from slowtime_schemas.streams import server_key
 from slowtime_services.bus import Bus, Handle
 from slowtime_services.clock import Clock
+from slowtime_services.shards import Share
 
 logger = logging.getLogger(__name__)
 
@@ -31,10 +34,13 @@ class LeaderElection:
     ----------
     bus
         None for a pipeline without one, which is always first.
+    share
+        The assets of this server; None for all.
     """
 
-    def __init__(self, bus: Bus | None, clock: Clock) -> None:
+    def __init__(self, bus: Bus | None, clock: Clock, share: Share | None = None) -> None:
         self._bus, self._clock = bus, clock
+        self._share = "" if share is None else str(share)
         self._name = ""
         self._others: set[str] = set()
         self._handles: list[Handle] = []
@@ -56,6 +62,8 @@ class LeaderElection:
             latest = max(map(_began, self._others), default=0)
             began_ns = max(self._clock.now_ns(), latest + 1)
             self._name = f"{began_ns:020d}-{secrets.token_hex(3)}-{_host()}"
+            if self._share:
+                self._name += f".{self._share}"
         self._handles.append(self._bus.announce(server_key(self._name)))
         self._tell()
 
@@ -103,7 +111,7 @@ class LeaderElection:
     def _see(self, key: str, alive: bool) -> None:
         name = key.rpartition("/")[2]
         with self._lock:
-            if name == self._name:
+            if name == self._name or not _compete(self._share, _share_in(name)):
                 return
             if alive:
                 self._others.add(name)
@@ -130,6 +138,26 @@ class LeaderElection:
 def _began(name: str) -> int:
     number = name.partition("-")[0]
     return int(number) if number.isascii() and number.isdigit() else 0
+
+
+def _share_in(name: str) -> str:
+    """Return the share that a name tells, as `2of8`; empty for all assets."""
+    return name.partition(".")[2]
+
+
+def _compete(one: str, other: str) -> bool:
+    """Whether two servers may have an asset in common.
+
+    Examples
+    --------
+    >>> [_compete(*p) for p in (("", ""), ("", "0of2"), ("0of2", "0of2"), ("0of2", "1of3"))]
+    [True, True, True, True]
+    >>> _compete("0of2", "1of2")
+    False
+    """
+    if not one or not other or one == other:
+        return True
+    return one.partition("of")[2] != other.partition("of")[2]
 
 
 def _host() -> str:

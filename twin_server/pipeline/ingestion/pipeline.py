@@ -123,7 +123,7 @@ class Pipeline:
         self._worker: threading.Thread | None = None
         self._backfill: Backfill | None = None
         self.counts: collections.Counter[str] = collections.Counter()
-        self._election = LeaderElection(bus, self._clock)
+        self._election = LeaderElection(bus, self._clock, settings.shards.share)
         self._publisher = StatePublisher(
             self._bus,
             self._clock,

@@ -1,7 +1,7 @@
 """Routes of the maintenance plan of a twin, and of the inspection plan of a fleet."""
 
 import math
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -118,6 +118,41 @@ def fleet_answer(
             reason = f"Its costs are in {plan['currency']}, those of most twins in {currency}."
             without.append({"id": plan["id"], "reason": reason})
     assets = [_asset(plan, window_d) for plan in plans if plan["currency"] == currency]
+    return _ranked(assets, without, currency, visits, window_d, budget)
+
+
+def merged_fleet_answers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Rank the twins of several answers together, as if they were of one server.
+
+    The currency is that of most twins; those of another one are not ranked.
+    """
+    visits, window_d, budget = (answers[0][name] for name in ("visits", "window_d", "budget"))
+    currencies = [each["currency"] for each in answers for _ in each["assets"]]
+    currency = max(currencies, key=currencies.count, default=None)
+    assets: list[dict[str, Any]] = []
+    without: list[dict[str, str]] = []
+    for answer in answers:
+        without += answer["without"]
+        if answer["currency"] == currency:
+            assets += answer["assets"]
+        else:
+            reason = (
+                f"Its costs are in {answer['currency']}, those of most twins in {currency}."
+            )
+            without += [{"id": asset["id"], "reason": reason} for asset in answer["assets"]]
+    without.sort(key=lambda one: one["id"])
+    return _ranked(assets, without, currency, visits, window_d, budget)
+
+
+def _ranked(
+    assets: list[dict[str, Any]],
+    without: list[dict[str, str]],
+    currency: str | None,
+    visits: int,
+    window_d: float,
+    budget: float | None,
+) -> dict[str, Any]:
+    """Choose which of the assets are visited, and put the most urgent first."""
     chosen = dispatch(
         [
             Candidate(asset["id"], asset["net"], asset["cost"])

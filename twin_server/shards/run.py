@@ -1,0 +1,118 @@
+"""Composition root of a fleet of shards: supervisor, front, HTTP server."""
+
+import contextlib
+import logging
+import threading
+from collections.abc import Callable
+
+import uvicorn
+
+from slowtime_services.logs import Format, JsonLines
+from slowtime_services.shutdown import ended_by_signals
+from twin_server.__main__ import (
+    OTHER_FILES,
+    AddressError,
+    allow_files,
+    http_config,
+    limits_of,
+    listening_socket,
+)
+from twin_server.registration.twin import WrongRegistrationsError, registrations
+from twin_server.serve.access import NotSecuredError, WrongTokenFileError, guarded
+from twin_server.serve.http.connections import Connections
+from twin_server.settings import TwinSettings
+
+from .front import create_front
+from .supervisor import Supervisor
+
+logger = logging.getLogger(__name__)
+
+
+class UnknownEngineError(ValueError):
+    """An engine that does not run shards here."""
+
+
+def run(
+    settings: TwinSettings,
+    *,
+    stop: threading.Event | None = None,
+    ready: Callable[[str, Supervisor], None] | None = None,
+) -> int:
+    """Run all shards and the front before them until `stop`, SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    settings
+        Of the fleet, with a `shards.count` above 1.
+    stop
+        Set from outside to end.
+    ready
+        Told the URL once the front answers, with the supervisor of the shards.
+
+    Returns
+    -------
+    0 after a clean end, 2 where settings or surroundings are wrong: the log says what to do.
+    """
+    stop = stop or threading.Event()
+    try:
+        _check_engine(settings)
+        registrations(settings.registrations)
+        with contextlib.ExitStack() as open_things:
+            open_things.enter_context(ended_by_signals(stop))
+            guard = guarded(settings)
+            listening = open_things.enter_context(
+                listening_socket(settings.host, settings.port)
+            )
+            root = logging.getLogger()
+            supervisor = Supervisor(settings, stop, level=root.level, form=_form(root))
+            allow_files(settings.serve.max_connections * 2 + OTHER_FILES)
+            app = guard.around(create_front(supervisor, settings.shards))
+            server = uvicorn.Server(
+                http_config(app, settings, Connections(limits_of(settings)))
+            )
+            door = threading.Thread(
+                target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
+            )
+            supervisor.start()
+            door.start()
+            try:
+                while not server.started and door.is_alive():
+                    stop.wait(0.01)
+                host, port = listening.getsockname()[:2]
+                scheme = "http" if settings.tls is None else "https"
+                url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+                logger.info("%d shards are started; they answer at %s.", supervisor.count, url)
+                if ready is not None:
+                    ready(url, supervisor)
+                while not stop.wait(0.2) and door.is_alive():
+                    pass
+            finally:
+                server.should_exit = True
+                supervisor.stop()
+                door.join(settings.shutdown_s + 1.0)
+    except (
+        UnknownEngineError,
+        NotSecuredError,
+        WrongTokenFileError,
+        WrongRegistrationsError,
+        AddressError,
+    ) as error:
+        logger.error("%s", error)
+        return 2
+    logger.info("The shards have ended.")
+    return 0
+
+
+def _check_engine(settings: TwinSettings) -> None:
+    engine = settings.shards.engine
+    if engine != "local":
+        raise UnknownEngineError(
+            f"--engine {engine} was given. Shards run as processes of this machine so far. "
+            "Allowed: local. Give that, or leave the option out."
+        )
+
+
+def _form(root: logging.Logger) -> Format:
+    """How this process logs, so that its shards do likewise."""
+    as_json = any(isinstance(handler.formatter, JsonLines) for handler in root.handlers)
+    return "json" if as_json else "text"
