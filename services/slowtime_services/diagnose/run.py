@@ -96,11 +96,11 @@ def diagnose_records(
         return time.thread_time() - compiling_s() - spent > LAST_STOP * allowed_s
 
     given = gather(description, records, holdout, roles)
-    if not unchecked:
-        refuse_nonsense(given.campaign, given.origins, kinds)
     workers = ForkedWorkers(jobs) if jobs > 1 and can_fork() else None
     if workers is not None:
         compile_ahead(workers)
+    if not unchecked:
+        refuse_nonsense(given.campaign, given.origins, kinds)
     with metered() as meter:
         found = diagnose(
             given.campaign,
