@@ -84,7 +84,7 @@ def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventual
     assert running.seconds > 0.0
     assert queue.progress(2)[:2] == ("queued", "waiting, 1 ahead of it")
     assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
-    with pytest.raises(QueueFullError, match=r"2 diagnoses wait already.*max_queued"):
+    with pytest.raises(QueueFullError, match=r"2 diagnoses are waiting already.*max_queued"):
         queue.check_room()
     assert queue.cancel(2)
     assert queue.told[2].state == "cancelled"
@@ -109,7 +109,7 @@ def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
     ("script", "settings", "says"),
     [
         (REFUSES, {}, "There is no channel u."),
-        (DIES, {}, "ended with status -6, without a message.*max_memory_bytes"),
+        (DIES, {}, "ended with status -6 and without a message.*max_memory_bytes"),
         (SLEEPS, {"max_s": 0.3}, "took longer than 0.3 s.*diagnose.max_s"),
         ("pass\n", {}, "without a report"),
     ],

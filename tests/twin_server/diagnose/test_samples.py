@@ -107,7 +107,7 @@ def test_a_recording_is_read_by_asset_and_span(recording):
     ("more", "says"),
     [
         ({"recordings": {"start": 99 * SECOND}}, r"no raw samples of lab.rig.*monday.mcap"),
-        ({"recordings": {"end": SECOND // 10}}, r"No 64 samples.*10 at most"),
+        ({"recordings": {"end": SECOND // 10}}, r"No 64 consecutive samples.*at most 10"),
         ({"max_seconds": 10.0}, r"More than 20,000,000 numbers, or 10 s"),
         ({"max_samples": 2_000}, r"More than 2,000 numbers"),
     ],

@@ -286,7 +286,7 @@ def test_modes_that_are_none_of_the_model_s_are_refused_in_words(frame):
     alien = [made.message(i, [made.mode(77.0, np.array([1.0, 1.0, 1.0]))]) for i in range(20)]
     states, _, twin, notices = run(begin(**made.registration()), alien)
     assert [n.kind for n in notices] == ["nominal_not_learnt"]
-    assert "Compare the model's frequencies and sensors' channels" in notices[0].message
+    assert "Compare the frequencies and sensor channels of the model" in notices[0].message
     assert (states["reasons"] == rows.LEARNING).all()
     learnt = [made.epoch(i) for i in range(20, 40)]
     states, _, _, _ = run(twin, [*learnt, alien[0], made.message(41, [])])

@@ -142,7 +142,7 @@ def test_what_has_named_nothing_is_not_adopted(learnt):
     number = done(learnt, holdout_s=3.0)["number"]
     answer = learnt.post(f"/diagnoses/{number}/adopt")
     assert answer.status_code == 409
-    assert "has named no effect: nothing missing" in answer.json()["detail"]
+    assert "found no effect: nothing missing" in answer.json()["detail"]
     assert learnt.post("/diagnoses/999/adopt").status_code == 404
 
 
