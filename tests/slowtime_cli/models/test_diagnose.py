@@ -114,7 +114,7 @@ def test_records_that_cannot_be_meant_are_refused_in_a_sentence(tmp_path, model,
     assert "with --out" in refused("diagnose", model, "r.npz", "--out", "file/found")
     assert "is no part of it" in refused("diagnose", model, "mm.npz@50:")
     assert "does not exist" in refused("diagnose", model, "nowhere.npz")
-    assert "gives no role" in refused("diagnose", model, "mm.npz", "--channel", "x")
+    assert "maps no channel" in refused("diagnose", model, "mm.npz", "--channel", "x")
     assert not (tmp_path / "diagnosis").exists()
 
 

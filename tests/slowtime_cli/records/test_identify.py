@@ -145,7 +145,7 @@ def test_a_record_of_an_event_says_so_instead_of_listing_its_spectrum(run, text)
     done = run("identify", path, "--rate-hz", 100, "--out", "-")
     assert (done.status, done.json["modes"]) == (0, [])
     assert "the force was not steady and random" in done.err
-    assert "No mode is claimed" in done.err
+    assert "No modes are reported" in done.err
 
 
 @pytest.mark.long

@@ -75,7 +75,9 @@ def test_what_cannot_be_merged_says_why(run, setups, tmp_path):
     assert "Give at least two files" in run("merge", str(setups[0])).err
     assert run("merge", str(setups[0]), str(lonely)).status != 0
     (tmp_path / "no.json").write_text("{}")
-    assert "no modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err
+    assert (
+        "not a valid modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err
+    )
 
 
 def records(folder, seed=1):
