@@ -360,20 +360,6 @@ def _partition(asset: str) -> str:
     return "{partition}" if asset == "{asset}" else str(partition_of(asset))
 
 
-def address_of(key: str) -> tuple[str, str] | None:
-    """Site and asset of any key of an asset; None of another key.
-
-    Examples
-    --------
-    >>> address_of(alive_key("lab", "beam")), address_of(server_key("one"))
-    (('lab', 'beam'), None)
-    """
-    parts = key.split("/")
-    if "/".join(parts[:2]) != ROOT or len(parts) not in (5, 6):
-        return None
-    return parts[2], parts[3]
-
-
 MESSAGES: dict[str, type[Message]] = {RawHeader.MESSAGE: RawHeader} | {
     stream.message.MESSAGE: stream.message for stream in STREAMS if stream.message is not None
 }
