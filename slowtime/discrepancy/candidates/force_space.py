@@ -43,6 +43,11 @@ class ForceSpace:
         Its ranking of places.
     place
         Where forces act.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the reference diverges, so that its spectra are not finite.
     """
 
     def __init__(self, fit: Fit, located: Localization, place: Place) -> None:
@@ -87,6 +92,8 @@ class ForceSpace:
         right[own] -= off / known.sd
         self.square += float(off @ off)
         self.scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+            raise np.linalg.LinAlgError(f"The model diverges: no finite forces at {place}.")
         inner = matrix * np.outer(self.scale, self.scale) + RIDGE * np.eye(size)
         self.factor = scipy.linalg.cho_factor(inner)
         self.right = right * self.scale

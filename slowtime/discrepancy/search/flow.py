@@ -7,6 +7,8 @@ search begins again, with the second effect, or with the next that might have be
 
 import dataclasses
 
+import numpy as np
+
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
@@ -86,13 +88,21 @@ def continue_search(found: Hypothesis, how: SearchSettings, begun: int) -> Hypot
 
 
 def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None = None) -> Step:
-    """Look for one more effect.
+    """Look for one more effect; add none where a model that diverges leaves no finite numbers.
 
     Parameters
     ----------
     held
         The last fit with its constants held to their tolerances, where that is known.
     """
+    try:
+        return _look(found, how, number, held)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return Step(found, added=0)
+
+
+def _look(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None) -> Step:
+    """Look for one more effect beside those of a hypothesis."""
     before = found.last
     pulled = bool(moved_of(before))
     if found.effects and chi2_p_value(before) > NOTHING_LEFT_P_VALUE:

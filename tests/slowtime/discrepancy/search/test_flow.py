@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
@@ -64,6 +65,18 @@ def test_one_effect_is_found_and_the_search_ends_with_what_it_leaves(quick):
     assert not found.exhausted
     # A quick search takes the library's own shortlist, of one effect.
     assert len(own.rounds) == (not quick)
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, FloatingPointError])
+def test_a_search_in_which_a_model_diverges_keeps_what_was_found(error):
+    def diverging(given):
+        raise error("no finite numbers")
+
+    own = StubProposer("own", proposed=diverging)
+    found = searched(records_of((CUBIC,)), options=SearchOptions(proposers=(own,)))
+    assert own.rounds
+    assert not found.effects
+    assert found.last.chi2_in_band > 1.2
 
 
 def test_a_search_without_anything_missing_is_one_fit():
