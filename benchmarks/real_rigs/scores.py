@@ -15,7 +15,7 @@ RUNS, REPORT, ANSWER = "holdout.npz", "report.json", "answer.json"
 DIVERGED = 10.0
 """[1] Error from which a run is said to have diverged. Source: a choice."""
 NOMINAL, REFITTED = "model as written", "model refitted"
-SPECTRA_ONLY = "only spectra were compared"
+SPECTRA_ONLY = "Spectra were compared"
 """Words of the note that tells that a record was not run. Source: `slowtime.discrepancy`."""
 WORSE = 1.2
 """[1] Ratio to the least error of the others, from which slowtime counts as behind. Source: a
@@ -192,7 +192,7 @@ def judge(one: RealSet, report: dict[str, Any]) -> str:
 
     Faults of sensors that are named besides count against an answer unless they are allowed.
     """
-    if any(SPECTRA_ONLY in note for note in report["notes"]):
+    if any(SPECTRA_ONLY in note for note in report["notes"]) and not report["effects"]:
         return "no free run: only spectra were compared"
     named = [{effect["effect"], effect["family"]} for effect in report["effects"]]
     if report["verdict"] == "unknown_effect":

@@ -343,9 +343,9 @@ def test_a_second_server_on_the_bus_says_so_and_acknowledges_and_publishes_nothi
     first = house.twin("first")
     assert eventually(lambda: first.trouble == "" and "announced" in seen(house))
     second = house.twin("second")
-    assert eventually(lambda: "Another twin server was on this bus first" in second.trouble)
+    assert eventually(lambda: "Another twin server was already on this bus" in second.trouble)
     logged = (
-        "Another twin server was on this bus first",
+        "Another twin server was already on this bus",
         "A second twin server is on this bus",
     )
     assert eventually(lambda: all(any(x in m for m in caplog.messages) for x in logged))

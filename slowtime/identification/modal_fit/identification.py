@@ -23,6 +23,10 @@ MOST_ORDER = 40
 LINES_PER_ORDER = 6
 """Lines of the band for each order, at least [1]."""
 
+LEAST_NOISE = 1e-4
+"""[1] Noise of a response over its median modulus, at least, with which candidates are looked
+for. Source: below it, rounding decides which poles of high orders are stable."""
+
 
 def identify_responses(
     response: FrequencyResponse,
@@ -57,7 +61,8 @@ def identify_responses(
     known = bool(np.isfinite(response.sd).all())
     sd = response.sd if known else rough_noise(response.response)
     response = dataclasses.replace(response, sd=sd)
-    poles, candidates = candidate_poles(response, order, seed)
+    rough = _dithered(response, seed)
+    poles, candidates = candidate_poles(rough, order, seed)
     data = data_of(response)
     band = (float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
     found = choose_modes(data, np.array([c.pole for c in candidates], dtype=complex), band)
@@ -70,6 +75,22 @@ def identify_responses(
         Candidates([poles], of_modes),
         None if found is None else found.fit,
         driving_points,
+    )
+
+
+def _dithered(response: FrequencyResponse, seed: int) -> FrequencyResponse:
+    """Add noise to a response that has next to none, for the candidates alone.
+
+    Without noise, orders above that of the structure leave singular equations, of which
+    rounding makes poles that do not repeat from order to order.
+    """
+    least = LEAST_NOISE * float(np.median(np.abs(response.response)))
+    added = np.sqrt(np.maximum(least**2 - response.sd**2, 0.0))
+    drawn = np.random.default_rng(seed).standard_normal((2, *response.response.shape))
+    return dataclasses.replace(
+        response,
+        response=response.response + added * (drawn[0] + 1j * drawn[1]) / np.sqrt(2),
+        sd=np.hypot(response.sd, added),
     )
 
 

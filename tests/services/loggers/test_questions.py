@@ -134,7 +134,7 @@ def read(tmp_path):
         ),
         pytest.param(
             "t_s,t_ms,ax\n" + rows(lambda i: f"{TIME[i]:.2f},{5 * i},{X[i]}"),
-            r"Two columns tell different times: 't_s' 100 Hz, 't_ms' 200 Hz.*--time-column",
+            r"Two columns contain different times: 't_s' 100 Hz, 't_ms' 200 Hz.*--time-column",
             {"time_column": "t_ms"},
             200.0,
             id="two clocks",
@@ -241,7 +241,7 @@ def test_what_has_one_meaning_is_read(read, content, channels, units):
         (
             "time,sensor,acc\n"
             + rows(lambda i: f"{TIME[i]:.2f},A,{X[i]}\n{TIME[i]:.2f},B,{Y[i]}"),
-            r"several sensors in turn \(column 'sensor' repeats A, B\)",
+            r"several sensors one after another at each time \(column 'sensor' repeats A, B\)",
         ),
         (
             rows(lambda i: f"{abs(X[i]):.3f},{abs(Y[i]):.3f}".replace(".", ",")),
@@ -252,7 +252,10 @@ def test_what_has_one_meaning_is_read(read, content, channels, units):
             r"does not say how often it was sampled",
         ),
         ("# Sampling interval: 10\nax,ay\n" + rows(two), r"two ways .*: 0\.1 Hz or 100 Hz"),
-        ("# Sampling interval: 60 s\nax,ay\n" + rows(two), r"no sampling rate of vibration"),
+        (
+            "# Sampling interval: 60 s\nax,ay\n" + rows(two),
+            r"not a plausible sampling rate for vibration",
+        ),
     ],
 )
 def test_what_no_figure_tells_is_asked(read, content, says):

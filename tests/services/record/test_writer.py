@@ -97,5 +97,5 @@ def test_an_existing_recording_is_not_overwritten(tmp_path):
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere. Create it first"):
+    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere. Make it first"):
         RecordingWriter(tmp_path / "nowhere" / "a.mcap")

@@ -42,9 +42,9 @@ def test_a_mask_of_ones_own_is_kept_but_cannot_call_nan_good():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"rate_hz": 0.0}, "no sampling rate"),
+        ({"rate_hz": 0.0}, "not a valid sampling rate"),
         ({"inputs": np.zeros((99, 1))}, "Cut both"),
-        ({"samples": 20}, "fewer than 64 tell nothing"),
+        ({"samples": 20}, "at least 64 are needed"),
     ],
 )
 def test_a_record_that_is_none_says_why(changes, text):

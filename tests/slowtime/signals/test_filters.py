@@ -102,10 +102,10 @@ def test_hampel_calls_no_missing_reading_an_outlier():
     ("call", "words"),
     [
         (lambda: median(NOISE[:9], 4), "no middle reading"),
-        (lambda: moving_average(NOISE[:9], 0), "no number of readings"),
+        (lambda: moving_average(NOISE[:9], 0), "not a valid number of readings"),
         (lambda: ewma(NOISE[:9], 0.0), r"outside \(0, 1\]"),
         (lambda: fir(NOISE[:9], np.zeros(0)), "no weights"),
-        (lambda: hampel(NOISE[:9], 3, 0.0), "no threshold"),
+        (lambda: hampel(NOISE[:9], 3, 0.0), "not a valid threshold"),
     ],
 )
 def test_what_cannot_filter_is_refused(call, words):

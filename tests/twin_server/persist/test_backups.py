@@ -95,7 +95,7 @@ def test_the_verbs_say_in_a_sentence_what_they_found(tmp_path, capsys):
     assert ran("backup", path, "--out", copy) == 2
     assert "exists. Give a new file" in capsys.readouterr().err
     assert ran("restore", copy, "--database", path) == 0
-    assert "What was there is" in capsys.readouterr().out
+    assert "The previous database was moved to" in capsys.readouterr().out
     path.write_bytes(b"no database of anybody " * 400)
     assert ran("check", path) == 2
     assert "restore the last backup with `slowtime restore`" in capsys.readouterr().err

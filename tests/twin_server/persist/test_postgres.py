@@ -89,7 +89,7 @@ def test_a_row_that_was_changed_behind_our_back_is_refused(url):
     store.write(WriteBatch(events=[EVENT]))
     with psycopg.connect(url, autocommit=True) as other:
         other.execute("update events set t_ns = 6")
-    with pytest.raises(DamagedStoreError, match="checksum does not hold"):
+    with pytest.raises(DamagedStoreError, match="checksum is wrong"):
         store.events()
     store.close()
     with pytest.raises(DamagedStoreError, match="row 1 of events"):

@@ -89,7 +89,7 @@ def test_half_the_width_at_half_power_is_nearly_the_damping():
         (lambda: Oscillator(1.0, -1.0, 1.0), "no oscillator"),
         (lambda: Oscillator(1.0, 0.0, math.nan), "no oscillator"),
         (lambda: logarithmic_decrement(2.0), "not a percentage"),
-        (lambda: damping_from_decrement(-1.0), "no logarithmic decrement"),
+        (lambda: damping_from_decrement(-1.0), "not a valid logarithmic decrement"),
         (lambda: resonance(0.8), "no resonance peak"),
         (lambda: resonance(0.1, "jerk"), "Allowed: displacement"),
         (lambda: half_power_points(0.5), "never falls to half"),

@@ -103,7 +103,7 @@ def test_no_force_no_samples():
             lambda: simulate(Oscillator(1.0, 1.0, 1.0), FORCE, 5.0, hold="cubic"),
             "Allowed: zero, first",
         ),
-        (lambda: transition(Oscillator(1.0, 1.0, 1.0), 0.0), "no time step"),
+        (lambda: transition(Oscillator(1.0, 1.0, 1.0), 0.0), "not a valid time step"),
         (
             lambda: ambient_acceleration(
                 Oscillator(1.0, 0.0, 1.0), 9, 5.0, np.random.default_rng()
@@ -114,7 +114,7 @@ def test_no_force_no_samples():
             lambda: ambient_acceleration(
                 Oscillator(1.0, 1.0, 1.0), 0, 5.0, np.random.default_rng()
             ),
-            "no length",
+            "not a valid number of samples",
         ),
     ],
 )

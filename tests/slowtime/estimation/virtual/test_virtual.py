@@ -149,7 +149,7 @@ def test_a_mode_that_no_sensor_sees_is_a_reason():
         (lambda d: VirtualSensor(d, ["b"], [drift("base", "f1")], 100.0), "no sensor on"),
         (lambda d: VirtualSensor(d, ["a1"], [drift("base", "f1")], 3.0), "Sample faster"),
         (lambda d: VirtualSensor(d, ["a1"], [], 100.0), "at least one output"),
-        (lambda d: VirtualSettings(members=3), "no power of 2"),
+        (lambda d: VirtualSettings(members=3), "not a power of 2"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_says_why(make, says):

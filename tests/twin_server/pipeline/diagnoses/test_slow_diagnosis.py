@@ -103,5 +103,5 @@ def test_the_command_says_the_same_of_the_database_while_the_server_has_it(twin,
 def test_what_follows_no_covariate_is_not_adopted(twin):
     pipeline, _, orders = twin
     registration = pipeline.twin(ID).registration
-    with pytest.raises(ProblemError, match="has named no effect"):
+    with pytest.raises(ProblemError, match="found no effect"):
         orders.adopt(ID, registration, 1)
