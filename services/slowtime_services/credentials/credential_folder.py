@@ -91,7 +91,8 @@ class Credentials:
         if now >= self.expires:
             raise NotNowError(
                 f"The certificate in {self.folder} expired on {self.expires:%Y-%m-%d %H:%M} "
-                "UTC. Renew it with `slowtime keys renew`, and copy the folder here again."
+                "UTC. Run `slowtime keys renew` on the computer where the keys were made, and "
+                "copy the renewed folder here."
             )
         if now < begins:
             raise NotNowError(

@@ -50,8 +50,8 @@ def read_coordinate_text(path: Path) -> sparse.csr_array:
         places, values = table[:, :2].astype(np.int64), table[:, 2]
         if places.min() < 1 or (places != table[:, :2]).any():
             raise MatrixFileError(
-                f"{path.name} has row {table[:, :2].min():g}. Rows and columns are whole "
-                "numbers counted from 1; export the matrix again."
+                f"{path.name} contains the row or column number {_refused(table[:, :2]):g}. "
+                "They must be whole numbers, counted from 1; export the matrix numbered from 1."
             )
         size = int(places.max())
         return _summed(values, places - 1, size)
@@ -59,6 +59,11 @@ def read_coordinate_text(path: Path) -> sparse.csr_array:
     codes = np.unique(np.concatenate(pairs))
     places = np.column_stack([np.searchsorted(codes, pair) for pair in pairs])
     return _summed(table[:, 4], places, len(codes))
+
+
+def _refused(places: np.ndarray) -> float:
+    """Return the first number of a row or column that is none."""
+    return float(places[(places < 1) | (places != np.round(places))].flat[0])
 
 
 def read_dense_text(path: Path) -> np.ndarray:

@@ -51,7 +51,7 @@ Examples:
 def restore(**_given: object) -> None:
     """Restore a twin's database from a backup.
 
-    Stop the server first. The present database is renamed and kept. When the server starts, it
-    requests features after the backup from the edges again; those that an edge no longer
-    holds are reported as lost, with their range.
+    Stop the server first. The current database is kept under a new name, which is printed.
+    When the server starts, it asks the edges to resend the features measured since the backup;
+    those that an edge no longer holds are reported as lost, with their numbers.
     """

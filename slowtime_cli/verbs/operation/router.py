@@ -68,5 +68,6 @@ Examples:
 def status(**_given: object) -> None:
     """Show whether the router answers, and which edges are online.
 
-    The exit status is 0 if all are online, else 1; for health checks.
+    Edges are the computers beside the sensors. The exit status is 0 if the router answers and
+    all edges are online, otherwise 1: suitable for health checks.
     """

@@ -35,7 +35,8 @@ def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: ob
     """Estimate changes of stiffness and mass from frequencies.
 
     SOURCE is the output of `slowtime identify --window-s`, an MCAP recording of features, or a
-    text file. Each epoch is weighted by its standard deviation; the weight of overlapping
-    windows (`--hop-s` below `--window-s`) allows for their shared samples.
+    text file. The larger the standard deviation of a time window's frequency, the less the
+    window counts. Overlapping windows (`--hop-s` below `--window-s`) count less, because they
+    share samples.
     """
     refuse_damping_alone(nominal_hz, nominal_damping)

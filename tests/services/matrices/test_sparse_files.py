@@ -120,7 +120,8 @@ def test_positions_may_stand_in_a_file_of_their_own(tmp_path):
     ("name", "text", "message"),
     [
         ("k.sti", "1 1\n", "2 numbers in its first line"),
-        ("k.sti", "0 1 2.0\n", "counted from 1"),
+        ("k.sti", "0 1 2.0\n", "number 0\\. They must be whole numbers, counted from 1"),
+        ("k.sti", "1 1 2.0\n1 2.5 1.0\n", "number 2\\.5\\. They must be whole"),
         ("k.mtx", "%%MatrixMarket matrix nonsense\n", "cannot be read"),
         ("k.xyz", "1", "names no format of matrices"),
         ("k.bdf", "GRID,1,,0.,0.,0.\n", "holds the DMIG matrices none"),
