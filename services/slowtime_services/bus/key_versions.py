@@ -8,7 +8,6 @@ one asset goes out on the keys that its agent listens to.
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Self
 
 from slowtime_schemas.streams import (
     ABOUT,
@@ -23,6 +22,7 @@ from slowtime_schemas.streams import (
     former_key,
 )
 
+from .forwarding import ForwardingBus
 from .keys import matches
 from .protocol import Answers, Bus, Handle, Query, Sample
 
@@ -44,7 +44,7 @@ class _Both:
             handle.close()
 
 
-class TwoVersionBus:
+class TwoVersionBus(ForwardingBus):
     """A bus that hears keys of both versions, and shows its user those of the present one.
 
     Parameters
@@ -54,7 +54,7 @@ class TwoVersionBus:
     """
 
     def __init__(self, bus: Bus) -> None:
-        self._bus = bus
+        super().__init__(bus)
         self._lock = threading.Lock()
         self._former: set[tuple[str, str]] = set()
 
@@ -62,16 +62,6 @@ class TwoVersionBus:
     def former(self) -> frozenset[tuple[str, str]]:
         """Site and asset of the agents that were last heard on keys of the former version."""
         return frozenset(self._former)
-
-    @property
-    def callback_errors(self) -> int:
-        """Number of exceptions raised by callbacks and handlers."""
-        return self._bus.callback_errors
-
-    @property
-    def watch_delay_s(self) -> float:
-        """Time that `watch` may take to report processes that are present already [s]."""
-        return self._bus.watch_delay_s
 
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
@@ -138,10 +128,6 @@ class TwoVersionBus:
                 break
         return answers
 
-    def announce(self, key: str) -> Handle:
-        """Be alive under `key` of the present version."""
-        return self._bus.announce(key)
-
     def watch(self, key_expression: str, callback: Callable[[str, bool], None]) -> Handle:
         """Call `callback(key, alive)`; who is alive under both versions is alive once."""
         former = former_key(key_expression)
@@ -166,18 +152,6 @@ class TwoVersionBus:
                     callback(key, alive)
 
         return _Both((self._bus.watch(key_expression, change), self._bus.watch(former, change)))
-
-    def close(self) -> None:
-        """Close the bus beneath."""
-        self._bus.close()
-
-    def __enter__(self) -> Self:
-        """Return the bus."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close."""
-        self.close()
 
     def _known_to_agent(self, key: str) -> str:
         return former_key(key) or key if address_of(key) in self._former else key

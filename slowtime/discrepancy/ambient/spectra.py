@@ -37,6 +37,14 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import detrended, transform
 
+from .record_lines import (
+    SHAPE_KNOTS,
+    Lines,
+    RecordLines,
+    driven_lines,
+    sensors_of_different_nodes,
+)
+
 MAX_STEPS = 30
 """[steps] Of Fisher scoring at most. Source: judgement; no study is recorded."""
 MIN_GAIN = 0.05
@@ -55,29 +63,15 @@ DIFFERENCE_STEP = 1e-4
 """[1] Relative step of central differences. Source: near the cube root of double precision,
 with margin."""
 
-SHAPE_KNOTS = 4
-"""[1] Knots of the shape of a force over log frequency. Source: a decision: wind and traffic
-have smooth spectra, and more knots would imitate resonances."""
 SHAPE_SD = 1.5
 """[nats] Prior standard deviation of the log shape at a knot. Source: the density of wind falls
 by some 4 nats in a decade."""
-BAND_LINES = 12
-"""[lines] Of a band in which power is averaged to find where forces end. Source: averages of
-12 lines scatter by a third, far less than `EDGE_FALL`."""
-EDGE_FALL = 8.0
-"""[1] Factor by which the power of a force falls from one band to the next where its spectrum
-ends. Source: twice the smooth shapes that `SHAPE_SD` allows between two bands."""
-NEAR_MODES = 1.25
-"""[1] Frequency over the highest mode, and under the lowest, up to which response is taken for
-that of the modes. Source: twice the error of a natural frequency that a tolerance of the
-stiffness of a quarter allows."""
 
 DENSITY_SD = 5.0
 """[nats] Prior standard deviation of a log density about the mean of all forces. Source: a
 decision: forces on two masses rarely differ by more than a factor of 150; it keeps densities
 that the sensors do not see from running away."""
 
-Lines = Complex[np.ndarray, "frequency sensor"]
 Matrices = Complex[np.ndarray, "frequency sensor sensor"]
 Responses = Complex[np.ndarray, "frequency sensor force"]
 Unknowns = Float[np.ndarray, " unknown"]
@@ -193,44 +187,6 @@ class AmbientFit:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class RecordLines:
-    """Spectral lines of one record.
-
-    Parameters
-    ----------
-    frequency_hz
-        Of the lines.
-    lines
-        Complex spectrum of each sensor, of which the mean square is the one-sided density.
-    """
-
-    frequency_hz: Float[np.ndarray, " frequency"]
-    lines: Lines
-
-    @property
-    def shapes(self) -> Float[np.ndarray, "frequency knot"]:
-        """Hat functions over log frequency."""
-        log = np.log(self.frequency_hz)
-        knots = np.linspace(log[0], log[-1], SHAPE_KNOTS)
-        return np.stack([np.interp(log, knots, one) for one in np.eye(SHAPE_KNOTS)], axis=1)
-
-    def shape_at(
-        self, frequency_hz: Float[np.ndarray, " other"], log_shape: Float[np.ndarray, " knot"]
-    ) -> Float[np.ndarray, " other"]:
-        """Shape of the forces at other frequencies; 0 above the lines.
-
-        Parameters
-        ----------
-        frequency_hz
-            Where to evaluate it [Hz].
-        log_shape
-            Logarithm of the shape at the knots.
-        """
-        density = np.exp(self.shapes @ log_shape)
-        return np.asarray(np.interp(frequency_hz, self.frequency_hz, density, right=0.0))
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class SpectralProblem:
     """Records, model and changes of one fit.
 
@@ -334,7 +290,7 @@ def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
             "Use refit and locate where the input was measured."
         )
     top = BAND_MARGIN * response_limit_hz(description, trials)
-    chosen = _one_sensor_for_each_node(description)
+    chosen = sensors_of_different_nodes(description)
     plant = dataclasses.replace(
         plant,
         description=dataclasses.replace(
@@ -359,80 +315,9 @@ def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
     return SpectralProblem(
         plant,
         prior_of(plant),
-        tuple(_record_lines(linear, *one) for one in records),
+        tuple(driven_lines(linear, *one) for one in records),
         tuple(forces),
     )
-
-
-def _one_sensor_for_each_node(description: Description) -> list[int]:
-    """Choose sensors of different nodes: accelerations first, whose spectra are the flattest.
-
-    A second sensor of a node repeats the first but for the leakage of the taper, which grows
-    with the range of a spectrum.
-    """
-    order = {"acceleration": 0, "velocity": 1, "displacement": 2}
-    ranked = sorted(
-        (order.get(sensor.quantity, 3), number)
-        for number, sensor in enumerate(description.sensors)
-    )
-    chosen: dict[str | None, int] = {}
-    for rank, number in ranked:
-        if rank < len(order):
-            chosen.setdefault(description.sensors[number].node, number)
-    return sorted(chosen.values()) or list(range(len(description.sensors)))
-
-
-def _record_lines(
-    linear: LinearModel, frequency_hz: Float[np.ndarray, " frequency"], lines: Lines
-) -> RecordLines:
-    """Drop lines beyond the end of the spectrum of the forces, and those at its edges.
-
-    What responds there are noise and harmonics, which say nothing of a linear model.
-    """
-    response = linear.sensor_response(frequency_hz, linear.compliance(frequency_hz))
-    parts = np.array_split(np.arange(len(lines)), max(len(lines) // BAND_LINES, 1))
-    power, unit = np.abs(lines) ** 2, np.sum(np.abs(response) ** 2, axis=2)
-    # The sensor that responds most bounds the density of the forces best.
-    ratio = np.array([np.min(power[p].mean(axis=0) / unit[p].mean(axis=0)) for p in parts])
-    modes = natural_frequencies_hz(linear)
-    seen = modes[(modes > frequency_hz[0]) & (modes < frequency_hz[-1])]
-    low, high = (seen.min(), seen.max()) if len(seen) else frequency_hz[[0, -1]]
-    top = np.array([frequency_hz[p[-1]] for p in parts])
-    above = np.flatnonzero(top > high)
-    below = np.flatnonzero(top < low)[::-1]
-    acts = np.ones(len(parts), bool)
-    inner = (top >= low / NEAR_MODES) & (top <= NEAR_MODES * high)
-    lines_inner = np.repeat(inner if inner.any() else ~inner, [len(p) for p in parts])
-    usual = float(np.min(power[lines_inner].sum(axis=0) / unit[lines_inner].sum(axis=0)))
-    for outward in (above, below):
-        ended = _first_fall(ratio[outward], usual)
-        if ended < len(outward):
-            acts[outward[max(ended - 1, 0) :]] = False
-    kept = np.repeat(acts, [len(p) for p in parts])
-    return RecordLines(frequency_hz[kept], lines[kept])
-
-
-def _first_fall(ratio: Float[np.ndarray, " band"], usual: float) -> int:
-    """Return the number of the first band, going outward, where the forces have ended."""
-    for number in range(len(ratio)):
-        # A mode off its place lifts the ratio about it, but not the usual one.
-        before = float(np.median(ratio[max(number - 3, 0) : number])) if number else usual
-        if ratio[number : number + 2].max() < min(before, usual) / EDGE_FALL:
-            return number
-    return len(ratio)
-
-
-def natural_frequencies_hz(linear: LinearModel) -> Float[np.ndarray, " mode"]:
-    """Undamped natural frequencies of a linear model [Hz], ascending.
-
-    Parameters
-    ----------
-    linear
-        The model.
-    """
-    structure = linear.structure
-    squares = scipy.linalg.eigvals(structure.stiffness, structure.mass).real
-    return np.asarray(np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2 * np.pi))
 
 
 def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:

@@ -127,6 +127,11 @@ def test_a_diagnosis_by_spectra_alone_is_no_right_answer():
     assert judge(wheel, told) == "no free run: only spectra were compared"
 
 
+def test_an_effect_named_by_spectra_alone_is_judged_as_any_other(emps):
+    told = report("missing_effect", FRICTION) | {"notes": ["Spectra were compared."]}
+    assert judge(emps, told) == judge(emps, report("missing_effect", FRICTION))
+
+
 def test_every_contestant_has_its_error_time_and_words(emps, folder):
     outcome = outcome_of(emps, folder)
     assert outcome is not None

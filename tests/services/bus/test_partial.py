@@ -1,7 +1,10 @@
 """A bus on which only the messages of some assets arrive."""
 
+import pytest
+
 from slowtime_schemas.streams import FEATURES, HEALTH, alive_key, server_key
 from slowtime_services.bus import MemoryBus, PartialBus
+from slowtime_services.bus.key_versions import TwoVersionBus
 
 
 def test_only_messages_of_its_assets_arrive():
@@ -35,3 +38,14 @@ def test_what_is_sent_is_not_restricted():
     whole.subscribe(FEATURES.everywhere, lambda sample: heard.append(sample.payload))
     part.publish(FEATURES.key("lab", "beam"), b"one", encoding="x")
     assert heard == [b"one"]
+
+
+@pytest.mark.parametrize(
+    "wrapped", [TwoVersionBus, lambda bus: PartialBus(bus, lambda asset: True)]
+)
+def test_a_lost_connection_is_seen_through_the_bus_around_it(wrapped):
+    class Lost(MemoryBus):
+        connected = False
+
+    assert wrapped(MemoryBus()).connected
+    assert not wrapped(Lost()).connected
