@@ -5,12 +5,14 @@ import sys
 import textwrap
 import time
 
+import numpy as np
 import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slowtime_services.bus import BusUnreachableError, Sample, ZenohBus
+import slowtime_services.bus.zenoh as zenoh_bus
+from slowtime_services.bus import BusClosedError, BusUnreachableError, Sample, ZenohBus
 from slowtime_services.bus.zenoh import pack_attachment, unpack_attachment
 
 KEY = "slowtime/v1/lab/beam/features"
@@ -89,6 +91,78 @@ def test_a_router_that_comes_back_is_found_again(free_port, eventually):
         with ZenohBus("router", listen=[there]):
             assert eventually(lambda: edge.connected and twin.connected)
             assert eventually(lambda: heard(edge, b"x", got))
+
+
+def test_all_that_was_declared_is_there_after_a_reconnection(endpoint, eventually):
+    got: list[Sample] = []
+    alive: list[tuple[str, bool]] = []
+    withdrawn: list[Sample] = []
+    with (
+        ZenohBus("client", connect=[endpoint]) as bus,
+        ZenohBus("client", connect=[endpoint]) as far,
+    ):
+        bus.subscribe(KEY, got.append)
+        bus.subscribe(KEY, withdrawn.append).close()
+        bus.answer("slowtime/v1/lab/request/raw", lambda query: [(query.key, b"answer")])
+        token = bus.announce("slowtime/v1/lab/beam/alive")
+        bus.watch("slowtime/v1/lab/tower/alive", lambda key, there: alive.append((key, there)))
+        bus.reconnect()
+        assert eventually(lambda: heard(far, b"x", got))
+        assert eventually(lambda: list(far.ask("slowtime/v1/lab/request/raw")))
+        own: list[tuple[str, bool]] = []
+        far.watch("slowtime/v1/lab/beam/alive", lambda key, there: own.append((key, there)))
+        assert eventually(lambda: own == [("slowtime/v1/lab/beam/alive", True)])
+        far.announce("slowtime/v1/lab/tower/alive")
+        assert eventually(lambda: alive == [("slowtime/v1/lab/tower/alive", True)])
+        token.close()
+        assert eventually(lambda: own[-1] == ("slowtime/v1/lab/beam/alive", False))
+        answers: list[Sample] = []
+        far.subscribe(KEY, answers.append)
+        assert eventually(lambda: heard(bus, b"from the new session", answers))
+    assert withdrawn == []
+    with pytest.raises(BusClosedError):
+        bus.reconnect()
+
+
+def test_a_link_whose_socket_is_closed_is_replaced(free_port, eventually, monkeypatch):
+    """The dead link is made up here; the test below waits for Zenoh to leave one."""
+    there = f"tcp/127.0.0.1:{free_port()}"
+    got: list[Sample] = []
+    with (
+        ZenohBus("router", listen=[there]),
+        ZenohBus("peer", connect=[there], lease_s=0.2) as edge,
+        ZenohBus("client", connect=[there]) as twin,
+    ):
+        twin.subscribe(KEY, got.append)
+        assert eventually(lambda: edge.connected)
+        assert edge.dead_links() == set()
+        first = edge._session
+        monkeypatch.setattr(zenoh_bus, "established_ports", set)
+        assert eventually(lambda: edge._session is not first)
+        monkeypatch.undo()
+        assert eventually(lambda: heard(edge, b"x", got))
+
+
+@pytest.mark.slow
+def test_an_edge_whose_router_leaves_while_it_connects_finds_the_next_one(
+    free_port, eventually
+):
+    """Zenoh keeps a dead link in some per cent of these; lease and delays are seeded."""
+    delays_s = np.random.default_rng(1).uniform(0.0, 1e-3, 60)
+    edges: list[tuple[str, ZenohBus]] = []
+    for delay_s in delays_s:
+        there = f"tcp/127.0.0.1:{free_port()}"
+        with ZenohBus("router", listen=[there]):
+            edges.append((there, ZenohBus("peer", connect=[there], lease_s=1.0)))
+            time.sleep(delay_s)
+    try:
+        assert eventually(lambda: not any(edge.connected for _, edge in edges))
+        for there, edge in edges[:20]:
+            with ZenohBus("router", listen=[there]):
+                assert eventually(lambda edge=edge: edge.connected)
+    finally:
+        for _, edge in edges:
+            edge.close()
 
 
 def test_a_foreign_sender_has_no_clock(endpoint, eventually):
