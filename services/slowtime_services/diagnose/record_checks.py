@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.imposed_motion.records import is_imposed
+from slowtime.discrepancy.imposed_motion.records import clock_errors, is_imposed, rig_of
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
@@ -97,7 +97,8 @@ def _refuse_slow(model: Description, trial: Trial, plant: Plant, name: str) -> N
         return
     frequency = undamped_modes(assemble(model)).frequency_hz
     own = frequency[frequency > RIGID_FREQUENCY_RATIO * frequency[-1]]
-    if len(own) and trial.rate_hz < 2 * own[0] and not _is_followed(plant, trial):
+    slow = len(own) > 0 and trial.rate_hz < 2 * own[0]
+    if slow and not _is_followed(model, plant, trial):
         raise RecordError(
             f"{name} has {trial.rate_hz:.4g} samples per second, which show vibration up to "
             f"{trial.rate_hz / 2:.4g} Hz only, and the lowest natural frequency of the model "
@@ -108,8 +109,12 @@ def _refuse_slow(model: Description, trial: Trial, plant: Plant, name: str) -> N
         )
 
 
-def _is_followed(plant: Plant, trial: Trial) -> bool:
-    """Whether the model explains what was measured, and best with the clock as it was read."""
+def _is_followed(model: Description, plant: Plant, trial: Trial) -> bool:
+    """Whether the clock as it was read is the right one for a motion below all resonances.
+
+    The model explains what was measured, and best with that clock; or any spring and damper
+    explain the force of an imposed motion, and the model explains it with no other clock.
+    """
     measured = _sizes(trial.outputs, trial)
     if not (measured > 0).all():
         return False
@@ -117,10 +122,22 @@ def _is_followed(plant: Plant, trial: Trial) -> bool:
     def error(clock: float) -> float:
         with np.errstate(all="ignore"):
             made = plant.simulate(plant.values, trial.inputs, clock * trial.rate_hz)
-        return float((_sizes(trial.outputs - made, trial) / measured).max())
+        left = float((_sizes(trial.outputs - made, trial) / measured).max())
+        return left if np.isfinite(left) else np.inf
 
-    own = error(1.0)
-    return own < FOLLOWED_ERROR and own < BETTER_CLOCK * min(map(error, OTHER_CLOCKS))
+    own, other = error(1.0), min(map(error, OTHER_CLOCKS))
+    if own < FOLLOWED_ERROR and own < BETTER_CLOCK * other:
+        return True
+    return other > FOLLOWED_ERROR and _is_imposed_by(model, trial)
+
+
+def _is_imposed_by(model: Description, trial: Trial) -> bool:
+    """Whether the force follows the motion without inertia, and with no other clock better."""
+    rig = rig_of(model)
+    if rig is None or rig.driven is not None or not is_imposed(model, [trial]):
+        return False
+    own, *others = clock_errors(rig, trial, (1.0, *OTHER_CLOCKS))
+    return bool(own < FOLLOWED_ERROR and min(others) > BETTER_CLOCK * own)
 
 
 def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> None:

@@ -188,7 +188,8 @@ def _answer(
     given, last, regression = campaign.description, found.last, found.regression
     effects = [_named(found, number, kinds) for number in range(len(last.effects))]
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
-    verdict, rivals = _verdict(effects, found)
+    moved = _moved(regression, last)
+    verdict, rivals = _verdict(effects, found, moved)
     answers = [*(effects if verdict != "unknown_effect" else ()), *faults]
     refitted = _described(given, rig, found.steps[0])
     augmented = _described(given, rig, last)
@@ -197,7 +198,7 @@ def _answer(
     white = found.count > MIN_WHITE * np.count_nonzero(regression.used)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, effects, rivals, kinds, rig)
+        sentence=_sentence(verdict, effects, rivals, kinds, rig, moved)
         + _closing(bool(campaign.holdout), found),
         effects=tuple(answers),
         undecided=rivals,
@@ -205,7 +206,7 @@ def _answer(
             regression, _fits_of(rivals, found), found.rest, found.count
         ),
         nothing_probability=found.shares[0],
-        moved={},
+        moved=moved,
         where=(),
         when=When((), (), ""),
         findings=findings,
@@ -221,6 +222,17 @@ def _answer(
         surface=_surface(regression, found.steps),
         notes=_notes(campaign, found, kinds),
     )
+
+
+def _moved(regression: ForceRegression, fit: ForceFit) -> dict[str, Number]:
+    """Give the constants of the spring that left their tolerance."""
+    spring, pulls = regression.rig.spring.id, regression.constants.pulls(fit.constants)
+    names = {f"stiffness {spring}": "N/m", f"damping {spring}": "N s/m"}
+    return {
+        name: Number(float(fit.constants[i]), float(fit.constants_sd[i]), unit)
+        for i, (name, unit) in enumerate(names.items())
+        if abs(pulls[i]) > LIMITS.moved_tolerances
+    }
 
 
 def _fits_of(rivals: Sequence[Rival], found: _Found) -> list[ForceFit]:
@@ -355,12 +367,12 @@ def _named(found: _Found, number: int, kinds: Mapping[str, Kind]) -> NamedEffect
 
 
 def _verdict(
-    effects: Sequence[NamedEffect], found: _Found
+    effects: Sequence[NamedEffect], found: _Found, moved: Mapping[str, Number]
 ) -> tuple[Verdict, tuple[Rival, ...]]:
     if found.rest > MAX_REST or not found.holds:
         return "unknown_effect", ()
     if not effects:
-        return "nothing_missing", ()
+        return "parameters_only" if moved else "nothing_missing", ()
     for effect in sorted(effects, key=lambda one: one.probability):
         if rivals := doubts_about(effect):
             return "undecided", rivals
@@ -373,6 +385,7 @@ def _sentence(
     rivals: Sequence[Rival],
     kinds: Mapping[str, Kind],
     rig: ImposedRig,
+    moved: Mapping[str, Number],
 ) -> str:
     if verdict == "undecided":
         names = " or ".join(kinds[one.effect].words for one in rivals)
@@ -386,12 +399,16 @@ def _sentence(
             f"The force in {rig.spring.id} follows none of the laws in slowtime's "
             f"catalogue.{near}"
         )
+    told = ", ".join(f"{name} = {number.text}" for name, number in moved.items())
+    if verdict == "parameters_only":
+        return f"No effect is missing, but constants are outside their tolerances: {told}."
     if verdict == "nothing_missing":
         return (
             f"Nothing is missing: the force in {rig.spring.id} is that of its spring and its "
             "damper."
         )
-    return " ".join(one.sentence for one in effects)
+    named = " ".join(one.sentence for one in effects)
+    return f"{named} Constants are outside their tolerances: {told}." if moved else named
 
 
 def _described(given: Description, rig: ImposedRig, fit: ForceFit) -> Description:

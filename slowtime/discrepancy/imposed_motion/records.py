@@ -169,6 +169,33 @@ def force_record(rig: ImposedRig, trial: Trial) -> ForceRecord:
     return ForceRecord(motion, rig.sign * force)
 
 
+def clock_errors(
+    rig: ImposedRig, trial: Trial, clocks: Sequence[float]
+) -> Float[np.ndarray, " clock"]:
+    r"""Return what any spring and damper leave of a rig's force, with its inertia by a clock.
+
+    .. math:: \min_{k, c, b} \mathrm{rms}(f - m q^2 a - k e - c v - b) / \mathrm{sd}(f)
+
+    Parameters
+    ----------
+    rig
+        The model's rig, with a force as input.
+    trial
+        Record with force and motion, read with some rate.
+    clocks
+        Factors q of that rate [1].
+    """
+    record = force_record(rig, trial)
+    motion, inertia = record.motion, rig.mass_kg if rig.inertia else 0.0
+    force = record.force + inertia * motion.a
+    columns = np.stack([motion.e, motion.v, np.ones(len(force))], axis=1)
+    columns /= np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
+    beyond = np.stack([force - inertia * q**2 * motion.a for q in clocks], axis=1)
+    fitted, *_ = np.linalg.lstsq(columns, beyond, rcond=None)
+    left = beyond - columns @ fitted
+    return np.std(left, axis=0) / max(float(np.std(force)), np.finfo(float).tiny)
+
+
 def _integrated(
     rate: Float[np.ndarray, " time"], rate_hz: float, times: int
 ) -> Float[np.ndarray, " time"]:

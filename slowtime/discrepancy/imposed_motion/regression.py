@@ -81,6 +81,8 @@ class ForceFit:
     ----------
     constants
         Stiffness [N/m], damping [N s/m] and a constant force [N].
+    constants_sd
+        Their standard deviations, by the independent samples; zeros of a fit to a part.
     effects
         With fitted parameters.
     sds
@@ -99,6 +101,7 @@ class ForceFit:
     """
 
     constants: Float[np.ndarray, "3"]
+    constants_sd: Float[np.ndarray, "3"]
     effects: tuple[Effect, ...]
     sds: tuple[Mapping[str, float], ...]
     centre: float
@@ -191,7 +194,7 @@ class ForceRegression:
         self.step_m = max(STEP_SHARE * span, path / MOST_STEPS)
         self.steps = [_finer(one.motion, self.step_m) for one in records]
         self.centre_sd = OFFSET_SHARE * float(np.ptp(self.linear[:, 0]))
-        self.constants = _Constants.of(rig, tolerance)
+        self.constants = Constants.of(rig, tolerance)
 
     def bare(self) -> ForceFit:
         """Fit the spring, the damper and a constant alone."""
@@ -339,7 +342,7 @@ class ForceRegression:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Constants:
+class Constants:
     """Claims of the model: stiffness [N/m], damping [N s/m] and no constant force [N].
 
     What the model says nothing of is free. A damper that a model has drives nothing.
@@ -349,11 +352,12 @@ class _Constants:
     sd: Float[np.ndarray, "3"]
 
     @staticmethod
-    def of(rig: ImposedRig, tolerance: Tolerance | None) -> "_Constants":
+    def of(rig: ImposedRig, tolerance: Tolerance | None) -> "Constants":
+        """Return the claims of a model, with its tolerances."""
         mean = np.array([rig.spring.stiffness_n_per_m, rig.spring.damping_n_s_per_m, 0.0])
         given = tolerance or Tolerance()
         spread = np.array([given.stiffness, given.damping, 0.0]) * mean
-        return _Constants(mean, np.where(spread > 0, spread, np.inf))
+        return Constants(mean, np.where(spread > 0, spread, np.inf))
 
     def fit(
         self, linear: Float[np.ndarray, "time 3"], force: Series, level: float
@@ -368,6 +372,17 @@ class _Constants:
             found = np.zeros(3)
             found[others] = np.linalg.solve(inner[np.ix_(others, others)], right[others])
         return np.asarray(found)
+
+    def spread(
+        self, linear: Float[np.ndarray, "time 3"], level: float
+    ) -> Float[np.ndarray, "3"]:
+        """Return standard deviations of the fitted constants, for noise of a level [N]."""
+        inner = linear.T @ linear / level**2 + np.diag(1 / self.sd**2)
+        return np.sqrt(np.maximum(np.diag(np.linalg.pinv(inner, hermitian=True)), 0.0))
+
+    def pulls(self, constants: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """Return by how many stated standard deviations constants are off; 0 if unstated."""
+        return (constants - self.mean) / self.sd
 
 
 class _LeastSquares:
@@ -474,7 +489,7 @@ class _LeastSquares:
     def _residual(self, values: Float[np.ndarray, " free"]) -> Series:
         left, constants = self._left(values)
         claims = self.regression.constants
-        rows = [(constants - claims.mean) / claims.sd * self.level]
+        rows = [claims.pulls(constants) * self.level]
         if self.centred:
             rows.append(values[-1:] * self.level)
         return np.concatenate([left[self.kept], *rows])
@@ -491,9 +506,12 @@ class _LeastSquares:
         for (i, name), one in zip(self.free, told, strict=True):
             sds[i][name] = one
         claims = self.regression.constants
-        pulls = float(np.sum(((constants - claims.mean) / claims.sd) ** 2))
+        pulls = float(np.sum(claims.pulls(constants) ** 2))
+        linear = self.regression.linear[self.kept]
+        noise = self._independent_level(left[self.kept]) if spread else 0.0
         return ForceFit(
             constants=constants,
+            constants_sd=claims.spread(linear, noise) if spread else np.zeros(3),
             effects=effects,
             sds=tuple(sds),
             centre=centre,
@@ -504,14 +522,18 @@ class _LeastSquares:
             pulls=pulls + (float(values[-1] ** 2) if self.centred else 0.0),
         )
 
+    def _independent_level(self, left: Series) -> float:
+        """Return the noise [N] that as many independent samples would have to leave as much."""
+        return self.level * math.sqrt(len(left) / independent_samples(left))
+
     def _spread(
         self, values: Float[np.ndarray, " free"], left: Series
     ) -> Float[np.ndarray, " free"] | None:
         """Return standard deviations, by the independent samples; None if not finite."""
         if not len(values):
             return np.zeros(0)
-        kept, base = left[self.kept], self._residual(values)
-        inflated = self.level * math.sqrt(len(kept) / independent_samples(kept))
+        base = self._residual(values)
+        inflated = self._independent_level(left[self.kept])
         columns = []
         for i, value in enumerate(values):
             step = DIFFERENCE_STEP * max(abs(value), DIFFERENCE_STEP)

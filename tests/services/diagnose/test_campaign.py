@@ -222,6 +222,16 @@ def test_motion_far_below_resonance_is_diagnosed_and_motion_of_its_own_is_not(lo
         refuse_nonsense(campaign, ["rings"])
 
 
+def test_a_force_that_a_strong_missing_law_makes_of_slow_motion_is_diagnosed():
+    """The model explains hardly any of the force, but any spring and damper explain most."""
+    motion = 0.01 * np.sin(2 * np.pi * 1.3 * T) + 0.004 * np.sin(2 * np.pi * 2.1 * T)
+    rate = np.gradient(motion, T)
+    force = 6000.0 * motion + 5.0 * rate + 5e5 * rate * np.abs(rate)
+    assert np.std(force - 6000.0 * motion) > 0.9 * np.std(force)
+    campaign, _ = campaign_of(STIFF, [source_of({"u": force, "x": motion})])
+    refuse_nonsense(campaign, ["damper"])
+
+
 def test_a_clock_that_counts_minutes_is_asked_about_though_most_motion_is_slow():
     """Sixty times as fast, the model says all of it; as read, only what follows the force."""
     noise = np.random.default_rng(4).standard_normal(SAMPLES)

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.imposed_motion.records import force_record, is_imposed, rig_of
+from slowtime.discrepancy.imposed_motion.records import (
+    clock_errors,
+    force_record,
+    is_imposed,
+    rig_of,
+)
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor
@@ -195,3 +200,40 @@ def test_an_imposed_velocity_is_integrated_about_its_mean():
     told = e - v.mean() * np.arange(len(e)) / RATE
     assert np.std(record.motion.e - (told - told.mean())) < 0.01 * np.std(e)
     np.testing.assert_array_equal(record.motion.v, v - v.mean())
+
+
+@pytest.mark.parametrize(
+    ("factor", "verdict"), [(1.02, "nothing_missing"), (0.5, "parameters_only")]
+)
+def test_a_spring_outside_its_tolerance_is_told_with_its_stiffness(factor, verdict):
+    spring = lambda e, v: (factor - 1) * K * e  # noqa: E731
+    campaign = Campaign(
+        description=RIG, trials=(trial(spring, 1),), holdout=(trial(spring, 2),)
+    )
+    found = diagnose(campaign)
+    assert found.verdict == verdict
+    assert found.effects == ()
+    if verdict == "nothing_missing":
+        assert found.moved == {}
+        return
+    (stiffness,) = found.moved.values()
+    assert list(found.moved) == ["stiffness k1"]
+    assert abs(stiffness.value - factor * K) < 4 * stiffness.sd
+    assert 0 < stiffness.sd < 0.02 * K
+    assert stiffness.text in found.sentence
+
+
+@pytest.mark.parametrize("factor", [1.0, 60.0])
+def test_the_inertia_of_a_node_tells_the_clock_of_its_record(factor):
+    """A node of 20 kg whose motion is read with a clock that is slower by a factor."""
+    heavy = dataclasses.replace(
+        RIG, nodes=(dataclasses.replace(RIG.nodes[0], mass_kg=20.0 / factor**2),)
+    )
+    given = trial(lambda e, v: 0 * e, 3)
+    t, e = given.times_s, given.outputs[:, 0]
+    force = given.inputs[:, 0] + 20.0 * np.gradient(np.gradient(e, t), t)
+    read = dataclasses.replace(given, inputs=force[:, None])
+    clocks = (1.0, 60.0, 1000.0)
+    errors = clock_errors(rig_of(heavy), read, clocks)
+    assert clocks[int(np.argmin(errors))] == factor
+    assert errors.min() < 0.05
