@@ -113,7 +113,7 @@ def _is_followed(model: Description, plant: Plant, trial: Trial) -> bool:
     """Whether the clock as it was read is the right one for a motion below all resonances.
 
     The model explains what was measured, and best with that clock; or any spring and damper
-    explain the force of an imposed motion, and the model explains it with no other clock.
+    explain the force of an imposed motion, whose inertia no other clock shows.
     """
     measured = _sizes(trial.outputs, trial)
     if not (measured > 0).all():
@@ -122,13 +122,12 @@ def _is_followed(model: Description, plant: Plant, trial: Trial) -> bool:
     def error(clock: float) -> float:
         with np.errstate(all="ignore"):
             made = plant.simulate(plant.values, trial.inputs, clock * trial.rate_hz)
-        left = float((_sizes(trial.outputs - made, trial) / measured).max())
-        return left if np.isfinite(left) else np.inf
+        return float((_sizes(trial.outputs - made, trial) / measured).max())
 
-    own, other = error(1.0), min(map(error, OTHER_CLOCKS))
-    if own < FOLLOWED_ERROR and own < BETTER_CLOCK * other:
+    own = error(1.0)
+    if own < FOLLOWED_ERROR and own < BETTER_CLOCK * min(map(error, OTHER_CLOCKS)):
         return True
-    return other > FOLLOWED_ERROR and _is_imposed_by(model, trial)
+    return _is_imposed_by(model, trial)
 
 
 def _is_imposed_by(model: Description, trial: Trial) -> bool:

@@ -174,7 +174,10 @@ def clock_errors(
 ) -> Float[np.ndarray, " clock"]:
     r"""Return what any spring and damper leave of a rig's force, with its inertia by a clock.
 
-    .. math:: \min_{k, c, b} \mathrm{rms}(f - m q^2 a - k e - c v - b) / \mathrm{sd}(f)
+    .. math:: \min_{k, c} \| F + (m q^2 \omega^2 - k - i \omega c) X \| / \| F \|
+
+    The spectra :math:`F` and :math:`X` are those of the record under a Hann window: no
+    derivative is taken, so that motion up to half of the sampling rate counts.
 
     Parameters
     ----------
@@ -185,15 +188,21 @@ def clock_errors(
     clocks
         Factors q of that rate [1].
     """
-    record = force_record(rig, trial)
-    motion, inertia = record.motion, rig.mass_kg if rig.inertia else 0.0
-    force = record.force + inertia * motion.a
-    columns = np.stack([motion.e, motion.v, np.ones(len(force))], axis=1)
+    record, inertia = force_record(rig, trial), rig.mass_kg if rig.inertia else 0.0
+    window = np.hanning(len(record.force))
+    e = record.motion.e - record.motion.e.mean()
+    motion = np.fft.rfft(window * e)
+    given = rig.sign * rig.pushed * rig.factors[0] * trial.inputs[:, 0]
+    force = np.fft.rfft(window * (given - given.mean()))
+    turns = 2 * np.pi * np.fft.rfftfreq(len(e), 1 / trial.rate_hz)
+    columns = np.stack([motion, 1j * turns * motion], axis=1)
     columns /= np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
-    beyond = np.stack([force - inertia * q**2 * motion.a for q in clocks], axis=1)
-    fitted, *_ = np.linalg.lstsq(columns, beyond, rcond=None)
-    left = beyond - columns @ fitted
-    return np.std(left, axis=0) / max(float(np.std(force)), np.finfo(float).tiny)
+    beyond = np.stack([force + inertia * (q * turns) ** 2 * motion for q in clocks], axis=1)
+    rows = np.concatenate([columns.real, columns.imag])
+    sides = np.concatenate([beyond.real, beyond.imag])
+    fitted, *_ = np.linalg.lstsq(rows, sides, rcond=None)
+    left = np.linalg.norm(sides - rows @ fitted, axis=0)
+    return left / max(float(np.linalg.norm(force)), np.finfo(float).tiny)
 
 
 def _integrated(

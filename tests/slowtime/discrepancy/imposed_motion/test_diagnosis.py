@@ -236,4 +236,4 @@ def test_the_inertia_of_a_node_tells_the_clock_of_its_record(factor):
     clocks = (1.0, 60.0, 1000.0)
     errors = clock_errors(rig_of(heavy), read, clocks)
     assert clocks[int(np.argmin(errors))] == factor
-    assert errors.min() < 0.05
+    assert errors.min() < 0.1
