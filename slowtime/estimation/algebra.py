@@ -187,6 +187,20 @@ class Process(abc.ABC):
         """
         return self.moves(step)[0]
 
+    def transition_over(self, step: float) -> np.ndarray:
+        """Compute the transition of the state over one time step.
+
+        Parameters
+        ----------
+        step
+            Time step, in the unit of time.
+
+        Returns
+        -------
+        Transition [family, state, state].
+        """
+        return np.asarray(self.transitions(np.array([step]))[0])
+
     def _noise(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
         """Process noise over the same steps, without its slopes."""
         own = self.initial_covariance()[0]
@@ -410,6 +424,20 @@ class Sum(Process):
         """
         return _blocks(_aligned([(term.transitions(step), []) for term in self.terms]))[0]
 
+    def transition_over(self, step: float) -> np.ndarray:
+        """Compute the transition of the state over one time step.
+
+        Parameters
+        ----------
+        step
+            Time step, in the unit of time.
+
+        Returns
+        -------
+        Transition [family, state, state].
+        """
+        return _blocks([(term.transition_over(step), []) for term in self.terms])[0]
+
     def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
         parts = [term._noise(step, term.transitions(step)) for term in self.terms]
         return _blocks(_aligned([(part, []) for part in parts]))[0]
@@ -500,6 +528,20 @@ class Product(Process):
         parts: list[tuple[np.ndarray, Slopes]]
         parts = [(one.transitions(step), []) for one in (self.first, self.second)]
         return _kron(*_aligned(parts))[0]
+
+    def transition_over(self, step: float) -> np.ndarray:
+        """Compute the transition of the state over one time step.
+
+        Parameters
+        ----------
+        step
+            Time step, in the unit of time.
+
+        Returns
+        -------
+        Transition [family, state, state].
+        """
+        return _times(self.first.transition_over(step), self.second.transition_over(step))
 
 
 def _terms(process: Process) -> tuple[Process, ...]:

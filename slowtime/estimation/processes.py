@@ -1,6 +1,7 @@
 r"""Members of the algebra of processes: Matérn, level, trend, wave, repeating function."""
 
 import dataclasses
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -75,12 +76,46 @@ class Matern(Leaf):
         Transitions [time, family, state, state], and their slopes to the logarithms of the free
         parameters.
         """
-        scaled = _with_family_axis(step, self.length, self.sd) * kernels.rate(
-            self.smoothness, self.length
-        )
+        scaled = self._scaled(step)
         move = kernels.matern_transition(self.smoothness, scaled)
         slope = -scaled[..., None, None] * (_GENERATORS[self.smoothness] @ move)
         return move, self._chosen({"length": slope}, move)
+
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """Compute the transitions of the state over time steps, without their slopes.
+
+        Parameters
+        ----------
+        step
+            Time steps [time], in the unit of time.
+
+        Returns
+        -------
+        Transitions [time, family, state, state].
+        """
+        return kernels.matern_transition(self.smoothness, self._scaled(step))
+
+    def transition_over(self, step: float) -> np.ndarray:
+        """Compute the transition of the state over one time step.
+
+        Parameters
+        ----------
+        step
+            Time step, in the unit of time.
+
+        Returns
+        -------
+        Transition [family, state, state].
+        """
+        if np.ndim(self.length) or np.ndim(self.sd):
+            return np.asarray(self.transitions(np.array([step]))[0])
+        rate = math.sqrt(2.0 * self.smoothness) / float(self.length)
+        return kernels.matern_transition_over(self.smoothness, rate * step)
+
+    def _scaled(self, step: np.ndarray) -> np.ndarray:
+        """Time steps in units of what `kernels.rate` is the reciprocal of [1]."""
+        rate = kernels.rate(self.smoothness, self.length)
+        return _with_family_axis(step, self.length, self.sd) * rate
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -43,7 +43,7 @@ def test_no_file_of_a_known_format_is_a_fault_or_swells():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     counts = formats.run(30, seed=12)
     for kind in formats.MAKERS:
-        assert counts[f"{kind} refused"] > 3, kind
+        assert counts[f"{kind} refused"] + counts[f"{kind} read in part"] > 3, kind
         assert counts[f"{kind} read"] > 0, kind
     assert counts[f"readers that were ended after {formats.PATIENCE_S:g} s"] == 0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000

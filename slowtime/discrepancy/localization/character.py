@@ -115,18 +115,30 @@ class Character:
     heights: tuple[float, ...]
     heights_s: tuple[float, ...]
 
-    @property
-    def amplitude(self) -> str:
-        """The motion in words; empty where nothing moves while the force acts."""
-        words = []
-        if self.elongation.peak > 0:
-            words.append(f"{self.elongation.rms:.3g} rms to {self.elongation.peak:.3g} at most")
-        if self.rate.peak > 0:
-            words.append(f"rate {self.rate.rms:.3g} to {self.rate.peak:.3g}")
+    def amplitude(self, of: str, coordinate: str) -> str:
+        """Motion while the force acts, in words.
+
+        Parameters
+        ----------
+        of
+            Motion that is meant: "an elongation" or "a displacement".
+        coordinate
+            Its unit: "m" or "rad".
+
+        Returns
+        -------
+        A sentence; empty where nothing moves while the force acts.
+        """
+        ranges = ((of, self.elongation, coordinate), ("a rate", self.rate, f"{coordinate}/s"))
+        words = [
+            f"{name} of {motion.rms:.3g} {unit} rms, {motion.peak:.3g} {unit} at most"
+            for name, motion, unit in ranges
+            if motion.peak > 0
+        ]
         if not words:
             return ""
-        below = f"; hardly any below {self.onset:.3g}" if self.onset > 0 else ""
-        return ", ".join(words) + below
+        below = f"; hardly any below {self.onset:.3g} {coordinate}" if self.onset > 0 else ""
+        return f"The force acts at {', and '.join(words)}{below}."
 
 
 def characterise(located: Localization, place: Place) -> Character:

@@ -220,7 +220,7 @@ def report(
         nothing_probability=_nothing(found, located),
         moved={} if kept.useless else _moved(kept, last, given),
         where=_suspects(located),
-        when=_when(located) if found.effects else When((), (), ""),
+        when=_when(located, given.unit_of_coordinate) if found.effects else When((), (), ""),
         findings=findings,
         gap=_gap(found, evaluation, kept.result, kept.closed),
         chi2_per_datum=last.chi2_per_datum,
@@ -867,11 +867,13 @@ def _suspects(located: Localization) -> tuple[Suspect, ...]:
     )
 
 
-def _when(located: Localization) -> When:
+def _when(located: Localization, coordinate: str) -> When:
     seen = characterise(located, located.best)
+    motion = "an elongation" if located.best.kind == "element" else "a displacement"
     return When(
-        seen.times_s, seen.bands_hz, seen.amplitude, linear=seen.linear, steady=seen.steady
-    )
+        seen.times_s, seen.bands_hz, seen.amplitude(motion, coordinate), linear=seen.linear,
+        steady=seen.steady,
+    )  # fmt: skip
 
 
 def _gap(

@@ -118,6 +118,22 @@ def test_seismology(tmp_path, drawn, ending, form):
     same(record, names, [""] * len(names), rate, samples, rtol=1e-6)
 
 
+@pytest.mark.parametrize("cut", [1, 300, 512 + 77])
+def test_a_truncated_miniseed_file_says_how_much_is_missing(tmp_path, cut):
+    obspy = pytest.importorskip("obspy")
+    path, says = tmp_path / "a.mseed", {"network": "AA", "station": "B", "channel": "HNZ"}
+    values = np.random.default_rng(4).integers(-9999, 9999, 2000, dtype=np.int32)
+    trace = obspy.Trace(values, {**says, "sampling_rate": 200.0})
+    trace.write(str(path), format="MSEED", reclen=512)
+    assert read_record(path).notes == ()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-cut])
+    size = len(whole) - cut
+    record = read_record(path)
+    assert any(f"{size % 512} of {size} bytes are no records" in note for note in record.notes)
+    assert 0 < len(record.samples) < 2000
+
+
 def test_a_gap_of_miniseed_is_missing_samples(tmp_path):
     obspy = pytest.importorskip("obspy")
     values = np.random.default_rng(5).standard_normal(1000).astype(np.float32)

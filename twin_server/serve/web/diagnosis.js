@@ -124,14 +124,15 @@ export class Diagnosis {
     const key = `${last?.t_ns} ${gap.state}`;
     if (this.drawn === key) return;
     this.drawn = key;
-    this.picture.replaceChildren(...(last ? [gapPicture(gap), this.legend()] : []));
+    this.picture.replaceChildren(...(last ? [make("p", t("diagnosis.gap_title"), "facts"), gapPicture(gap), this.legend(gap.limit, last)] : []));
   }
 
-  legend() {
+  legend(limit, { nominal, in_use: inUse }) {
     const legend = make("p", undefined, "facts keys");
-    for (const [name, text] of [["nominal", t("diagnosis.line_nominal")], ["in_use", t("diagnosis.line_in_use")], ["limit", t("diagnosis.line_limit")]]) {
+    const lines = [["nominal", t("diagnosis.line_nominal"), nominal], ["in_use", t("diagnosis.line_in_use"), inUse], ["limit", t("diagnosis.line_limit"), limit]];
+    for (const [name, text, value] of lines) {
       const entry = make("span");
-      entry.append(make("span", undefined, `line ${name}`), text);
+      entry.append(make("span", undefined, `line ${name}`), value ? `${text}: ${percent(value)}` : text);
       legend.append(entry);
     }
     return legend;

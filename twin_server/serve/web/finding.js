@@ -19,7 +19,7 @@ function table(caption, headings, rows) {
     head.append(cell);
   }
   for (const [title, ...cells] of rows) {
-    const row = make("tr"), first = make("th", title);
+    const row = make("tr"), first = title instanceof Node ? title : make("th", title);
     first.scope = "row";
     row.append(first, ...cells.map((cell) => cell instanceof Node ? cell : make("td", cell)));
     body.append(row);
@@ -49,7 +49,7 @@ export function findingOf({ effects, where = [], when, experiment }) {
   const named = effects.filter(({ where: place }) => place);
   if (named.length) {
     root.append(table(t("finding.lacking"), HEADS, named.map((effect) => [
-      english(make("td", spaced(effect.effect))), placed(effect.where), english(make("td", parametersOf(effect))), percent(effect.probability),
+      english(make("th", spaced(effect.effect))), placed(effect.where), english(make("td", parametersOf(effect))), percent(effect.probability),
     ])));
     const rivals = named.flatMap(({ alternatives = [] }) => alternatives).slice(0, 5)
       .map((rival) => t("finding.rival", { effect: spaced(rival.effect), place: placed(rival.where), probability: percent(rival.probability) }));

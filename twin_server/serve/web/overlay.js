@@ -8,9 +8,9 @@ import { english, make } from "./words.js";
 const HEIGHT_PX = 270, TIMES = "campaign time [s]", DRAWN_ALREADY = "The gap";
 /** By what a line is: thick and pale what was measured, dashed the model as it was, solid with what was found. */
 const LINES = [
-  [/^(measured|as recovered)/, { tint: "invalid", width: 3 }],
-  [/as given|refitted|as it was/, { tint: "inseparable", width: 1.8, dash: "6px,3px" }],
-  [/noise|band|expected/, { tint: "ahead", width: 1.6, dash: "2px,3px" }],
+  [/^(measured|read|as recovered)/, { tint: "invalid", width: 3 }],
+  [/original|refitted|as it was/, { tint: "inseparable", width: 1.8, dash: "6px,3px" }],
+  [/noise|band/, { tint: "ahead", width: 1.6, dash: "2px,3px" }],
   [/./, { tint: "estimate", width: 1.8 }],
 ];
 

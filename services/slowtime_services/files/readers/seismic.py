@@ -32,6 +32,7 @@ def read(path: Path, max_bytes: int) -> Found:
     spans = [trace.stats.npts for trace in stream]
     refuse_above(path, 8 * sum(spans), max_bytes)
     stream = obspy.read(path)
+    notes = _unread(stream)
     figures = (*_of_starts(stream), *_of_sac(path))
     names = [trace.id for trace in stream]
     if len(set(names)) < len(names):
@@ -42,7 +43,6 @@ def read(path: Path, max_bytes: int) -> Found:
         rate = max(trace.stats.sampling_rate for trace in stream)
         refuse_above(path, int(8 * span_s * rate * len(set(names))), max_bytes)
         stream.merge(method=1, fill_value=np.nan)
-    notes: tuple[str, ...] = ()
     starts = [trace.stats.starttime for trace in stream]
     ends = [trace.stats.endtime for trace in stream]
     rates = {trace.stats.sampling_rate for trace in stream}
@@ -50,7 +50,8 @@ def read(path: Path, max_bytes: int) -> Found:
     apart = max(starts) - min(starts) > 0.5 * step_s or max(ends) - min(ends) > 0.5 * step_s
     if len(stream) > 1 and len(rates) == 1 and apart and max(starts) < min(ends):
         stream.trim(max(starts), min(ends))
-        notes = ("Channels that begin or end at other times were cut to what all have.",)
+        cut = "Channels that begin or end at other times were cut to what all have."
+        notes = (*notes, cut)
     first_ns = min((trace.stats.starttime.ns for trace in stream), default=0)
     shared = {network_station(trace.id) for trace in stream}
     return Found(
@@ -69,6 +70,24 @@ def read(path: Path, max_bytes: int) -> Found:
         notes,
         {},
         figures,
+    )
+
+
+def _unread(stream: Any) -> tuple[str, ...]:
+    """Return a note where ObsPy has left out a part of a miniSEED file.
+
+    ObsPy skips what is no record, mostly with a warning, and sometimes ends there without one.
+    """
+    told = [trace.stats.mseed for trace in stream if "mseed" in trace.stats]
+    if not told:
+        return ()
+    size = int(told[0].filesize)
+    unread = size - sum(int(one.number_of_records) * int(one.record_length) for one in told)
+    if unread <= 0:
+        return ()
+    return (
+        f"{unread} of {size} bytes are no records of samples that can be read: the file is "
+        "truncated or damaged. What was measured there is missing.",
     )
 
 

@@ -215,10 +215,15 @@ def test_character_tells_what_kind_of_force_it_is(found):
     assert told["cubic"].static_share > 0.97
     assert told["cubic"].odd > 0.99
     assert told["cubic"].steady is True
-    assert "rms" in told["cubic"].amplitude
-    still = MotionRange(rms=0.0, peak=0.0)
-    assert dataclasses.replace(told["cubic"], elongation=still, rate=still).amplitude == ""
-    assert dataclasses.replace(told["cubic"], elongation=still).amplitude.startswith("rate ")
+    some, still = MotionRange(rms=0.002, peak=0.0081), MotionRange(rms=0.0, peak=0.0)
+    moving = dataclasses.replace(told["cubic"], elongation=some, rate=some, onset=0.001)
+    assert moving.amplitude("an elongation", "m") == (
+        "The force acts at an elongation of 0.002 m rms, 0.0081 m at most, and a rate of "
+        "0.002 m/s rms, 0.0081 m/s at most; hardly any below 0.001 m."
+    )
+    assert dataclasses.replace(moving, elongation=still, rate=still).amplitude("it", "m") == ""
+    turning = dataclasses.replace(moving, elongation=still, onset=0.0)
+    assert "acts at a rate of 0.002 rad/s rms" in turning.amplitude("an elongation", "rad")
     assert told["friction"].exponent < 0.5
     assert told["friction"].odd > 0.9
     assert told["base"].static_share < 0.1

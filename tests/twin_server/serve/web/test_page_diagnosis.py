@@ -32,6 +32,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(bars.nth(2)).to_contain_text("with coulomb")
     found = job.locator(".found-table").first
     expect(found).to_contain_text("friction 0.5 ± 0.01\u202fN")
+    expect(found.locator("tbody th")).to_have_text("coulomb")
     expect(found).to_contain_text("element j2")
     expect(job.locator(".share").first).to_contain_text("90\u202f%")
     expect(job.locator(".finding")).to_contain_text("the base")
@@ -39,10 +40,14 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(job.locator(".finding")).to_contain_text("largest at 0.05 to 0.15\u202fs")
     overlay = job.locator(".overlay .plot")
     expect(overlay.locator(".legend")).to_be_visible()
-    drawn = overlay.evaluate("plot => [plot.data.map(t => [t.name, t.line.dash]), plot.layout]")
+    drawn = overlay.evaluate(
+        "plot => [plot.data.map(t => [t.name, t.line.dash]), plot.layout,"
+        " new Set(plot.data.map(t => t.line.color)).size]"
+    )
     names = ["measured", "original model", "augmented"]
     assert [name for name, _ in drawn[0]] == names
     assert len({dash for _, dash in drawn[0]}) == 2, "lines are told apart by colour alone"
+    assert drawn[2] == 3, "two lines have the same colour"
     assert [(span["x0"], span["x1"]) for span in drawn[1]["shapes"]] == [(0.05, 0.15)]
     assert drawn[1]["xaxis"]["title"]["text"] == "campaign time [s]"
     job.get_by_role("button", name="Report").click()
