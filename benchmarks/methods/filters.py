@@ -24,6 +24,8 @@ from slowtime.estimation.processes import Matern
 UPDATE_GROWTH = 1.5
 REFIT_RATIO = 100.0
 UNSCENTED_RATIO = 20.0
+STEP_RATIO = 1.0
+"""Of a Kalman filter's step in filterpy over ours, the model being the same [1]."""
 KALMAN_PER_SECOND = 50_000.0
 TWINS = 1000
 STEP_S = 0.01
@@ -99,6 +101,54 @@ def one_update(
             now, _ = stream.step(now, t, y, s)
 
     return best_of(5, go_on) / len(arguments)
+
+
+def streams_beside_kalman(readings: int = 2000) -> bool:
+    """Print one step of our process beside filterpy's, of one filter and of a thousand."""
+    times, values, sd = history(readings)
+    alone = streaming.Stream(Matern(length=30.0, sd=1.0))
+    family = streaming.Stream(Matern(length=np.full(TWINS, 30.0), sd=np.ones(TWINS)))
+    few = readings // 20
+
+    def ours(stream: streaming.Stream, count: int) -> streaming.Belief:
+        belief = stream.start(float(times[0]))
+        for t, y, s in zip(times[:count].tolist(), values.tolist(), sd.tolist(), strict=False):
+            belief, _ = stream.step(belief, t, y, s)
+        return belief
+
+    one = best_of(5, lambda: ours(alone, readings)) / readings
+    each = best_of(3, lambda: ours(family, few)) / few / TWINS
+    print("\nGaussian process, Matern 3/2, irregular times: one step of one filter")
+    print(f"  slowtime, one alone       {1e6 * one:8.1f} us")
+    print(f"  slowtime, of {TWINS:,} at once {1e6 * each:7.1f} us")
+    if not present("filterpy"):
+        return True
+    peer = best_of(5, lambda: kalman_of_filterpy(times, values, sd)) / readings
+    theirs, mine = kalman_of_filterpy(times, values, sd), ours(alone, readings)
+    apart = float(np.abs(mine.mean - theirs.x.ravel()).max())
+    apart = max(apart, float(np.abs(mine.covariance - theirs.P).max()))
+    print(f"  filterpy, same model      {1e6 * peer:8.1f} us")
+    print(f"  ratio, one alone          {peer / one:8.2f} x    (held to {STEP_RATIO:g})")
+    print(f"  ratio, of {TWINS:,} at once   {peer / each:8.1f} x    (held to {STEP_RATIO:g})")
+    print(f"  states after {readings:,} steps apart by {apart:.1e}")
+    return min(peer / one, peer / each) >= STEP_RATIO and apart < 1e-9
+
+
+def kalman_of_filterpy(times: np.ndarray, values: np.ndarray, sd: np.ndarray) -> Any:
+    """Filter by filterpy, with transition and noise of each step in closed form."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from filterpy.kalman import KalmanFilter
+
+    peer, rest, rate = KalmanFilter(dim_x=2, dim_z=1), np.eye(2), np.sqrt(3.0) / 30.0
+    peer.x, peer.P, peer.H = np.zeros((2, 1)), np.eye(2), np.array([[1.0, 0.0]])
+    before = float(times[0])
+    for t, y, s in zip(times.tolist(), values.tolist(), sd.tolist(), strict=True):
+        a, before = rate * (t - before), t
+        move = np.exp(-a) * np.array([[1.0 + a, a], [-a, 1.0 - a]])
+        peer.predict(F=move, Q=rest - move @ move.T)
+        peer.update(y, R=s * s)
+    return peer
 
 
 def refit_sklearn(times: np.ndarray, values: np.ndarray, sd: np.ndarray) -> None:
@@ -277,6 +327,7 @@ def authors(epochs: int = 40) -> bool:
 def main() -> int:
     """Print all tables; status 1 if any figure misses its mark."""
     passed = streams()
+    passed &= streams_beside_kalman()
     passed &= unscented_steps()
     passed &= kalman_steps()
     passed &= authors()

@@ -26,6 +26,7 @@ from slowtime_schemas.messages import Acknowledgement, Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import ACK, FEATURES
 from slowtime_services.bus import Bus, Inbox, MemoryBus, Sample, ZenohBus
+from slowtime_services.feature_runs import run_and_sequence
 from slowtime_services.record import Recorder, RecordingWriter
 from slowtime_services.replay import read_recording, replay
 
@@ -72,7 +73,7 @@ def seconds(*functions: Callable[[], object], rounds: int = 3) -> list[float]:
 def say(what: str, ours: float, bare: float, aim: str = "-") -> None:
     """Print both rates and their ratio."""
     print(
-        f"{what:<46} {COUNT / ours:>9,.0f}/s  bare {COUNT / bare:>9,.0f}/s"
+        f"{what:<66} {COUNT / ours:>9,.0f}/s  bare {COUNT / bare:>9,.0f}/s"
         f"  ratio {bare / ours:5.2f}  aim {aim}"
     )
 
@@ -194,6 +195,91 @@ def confirmed(path: Path, sender: Bus, receiver: Bus) -> float:
     return played.duration_s
 
 
+def hear(endpoint: str, bare: bool, pipe: multiprocessing.connection.Connection) -> None:
+    """Be the far end of a replay in a process of its own, and report when all was heard.
+
+    Of ours, each message is confirmed by its sequence, as a twin does; of the bare peer, the
+    payloads are counted.
+    """
+    heard = threading.Event()
+    if bare:
+        session, count = zenoh.open(bare_config(endpoint)), itertools.count(1)
+        channel = zenoh.handlers.FifoChannel(2048)
+        entity = session.declare_subscriber(KEY, channel)
+        pipe.send("listening")
+        while next(count) <= COUNT:
+            (entity.handler.try_recv() or entity.handler.recv()).payload.to_bytes()
+    else:
+        bus = ZenohBus("client", [endpoint])
+
+        def arrive(sample: Sample) -> None:
+            known = run_and_sequence(sample.key, sample.payload)
+            assert known is not None
+            last = known[1] == COUNT - 1
+            if last or known[1] % 500 == 499:
+                ack = Acknowledgement(
+                    site="lab", asset="beam", boot="b1", sequence=known[1], t_ns=0
+                )
+                bus.publish(ACK.key("lab", "beam"), encode(ack), encoding=ACK.encoding)
+            if last:
+                heard.set()
+
+        bus.subscribe(KEY, arrive)
+        pipe.send("listening")
+        heard.wait()
+    pipe.send("heard")
+    pipe.recv()
+    if bare:
+        session.close()  # type: ignore[no-untyped-call]
+    else:
+        bus.close()
+
+
+def until_heard(path: Path, endpoint: str, *, bare: bool) -> tuple[float, float]:
+    """Time until the far end has heard all, and processor time of router and sender [s]."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=hear, args=(endpoint, bare, there))
+    process.start()
+    here.recv()
+    session, bus = zenoh.open(bare_config(endpoint)), ZenohBus("client", [endpoint])
+    time.sleep(0.3)
+    began, spent = time.perf_counter(), time.process_time()
+    if bare:
+        with path.open("rb") as file:
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+                session.put(
+                    channel.topic, message.data,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                )  # fmt: skip
+    else:
+        assert replay(path, bus, speed=math.inf, window=5_000).complete
+    here.recv()
+    taken = time.perf_counter() - began, time.process_time() - spent
+    here.send("enough")
+    process.join()
+    session.close()  # type: ignore[no-untyped-call]
+    bus.close()
+    return taken
+
+
+def compare_heard(path: Path, endpoint: str, rounds: int = 5) -> None:
+    """Set a replay as it is heard in another process beside the bare reader, over Zenoh too."""
+    times: dict[str, list[tuple[float, float]]] = {"ours": [], "zenoh": [], "reader": []}
+    for _ in range(rounds):
+        times["ours"].append(until_heard(path, endpoint, bare=False))
+        times["zenoh"].append(until_heard(path, endpoint, bare=True))
+        began, spent = time.perf_counter(), time.process_time()
+        read_bare(path)
+        times["reader"].append((time.perf_counter() - began, time.process_time() - spent))
+    for i, kind in enumerate(("", ", CPU of sender and router")):
+        ours, over_zenoh, reader = (
+            statistics.median(taken[i] for taken in times[name]) for name in times
+        )
+        say(f"replay heard far away{kind} / reader + Zenoh", ours, over_zenoh, "0.30")
+        say(f"replay heard far away{kind} / mcap reader", ours, reader, "0.30")
+
+
 def listen(endpoint: str, bare: bool, pipe: multiprocessing.connection.Connection) -> None:
     """Receive in a process of its own, and report the one-way latencies [ns]."""
     latencies: list[int] = []
@@ -267,7 +353,7 @@ def compare_latency(endpoint: str) -> None:
     for name, share in (("p50", 0.5), ("p99", 0.99)):
         mine, theirs = (kept[round(share * (len(kept) - 1))] for kept in (ours, bare))
         print(
-            f"{'one-way latency ' + name + ', 356 B, 500/s':<46} {mine:>9,.0f} us"
+            f"{'one-way latency ' + name + ', 356 B, 500/s':<66} {mine:>9,.0f} us"
             f"  bare {theirs:>9,.0f} us  ratio {theirs / mine:5.2f}  aim 0.80"
         )
 
@@ -283,6 +369,7 @@ def main() -> None:
         path = write(Path(folder) / "features.mcap", payloads)
         compare_reading(path)
         compare_replay(path, endpoint)
+        compare_heard(path, endpoint)
         compare_latency(endpoint)
 
 

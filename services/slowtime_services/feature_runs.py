@@ -1,5 +1,6 @@
 """The run and sequence of a features message, without decoding all of it."""
 
+import functools
 import re
 from typing import NamedTuple
 
@@ -27,16 +28,19 @@ def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
     if f"/{FEATURES.name}/" not in key:
         return None
     if (ours := AS_WE_ENCODE.match(payload)) is not None:
-        site, asset, boot, number = ours.groups()
-        run, sequence = Run(site.decode(), asset.decode(), boot.decode()), int(number)
-    else:
-        parsed = _found_by_parsing(payload)
-        if parsed is None:
-            return None
-        run, sequence = parsed
-    if not 0 <= sequence < 2**63:
+        run, own = _run_and_key(*ours.group(1, 2, 3))
+        return (run, int(ours[4])) if key == own else None
+    parsed = _found_by_parsing(payload)
+    if parsed is None or not 0 <= parsed[1] < 2**63:
         return None
-    return (run, sequence) if key == FEATURES.key(run.site, run.asset) else None
+    return parsed if key == FEATURES.key(parsed[0].site, parsed[0].asset) else None
+
+
+@functools.lru_cache(maxsize=65536)
+def _run_and_key(site: bytes, asset: bytes, boot: bytes) -> tuple[Run, str]:
+    """Return a run and the key of its features, which recur from message to message."""
+    run = Run(site.decode(), asset.decode(), boot.decode())
+    return run, FEATURES.key(run.site, run.asset)
 
 
 def _found_by_parsing(payload: bytes) -> tuple[Run, int] | None:

@@ -10,6 +10,7 @@ features on the way unacknowledged. Where nobody acknowledges, it says so in the
 import contextlib
 import dataclasses
 import functools
+import itertools
 import json
 import math
 import threading
@@ -134,11 +135,14 @@ def _paced(
     messages: Iterator[Recorded], speed: float, clock: Clock, stop: threading.Event
 ) -> Iterator[Recorded]:
     """Yield each message at its time."""
+    if math.isinf(speed):
+        yield from itertools.takewhile(lambda _: not stop.is_set(), messages)
+        return
     began_ns, first_ns = clock.now_ns(), None
     for message in messages:
         first_ns = message.log_ns if first_ns is None else first_ns
         due_ns = began_ns + (message.log_ns - first_ns) / speed
-        while not stop.is_set() and math.isfinite(speed) and (now := clock.now_ns()) < due_ns:
+        while not stop.is_set() and (now := clock.now_ns()) < due_ns:
             clock.sleep(min((due_ns - now) / 1e9, 0.1))
         if stop.is_set():
             return
@@ -302,8 +306,10 @@ class _Player:
         ]
 
     def _tell(self, *, at_last: bool = False) -> None:
+        if self.progress is None:
+            return
         now = time.monotonic()
-        if self.progress is not None and (at_last or now - self._told > 0.1):
+        if at_last or now - self._told > 0.1:
             self._told = now
             done = sum(self._counts.values())
             self.progress(Progress(done, self.total, self._log_ns))

@@ -272,3 +272,34 @@ def test_time_going_back_is_refused():
     stream = streaming.Stream(PROCESSES["sum"])
     with pytest.raises(ValueError, match="ascending order"):
         stream.step(stream.start(3.0), 2.0, 0.0, 0.1)
+
+
+@EVERY
+def test_step_by_step_it_is_the_whole_series_and_a_family_of_one(name):
+    process = PROCESSES[name]
+    time, value, sd = series(33, 40)
+    time[17], value[9] = time[16], np.nan
+    stream = streaming.Stream(process)
+    belief = stream.start(float(time[0]))
+    one = process.at(process.logs[None])
+    family = streaming.Stream(one).start(float(time[0]))
+    for t, y, s in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
+        belief, read = stream.step(belief, t, y, s)
+        family, also = streaming.Stream(one).step(family, t, y, s)
+        assert read.log_likelihood == pytest.approx(also.log_likelihood[0], abs=1e-9)
+        assert read.spread == pytest.approx(also.spread[0], abs=1e-9)
+    whole, _ = streaming.run(process, time, value, sd)
+    for found in (whole.mean, family.mean[0]):
+        np.testing.assert_allclose(belief.mean, found, atol=1e-9)
+    for found in (whole.covariance, family.covariance[0]):
+        np.testing.assert_allclose(belief.covariance, found, atol=1e-9)
+    assert np.linalg.eigvalsh(belief.covariance).min() > -1e-12
+
+
+@EVERY
+@pytest.mark.parametrize("step", [0.0, 1e-3, 0.7, 30.0])
+def test_a_transition_over_one_step_is_that_of_many(name, step):
+    process = PROCESSES[name]
+    np.testing.assert_allclose(
+        process.transition_over(step), process.moves(np.array([step]))[0][0], atol=1e-13
+    )
