@@ -115,7 +115,7 @@ class Matern(Leaf):
     def _scaled(self, step: np.ndarray) -> np.ndarray:
         """Time steps in units of what `kernels.rate` is the reciprocal of [1]."""
         rate = kernels.rate(self.smoothness, self.length)
-        return _with_family_axis(step, self.length, self.sd) * rate
+        return np.asarray(_with_family_axis(step, self.length, self.sd) * rate)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ import click
 import yaml
 
 from slowtime_cli.shared.terminal import plural
+from slowtime_schemas.slow_times import one_unit_in_words, span_in_words
 from slowtime_services.client import AnswerError, Client, Composite, UnreachableError
 
 
@@ -64,7 +65,7 @@ def show(composite_id: str, horizon: float | None, as_json: bool, server: str) -
         fleet = pool.fleet
         click.echo(
             f"Drift of {pool.quantity} in the fleet: {_number(fleet.value)} per "
-            f"{pool.slow_time_unit or 'slow time'} (95 %: {_number(fleet.lo)} to "
+            f"{one_unit_in_words(pool.slow_time_unit)} (95 %: {_number(fleet.lo)} to "
             f"{_number(fleet.hi)}); another such asset: {_number(pool.another.lo)} to "
             f"{_number(pool.another.hi)}."
         )
@@ -109,7 +110,7 @@ def _sentence(found: Composite) -> str:
     failure = found.failure
     ahead = (
         "" if failure.horizon is None
-        else f" within {failure.horizon:g} {failure.slow_time_unit or ''}".rstrip()
+        else f" within {span_in_words(failure.horizon, failure.slow_time_unit, digits=6)}"
     )  # fmt: skip
     bounds = failure.any_dependence
     return (

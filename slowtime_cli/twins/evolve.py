@@ -21,6 +21,7 @@ from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
+from slowtime_schemas.slow_times import unit_in_words
 from slowtime_schemas.streams import ASSET_EVENT, FEATURES, parse_key
 from slowtime_services.bus import Sample
 from slowtime_services.replay import contents, read_recording
@@ -280,6 +281,7 @@ def _features(
         start_ns=t_ns,
         time_base="recorded",
         slow_time=slow_time,
+        slow_time_unit="units" if after_s is None else "s",  # a text file does not state it
         method="peak" if mode else "none",
         modes=modes,
         quality=Quality(samples=0),
@@ -301,7 +303,8 @@ def _show(states: list[dict[str, Any]], changes: str) -> None:
         for state in shown
     ]
     plain = [_fields_of_state(state, wanted) for state in shown]
-    show("", ("slow time", "frequency [Hz]", *heads, "valid"), rows, plain=plain)
+    unit = unit_in_words(states[0]["slow_time_unit"]) if states else ""
+    show("", (f"slow time [{unit}]", "frequency [Hz]", *heads, "valid"), rows, plain=plain)
     if every > 1:
         note(f"every {every}th of {len(states)} epochs is shown; --out writes all of them.")
     reasons = collections.Counter(reason for state in states for reason in state["reasons"])

@@ -12,6 +12,7 @@ from slowtime_cli.twins.twin_query import (
     twin_of_file,
     without_none,
 )
+from slowtime_schemas.slow_times import unit_in_words
 from twin_server.serve import foretell
 
 Side = Literal["below", "above"]
@@ -64,5 +65,6 @@ def _show_forecast(body: dict[str, Any]) -> None:
             cells = [f"{100 * estimate[part]:.2f}" for part in ("value", "sd", "lo", "hi")]
             rows.append((f"{point['slow_time']:.6g}", name, *cells))
             plain.append({"slow_time": point["slow_time"], "quantity": name, **estimate})
-    heads = ("slow time", "quantity", "change [%]", "sd [%]", "lo [%]", "hi [%]")
+    slow_time = f"slow time [{unit_in_words(body['slow_time_unit'])}]"
+    heads = (slow_time, "quantity", "change [%]", "sd [%]", "lo [%]", "hi [%]")
     show("", heads, rows, plain=plain)

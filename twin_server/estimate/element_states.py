@@ -55,7 +55,7 @@ def estimate_elements(
     )
     states = _states(registration, found.readings, missing_before)
     parameters = _by_parameter(model.free, found.readings)
-    notices = _of_covariates(registration, found)
+    notices = _of_covariates(registration, found, features)
     notices += [_lesson(found, row, count) for row, count in found.lessons]
     suspicions, changed = _suspected(
         found.memory.suspicions, found.readings, registration.confirm_readings
@@ -226,7 +226,9 @@ def _doubted_units(
     return memory, notices
 
 
-def _of_covariates(registration: Registration, found: TrackedEpochs) -> list[Notice]:
+def _of_covariates(
+    registration: Registration, found: TrackedEpochs, features: Sequence[Features]
+) -> list[Notice]:
     """Make notices of learnt normal behaviour and of changes that covariates do not explain."""
     wanted = registration.covariates
     if wanted is None:
@@ -238,7 +240,7 @@ def _of_covariates(registration: Registration, found: TrackedEpochs) -> list[Not
         if count and one.condition is not None
     ]
     return notices + [
-        messages.entered(row, verdict, registration, mode)
+        messages.entered(row, verdict, registration, mode, features[row].slow_time_unit)
         for row, mode, verdict in found.verdicts
     ]
 

@@ -12,6 +12,7 @@ from slowtime.degradation import Mixture
 from slowtime.dynamics.description import Description
 from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
+from slowtime_schemas.slow_times import time_in_words
 from slowtime_services.models import description_of
 from slowtime_services.plugins.discovery import PluginError, exception_text, find
 from twin_server.registration.limit_states import (
@@ -247,10 +248,12 @@ def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> s
         words, unit, times = shown(spec.quantity)
         side, at = ("below", spec.below) if spec.below is not None else ("above", spec.above)
         what = f"{spec.name} ({words} {side} {signed(times * at)} {unit})"
+    horizon = time_in_words(order.horizon, order.unit)
     said = (
-        f"{what}: fails with probability {failed:.2g} up to slow time {order.horizon:.6g}; "
+        f"{what}: fails with probability {failed:.2g} up to {horizon}; "
         f"now {float(found.probability[0]):.2g}"
     )
     if math.isfinite(until):
-        return f"{said}. The accepted {spec.accepted:g} is reached at {until:.6g}."
+        reached = time_in_words(until, order.unit)
+        return f"{said}. The accepted {spec.accepted:g} is reached at {reached}."
     return f"{said}. The accepted {spec.accepted:g} is not reached by then."

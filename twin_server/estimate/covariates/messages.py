@@ -5,6 +5,7 @@ from typing import Any
 
 from slowtime.evolution.covariates import ChangeEstimate
 from slowtime.identification.estimates import Measured
+from slowtime_schemas.slow_times import span_in_words, time_in_words
 from twin_server.estimate.notices import Notice
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.twin import Registration
@@ -42,8 +43,16 @@ def not_learnt(row: int, mode: int | None, why: str) -> Notice:
     )
 
 
-def entered(row: int, verdict: Verdict, registration: Registration, mode: int | None) -> Notice:
-    """Make the notice that a change without covariates began, or ended."""
+def entered(
+    row: int, verdict: Verdict, registration: Registration, mode: int | None, unit: str
+) -> Notice:
+    """Make the notice that a change without covariates began, or ended.
+
+    Parameters
+    ----------
+    unit
+        Of slow time, as the message of the reading names it.
+    """
     wanted = registration.covariates
     assert wanted is not None
     names = " and ".join(wanted.names)
@@ -68,8 +77,9 @@ def entered(row: int, verdict: Verdict, registration: Registration, mode: int | 
         "change_entered",
         "alarm",
         f"A change has occurred that {names} cannot explain: frequency{_of(mode)} {said}, "
-        f"since slow time {entry.since:.6g} ({first:.6g} to {last:.6g}). False alarms like "
-        f"this come once in {verdict.limit:.3g} of slow time at most.",
+        f"since {time_in_words(entry.since, unit)} ({time_in_words(first, unit)} to "
+        f"{time_in_words(last, unit)}). False alarms like this come once in "
+        f"{span_in_words(verdict.limit, unit, digits=3)} at most.",
         details,
     )
 

@@ -17,6 +17,7 @@ from slowtime.evolution.events.known_events import KnownEvent, Repair, Replaceme
 from slowtime.evolution.forecasting import continuation, forecast
 from slowtime.evolution.forecasting.continuation import Continuation
 from slowtime.evolution.life.threshold_crossing import SampledFutures
+from slowtime_schemas.slow_times import time_in_words
 from twin_server.estimate.checkpoint import NominalInUse
 from twin_server.estimate.elements.memory import Memory
 from twin_server.estimate.estimator import LEVEL
@@ -318,6 +319,7 @@ def forecast_from_state(
     horizon: float | None,
     count: int,
     thresholds: Sequence[Limit] = (),
+    unit: str | None = None,
 ) -> ChangeForecast:
     """Forecast each quantity, at a cost that does not hang on the length of its past.
 
@@ -330,6 +332,8 @@ def forecast_from_state(
         At how many future times.
     thresholds
         Of which it is asked when they are reached.
+    unit
+        Of slow time, for the words.
     """
     since, span = prospect.since, prospect.since - prospect.first
     later = since + (horizon or 0.25 * span) * np.arange(1, count + 1) / count
@@ -349,7 +353,7 @@ def forecast_from_state(
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
         reasons = (
-            f"Beyond slow time {until:.6g} the readings contain little information: the "
+            f"Beyond {time_in_words(until, unit)} the readings contain little information: the "
             "forecast only extrapolates its trend. Ask for a shorter horizon, or wait "
             "for more readings.",
         )

@@ -76,6 +76,7 @@ def remove_covariates(
             float(given.damping_ratio[row]),
             float(given.damping_sd[row]),
             covariates_of(message, wanted),
+            message.slow_time_unit,
         )
         if checkpoint.condition is None:
             freed.reasons[row] = st.TRAINING
@@ -95,6 +96,7 @@ class _Reading(NamedTuple):
     damping: float
     damping_sd: float
     covariates: Float[np.ndarray, " covariate"]
+    unit: str
 
     @property
     def is_sane(self) -> bool:
@@ -165,7 +167,7 @@ def _corrected(
         return checkpoint
     condition, verdict = condition.judge(*reading[:3], reading.covariates, wanted)
     if verdict is not None:
-        into.notices.append(messages.entered(row, verdict, registration, None))
+        into.notices.append(messages.entered(row, verdict, registration, None, reading.unit))
     return dataclasses.replace(checkpoint, condition=condition)
 
 

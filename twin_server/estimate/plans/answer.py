@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from slowtime.decisions import Option, Plan, Worth
 from slowtime.decisions.option import band
+from slowtime_schemas.slow_times import LAST_CLOCK_S
 from twin_server.registration.costs import SECONDS
 
 from .plan import Planned, PlanOrder, plan_of
-from .wording import LAST_S, When, changes_of, option_words, sentence_of, worth_words
+from .wording import When, changes_of, option_words, sentence_of, worth_words
 
 CURVE = 41
 """Times of each curve that are told."""
@@ -39,7 +40,7 @@ def answer_of_plan(
     """Write a plan as REST gives it."""
     plan, costs = made.plan, order.costs
     seconds = _seconds(order)
-    when = When(costs.time_unit, since_ns, seconds)
+    when = When(costs.time_unit, since_ns, seconds, order.unit)
     clock = _Clock(order.laws.now, made.slow_per_unit, since_ns, seconds)
     rows = np.unique(np.round(np.linspace(0, len(plan.futures.time) - 1, CURVE)).astype(int))
     failure, ranking = order.decision.failure, plan.ranking
@@ -50,6 +51,7 @@ def answer_of_plan(
         "since": order.laws.now,
         "currency": costs.currency,
         "time_unit": costs.time_unit,
+        "slow_time_unit": order.unit,
         "seconds": seconds,
         "horizon": clock.at(plan.futures.horizon),
         "failure": {
@@ -91,7 +93,16 @@ def answer_of_plan(
 def refusal_of(twin_id: str, reason: str) -> dict[str, Any]:
     """Render the reason why there is no plan yet."""
     nothing = dict.fromkeys(
-        ("since", "currency", "time_unit", "seconds", "horizon", "failure", "action")
+        (
+            "since",
+            "currency",
+            "time_unit",
+            "slow_time_unit",
+            "seconds",
+            "horizon",
+            "failure",
+            "action",
+        )
     )
     empty: dict[str, Any] = {
         name: []
@@ -118,7 +129,7 @@ class _Clock:
         moment = None
         if self._since_ns is not None and self._seconds is not None:
             at_s = self._since_ns / 1e9 + time * self._seconds
-            if 0 <= at_s < LAST_S:
+            if 0 <= at_s < LAST_CLOCK_S:
                 whole = datetime.datetime.fromtimestamp(at_s, datetime.UTC)
                 moment = whole.isoformat(timespec="seconds")
         return {"ahead": time, "slow_time": self._since + time * self._slow, "t": moment}

@@ -54,6 +54,8 @@ class PlanOrder:
         Seconds of the calendar in one slow time; None where that is not known.
     age
         Slow time from the first reading that is used to the last.
+    unit
+        Of slow time, as messages name it; None where none was given.
     """
 
     costs: CostTable
@@ -64,6 +66,7 @@ class PlanOrder:
     every: float
     pace: float | None
     age: float
+    unit: str | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

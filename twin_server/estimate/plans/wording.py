@@ -7,9 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from slowtime.decisions import ITEMS, BreakEven, Option, Plan, Worth
-
-LAST_S = 2.5e11
-"""Moments beyond the year 9890 have no date."""
+from slowtime_schemas.slow_times import LAST_CLOCK_S, span_in_words
 
 ITEM_WORDS = {
     "failure": "a failure", "repair": "a repair", "inspection": "an inspection",
@@ -62,11 +60,14 @@ class When:
         Sensor time of the last reading [ns].
     seconds
         In one unit; None where it is not known.
+    slow_unit
+        Unit of slow time, as messages name it; None where none was given.
     """
 
     unit: str
     since_ns: int | None
     seconds: float | None
+    slow_unit: str | None = None
 
     def span(self, time: float) -> str:
         """Describe a span of time.
@@ -81,7 +82,7 @@ class When:
         The span with its unit.
         """
         word = UNITS[self.unit]
-        return f"{time:.3g} {word}" if word else f"{time:.4g} of slow time"
+        return f"{time:.3g} {word}" if word else span_in_words(time, self.slow_unit)
 
     def moment(self, time: float) -> str:
         """Describe an instant, relative to now.
@@ -99,7 +100,7 @@ class When:
         if self.since_ns is None or self.seconds is None or self.seconds * time < 86400.0:
             return said
         at_s = self.since_ns / 1e9 + time * self.seconds
-        if at_s > LAST_S:
+        if at_s > LAST_CLOCK_S:
             return said
         return f"{said} ({datetime.datetime.fromtimestamp(at_s, datetime.UTC):%Y-%m-%d})"
 

@@ -211,7 +211,7 @@ class ForecastCache:
         if prospect is None:
             return None
         if known is None:
-            known = forecast_from_state(prospect, *asked)
+            known = forecast_from_state(prospect, *asked, unit)
             with kept.lock:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known

@@ -133,6 +133,7 @@ class PlanCache:
             float(np.median(steps)),
             pace_of(found),
             prospect.since - prospect.first,
+            found.boots[int(found.number[-1])][1] or None,
         )
 
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 
 from slowtime_schemas.asset_events import AssetEvent, is_mass
+from slowtime_schemas.slow_times import time_in_words
 from twin_server.estimate import ChangeDetector, DetectedChange, Past, past_of, past_of_elements
 from twin_server.estimate.change_detection import MOST
 from twin_server.estimate.forecast.known_events import come_after, jump_times, known_of
@@ -257,14 +258,20 @@ class ModelChangeMonitor:
             if body["kind"] == CHANGED
         }
 
+    def _unit(self, twin_id: str) -> str | None:
+        """Return the unit of slow time of a twin's newest reading."""
+        newest = self._store.history(twin_id, limit=1, newest=True)
+        return newest.boots[int(newest.number[-1])][1] if len(newest.number) else None
+
     def _say(self, twin_id: str, name: str, found: DetectedChange, at: float) -> None:
+        since = time_in_words(found.since, self._unit(twin_id))
         moved = "rose" if found.size > 0 else "fell"
         said = f"{100 * abs(found.size):.3g} % ± {100 * found.sd:.2g} %"
         self._pipeline.note(
             twin_id,
             CHANGED,
             "warning",
-            f"Sudden change: {name} {moved} by {said} after slow time {found.since:.6g}. The "
+            f"Sudden change: {name} {moved} by {said} after {since}. The "
             "forecast continues from there.",
             {
                 "quantity": name,
@@ -279,12 +286,13 @@ class ModelChangeMonitor:
 
     def _ask(self, twin_id: str, name: str, found: DetectedChange, at: float) -> None:
         """Ask whether a change toward the nominal model was an unreported repair."""
+        since = time_in_words(found.since, self._unit(twin_id))
         self._pipeline.note(
             twin_id,
             QUESTION,
             "warning",
             f"Was something repaired? {name} went from {100 * found.before:+.3g} % to "
-            f"{100 * (found.before + found.size):+.3g} % after slow time {found.since:.6g}, "
+            f"{100 * (found.before + found.size):+.3g} % after {since}, "
             "and no repair was recorded. Record the repair, or say that it is a real change.",
             {
                 "quantity": name,

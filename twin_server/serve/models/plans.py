@@ -9,6 +9,7 @@ PLAN_EXAMPLE: dict[str, Any] = {
     "since": 812.5,
     "currency": "EUR",
     "time_unit": "year",
+    "slow_time_unit": "d",
     "seconds": 31557600.0,
     "horizon": {"ahead": 10.0, "slow_time": 4462.5, "t": "2036-11-21T04:00:00+00:00"},
     "failure": {
@@ -168,6 +169,9 @@ class PlanModel(BaseModel):
     since: float | None = Field(description="Slow time of the last reading.")
     currency: str | None
     time_unit: str | None
+    slow_time_unit: str | None = Field(
+        None, description="Of slow time, as the edge names it: T0 is one natural period."
+    )
     seconds: float | None = Field(
         description="In one `time_unit`; null where the calendar is not known."
     )

@@ -87,14 +87,14 @@ function limitsOf(twin, quantity) {
   ];
 }
 
-function layoutOf(twin, quantity, { width, range, assumed, wide, zoomed }) {
+function layoutOf(twin, quantity, { width, range, assumed, empty, wide, zoomed }) {
   const grid = colour("line"), marks = marksOf(twin);
   const axis = {
     gridcolor: grid, linecolor: grid, tickcolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4,
     fixedrange: touched.matches,
   };
   const note = {
-    text: t("chart.note_assumed"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
+    text: t(assumed ? "chart.note_assumed" : "chart.note_empty"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
     font: { color: colour("faint") },
   };
   return {
@@ -104,7 +104,7 @@ function layoutOf(twin, quantity, { width, range, assumed, wide, zoomed }) {
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
     xaxis: { ...axis, ...timeAxis(twin, zoomed, width) },
     yaxis: { ...axis, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
-    shapes: [...marks.shapes, ...limitsOf(twin, quantity), ...instantOf(twin)], annotations: [...marks.notes, ...(assumed ? [note] : [])],
+    shapes: [...marks.shapes, ...limitsOf(twin, quantity), ...instantOf(twin)], annotations: [...marks.notes, ...(assumed || empty ? [note] : [])],
   };
 }
 
@@ -115,7 +115,7 @@ export async function draw(plot, twin, quantity, wide) {
   const all = [...twin.points, ...twin.later.slice(1)];
   const range = widened(rangeOf(all, quantity, assumed || !twin.at ? parts : sorted(twin, all, quantity, width)), twin, quantity);
   const traces = tracesOf(twin, quantity, parts, range, width);
-  const layout = layoutOf(twin, quantity, { width, range, assumed, wide, zoomed: zoomOf(plot, twin) });
+  const layout = layoutOf(twin, quantity, { width, range, assumed, empty: !parts.readings, wide, zoomed: zoomOf(plot, twin) });
   await Plotly.react(plot, traces, layout, quiet);
   const { fine, buckets, readings, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
   plot.setAttribute("aria-label", described(twin, quantity, assumed, readings));

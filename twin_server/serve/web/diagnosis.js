@@ -117,6 +117,7 @@ export class Diagnosis {
     this.root.dataset.gap = gap.state;
     this.fast.hidden = off && !this.twin.latest?.registration?.model;
     say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : t(`gap.${gap.state}`));
+    this.pill.hidden = off;
     const usual = gap.expected ? [` ${t("diagnosis.usual", { expected: percent(gap.expected), limit: percent(gap.limit) })}`] : [];
     this.sentence.replaceChildren(english(make("span", gap.sentence)), ...usual);
     const last = gap.readings.at(-1);

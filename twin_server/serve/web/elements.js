@@ -122,9 +122,13 @@ export class Elements {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: twin.id,
       font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
     });
-    await Plotly.react(this.elements, ...drawnNow(elements, accused, base(this.elements)), quiet);
+    const note = {
+      text: t("chart.note_empty"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85, font: { color: colour("faint") },
+    };
+    const [bars, below] = drawnNow(elements, accused, base(this.elements));
+    await Plotly.react(this.elements, bars, Object.keys(elements).length ? below : { ...below, annotations: [note] }, quiet);
     const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]), zoomOf(this["elements-history"], twin));
-    await Plotly.react(this["elements-history"], traces, layout, quiet);
+    await Plotly.react(this["elements-history"], traces, known.length ? layout : { ...layout, annotations: [note] }, quiet);
     this.describe(elements, accused, known, shown);
     await this.modes.refresh(twin);
     const has = (end) => traces.some((trace) => trace.name.endsWith(end));

@@ -78,15 +78,17 @@ export class Modes {
     this.shown = key;
     this.caption.textContent = at ? t("modes.caption_at", { time: slowTime(found) }) : t("modes.caption_now");
     const nominal = new Map(found.nominal.map((mode) => [mode.model_mode, mode]));
-    const rows = found.modes.map((mode) => this.row(mode, nominal.get(mode.model_mode), found.channels, latest.registration.model));
+    const rows = found.modes.map((mode) => this.row(mode, nominal.get(mode.model_mode), found, latest.registration.model));
     this.body.replaceChildren(...rows.map(({ row }) => row));
     this.motion.move(rows.map(({ moves }) => moves).filter(Boolean));
     this.root.hidden = !found.modes.length;
   }
 
-  row(mode, learnt, channels, model) {
+  row(mode, learnt, { channels, nominal }, model) {
     const row = make("tr"), machine = mode.kind === "harmonic";
-    const name = machine ? t("modes.machine") : mode.model_mode === null ? t("modes.unmatched") : `${mode.model_mode + 1}`;
+    // Before the nominal model is learnt, no mode has a number in it.
+    const unmatched = t(nominal.length ? "modes.unmatched" : "modes.unassigned");
+    const name = machine ? t("modes.machine") : mode.model_mode === null ? unmatched : `${mode.model_mode + 1}`;
     const title = make("th", name), drawing = make("td");
     title.scope = "row";
     const cell = (estimate, quantity) => {

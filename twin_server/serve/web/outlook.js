@@ -40,6 +40,8 @@ function curve({ cdf, median, horizon, sentence }) {
 const lawsOf = (laws) => Object.entries(laws ?? {}).slice(0, LAWS_SAID).filter(([, share]) => share >= 0.05)
   .map(([name, share]) => `${name} ${percent(share)}`).join(", ");
 
+const HEADS = [t("outlook.time_to"), `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, t("outlook.within"), t("outlook.course"), t("outlook.laws")];
+
 function row(crossing, since, at) {
   const row = make("tr"), title = make("th", asked(crossing));
   title.scope = "row";
@@ -54,6 +56,8 @@ function row(crossing, since, at) {
   const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws"));
   plot.append(curve(crossing));
   row.append(title, ...cells, make("td", t("outlook.within_by", { probability: percent(crossing.within), time: at(crossing.horizon) })), plot, laws);
+  // On a telephone, where a row is a list, each cell carries its heading.
+  [...row.children].forEach((cell, i) => { cell.dataset.title = HEADS[i]; });
   describeRow(row, crossing.sentence);
   return row;
 }
@@ -70,7 +74,7 @@ export class Outlook {
     this.table = make("table", undefined, "crossings");
     this.note = make("p", "", "facts");
     const head = make("thead"), row = make("tr");
-    for (const title of [t("outlook.time_to"), `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, t("outlook.within"), t("outlook.course"), t("outlook.laws")]) {
+    for (const title of HEADS) {
       const cell = make("th", title);
       cell.scope = "col";
       row.append(cell);

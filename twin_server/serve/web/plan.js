@@ -3,9 +3,9 @@ import { plotly, quiet } from "./charts.js";
 import { locale, parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { colour } from "./traces.js";
-import { digits, english, make, range } from "./words.js";
+import { digits, english, make, range, unitOf } from "./words.js";
 
-const HEIGHT_PX = 260, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
+const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
 const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("number.from_5_to_95"), t("plan.failures")];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 
@@ -37,6 +37,9 @@ function drawnOf({ options }) {
   const least = Math.max(options[0].cost.value, 1e-9);
   return options.filter(({ cost }, i) => i < 2 || cost.value < 5 * least).slice(0, DRAWN);
 }
+
+/** Break a text where a line of a legend on a telephone ends. */
+const broken = (text) => text.replace(/(.{24,34}?) (?=.{4})/g, "$1<br>");
 
 export class Plan {
   constructor(twin) {
@@ -91,15 +94,17 @@ export class Plan {
   async draw() {
     const Plotly = await plotly, { plan } = this, grid = colour("line");
     const dated = plan.times.every(({ t }) => t) && plan.seconds > 3600, x = plan.times.map(({ t, ahead }) => (dated ? t : ahead));
+    const width = this.plot.clientWidth || 640, narrow = width < NARROW_PX;
     const shown = drawnOf(plan), tints = ["estimate", "ahead", "bad", "good", "inseparable", "ink"].map(colour);
     const traces = shown.map((option, i) => ({
-      name: option.words, x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
+      name: narrow ? broken(option.words) : option.words, x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
       hovertemplate: `%{y:.3s} ${plan.currency}<extra>${option.words}</extra>`,
     }));
     const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
-    const unit = plan.time_unit === "slow_time" ? t("axis.slow_time_from_now") : t("axis.time_from_now", { unit: t(`unit.plan.${plan.time_unit}`) });
+    const inSlowTime = plan.time_unit === "slow_time", named = inSlowTime ? plan.slow_time_unit && unitOf(plan) : t(`unit.plan.${plan.time_unit}`);
+    const unit = named ? t("axis.time_from_now", { unit: named }) : t("axis.slow_time_from_now");
     await Plotly.react(this.plot, traces, {
-      width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
+      width, height: HEIGHT_PX + (narrow ? LINES_PX * shown.length : 0), margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
       xaxis: { ...axis, title: { text: dated ? t("axis.date") : unit, standoff: 6 } },
       yaxis: { ...axis, rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }), standoff: 4 } },
