@@ -38,7 +38,9 @@ def required(extra):
 
 
 def as_conda(line):
-    name, bounds = re.fullmatch(r"([\w.-]+(?:\[\w+\])?)(.*)", line).groups()
+    found = re.fullmatch(r"([\w.-]+(?:\[\w+\])?)(.*)", line)
+    assert found is not None, line
+    name, bounds = found.groups()
     return f"{CONDA_NAMES.get(name, name).lower()} {bounds}"
 
 

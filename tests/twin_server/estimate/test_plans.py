@@ -48,3 +48,16 @@ def test_a_repair_whose_time_is_the_decision_is_not_expected_besides():
     assert told.startswith("Repair in ")
     assert told.partition(":")[0].count(" in ") == 1
     assert "probably not" not in told
+
+
+@pytest.mark.parametrize(
+    ("unit", "slow_unit", "says"),
+    [
+        ("slow_time", "T0", "12.5 natural periods"),
+        ("slow_time", "d", "12.5 days"),
+        ("slow_time", None, "12.5 units of slow time"),
+        ("year", "T0", "12.5 years"),
+    ],
+)
+def test_a_time_of_a_plan_has_its_unit(unit, slow_unit, says):
+    assert When(unit, None, None, slow_unit).span(12.5) == says

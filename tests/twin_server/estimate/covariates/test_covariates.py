@@ -123,7 +123,7 @@ def test_a_loss_of_2_percent_is_found_within_14_days_under_a_swing_of_8_percent(
     first, last = alarm.details["since_interval"]
     assert first - 2.0 <= years.entered <= last + 2.0
     assert "temperature_c and load_kg cannot explain" in alarm.message
-    assert "once in 3.64e+03 of slow time" in alarm.message
+    assert "once in 3.64e+03 " in alarm.message
 
 
 def test_its_size_is_known_better_later_on(years, followed):
