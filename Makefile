@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials site notebooks release gallery surrogates real figures pictures clean help
+.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials site notebooks release extras gallery surrogates real figures pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -101,6 +101,9 @@ notebooks: .venv/dev  ## run the notebooks, with figures in var/notebooks; ONLY=
 
 release: .venv/dev  ## build and check wheel, sdist and SBOM of the last commit; a dry run without URL=https://HOST/OWNER/NAME
 	$(BIN)/python release/build.py $(if $(URL),--url $(URL))
+
+extras: .venv/dev  ## the wheel with each extra alone: every command answers or names what it needs; ONLY="none twin"
+	$(BIN)/python -m release.extras $(if $(ONLY),--only $(ONLY))
 
 gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery
 	$(BIN)/python docs/gallery/build.py

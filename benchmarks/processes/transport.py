@@ -204,7 +204,7 @@ def hear(endpoint: str, bare: bool, pipe: multiprocessing.connection.Connection)
     heard = threading.Event()
     if bare:
         session, count = zenoh.open(bare_config(endpoint)), itertools.count(1)
-        channel = zenoh.handlers.FifoChannel(2048)
+        channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(2048)
         entity = session.declare_subscriber(KEY, channel)
         pipe.send("listening")
         while next(count) <= COUNT:

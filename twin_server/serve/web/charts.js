@@ -4,7 +4,7 @@ import { language, locale, t } from "./language.js";
 import { colour, placeOf, rangeOf, sorted, tracesOf, widened } from "./traces.js";
 import { QUANTITIES, slowTime, spoken } from "./words.js";
 
-export const HEIGHT_PX = 232, WIDE_PX = 316, MARGIN = { l: 54, r: 10, t: 8, b: 58 };
+export const HEIGHT_PX = 232, WIDE_PX = 316, NARROW_PX = 400, MARGIN = { l: 54, r: 10, t: 8, b: 58 };
 const NOTHING = { fine: [], buckets: [], readings: 0, apart: { inseparable: [], invalid: [] } };
 
 // A finger on a chart scrolls the page; it does not zoom.
@@ -93,8 +93,9 @@ function layoutOf(twin, quantity, { width, range, assumed, empty, wide, zoomed }
     gridcolor: grid, linecolor: grid, tickcolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4,
     fixedrange: touched.matches,
   };
+  const said = t(assumed ? "chart.note_assumed" : "chart.note_empty");
   const note = {
-    text: t(assumed ? "chart.note_assumed" : "chart.note_empty"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
+    text: width < NARROW_PX ? said.replaceAll(", ", ",<br>") : said, showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
     font: { color: colour("faint") },
   };
   return {

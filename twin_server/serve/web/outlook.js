@@ -40,7 +40,8 @@ function curve({ cdf, median, horizon, sentence }) {
 const lawsOf = (laws) => Object.entries(laws ?? {}).slice(0, LAWS_SAID).filter(([, share]) => share >= 0.05)
   .map(([name, share]) => `${name} ${percent(share)}`).join(", ");
 
-const HEADS = [t("outlook.time_to"), `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, t("outlook.within"), t("outlook.course"), t("outlook.laws")];
+const likelyBy = (percentage) => t("outlook.likely_by", { probability: `${percentage}${NARROW}%` });
+const HEADS = [t("outlook.time_to"), ...[10, 50, 90].map(likelyBy), t("outlook.within"), t("outlook.course"), t("outlook.laws")];
 
 function row(crossing, since, at) {
   const row = make("tr"), title = make("th", asked(crossing));
