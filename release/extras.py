@@ -103,7 +103,12 @@ def verdict_of(status: int, output: str, *, ended_by_us: bool = False) -> str:
     ('answers', 'names the extra')
     >>> verdict_of(1, "ModuleNotFoundError: fastapi"), verdict_of(124, "", ended_by_us=True)
     ('fault', 'answers')
+    >>> verdict_of(1, "ImportError: slowtime.read needs mcap. pip install 'slowtime[analysis]'")
+    'names the extra'
     """
+    last = next((line for line in reversed(output.splitlines()) if line.strip()), "")
+    if status and NAMED.search(last):  # an exception of the Python interface says it too
+        return "names the extra"
     if FAULTY.search(output):
         return "fault"
     if NAMED.search(output) and (status != 0 or "is missing" in output):

@@ -30,6 +30,8 @@ def test_lines_of_single_extras_name_extras_that_exist():
          "names the extra"),
         (1, "Traceback (most recent call last):\n  ...\nModuleNotFoundError: h5py", "fault"),
         (2, "a.csv has no column x.", "fault"),
+        (1, "Traceback (most recent call last):\nImportError: Install it: pip install mcap",
+         "names the extra"),
         (1, "Install it: pip install 'slowtime[formats]' or pip install obspy.",
          "names the extra"),
     ],

@@ -286,7 +286,9 @@ def test_step_by_step_it_is_the_whole_series_and_a_family_of_one(name):
     for t, y, s in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
         belief, read = stream.step(belief, t, y, s)
         family, also = streaming.Stream(one).step(family, t, y, s)
-        assert read.log_likelihood == pytest.approx(float(np.ravel(also.log_likelihood)[0]), abs=1e-9)
+        assert read.log_likelihood == pytest.approx(
+            float(np.ravel(also.log_likelihood)[0]), abs=1e-9
+        )
         assert read.spread == pytest.approx(float(np.ravel(also.spread)[0]), abs=1e-9)
     whole, _ = streaming.run(process, time, value, sd)
     for found in (whole.mean, family.mean[0]):
