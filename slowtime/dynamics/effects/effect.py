@@ -96,6 +96,9 @@ def _effect(
             raise DescriptionError(
                 where, f"{name} needs `{parameter.name}`. {_meaning(kind, parameter.name)}"
             )
+    fault = kind.contradiction(parameters)
+    if fault:
+        raise DescriptionError(where, f"{name}: {fault}")
     return Effect(name, place, parameters)
 
 

@@ -43,6 +43,9 @@ class Parameter:
     spread
         Name of the parameter that holds the standard deviation of its prior; nothing is known
         about it where empty.
+    direction
+        Name of the parameter that says which sign this one must have: 1 at least zero, -1 at
+        most zero, 0 any. Any where empty.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Parameter:
     choices: tuple[float, ...] = ()
     natural: float | Literal["stiffness"] | None = None
     spread: str = ""
+    direction: str = ""
 
     def refuses(self, value: float) -> str | None:
         """Explain why a value is not allowed.
@@ -79,6 +83,19 @@ class Parameter:
             fine = fine and not (self.nonzero and value == 0)
             allowed = self._interval()
         return None if fine else f"`{self.name}` is {value:g}; allowed: {allowed}."
+
+    def bounds(self, known: Mapping[str, float]) -> tuple[float, float]:
+        """Give the least and the largest value allowed, given the direction that was chosen.
+
+        Parameters
+        ----------
+        known
+            Values of the other parameters by name, in their units.
+        """
+        chosen = known.get(self.direction, 0.0)
+        return max(self.low, 0.0 if chosen > 0 else self.low), min(
+            self.high, 0.0 if chosen < 0 else self.high
+        )
 
     def _interval(self) -> str:
         edge = "above" if self.nonzero else "at least"
@@ -230,6 +247,21 @@ def always(parameters: Mapping[str, float], motion: Motion) -> bool:
     return True
 
 
+def no_contradiction(parameters: Mapping[str, float]) -> str | None:
+    """Of kinds whose parameters may have any values together: no message.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the effect, by name, in their units.
+
+    Returns
+    -------
+    None.
+    """
+    return None
+
+
 def no_shapes(motion: Motion) -> list[Shape]:
     """Of kinds without a shape: one point, which says nothing."""
     return [{}]
@@ -296,6 +328,9 @@ class Kind:
     is_surface
         Whether it is no law but a surface with coefficients, fitted where no law explains the
         records.
+    contradiction
+        From the parameters by name to a message to the user where their values contradict each
+        other, though each is allowed by itself.
     """
 
     name: str
@@ -316,6 +351,7 @@ class Kind:
     contains: tuple[str, ...] = ()
     similar: tuple[str, ...] = ()
     is_surface: bool = False
+    contradiction: Callable[[Shape], str | None] = no_contradiction
 
     def __post_init__(self) -> None:
         names = self.names

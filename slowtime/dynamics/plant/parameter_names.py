@@ -92,10 +92,8 @@ def names_of(
         values = kind.values(effect.parameters).tolist()
         known = dict(zip(kind.names, values, strict=True))
         for parameter, value in zip(kind.parameters, values, strict=True):
-            low, high = (
-                max(parameter.low, lowest(description, effect.place, kind)),
-                parameter.high,
-            )
+            low, high = parameter.bounds(known)
+            low = max(low, lowest(description, effect.place, kind))
             if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
                 low, high = sorted((value / FARTHEST, value * FARTHEST))
             found["effect", i, parameter.name] = Entry(

@@ -2,5 +2,15 @@
 
 from .band import surface_band
 from .fitting import KIND, MAX_WORK, SurfaceFit, fit_force_surface
+from .shape import AUTO, SurfaceDemand, SurfaceShape
 
-__all__ = ["KIND", "MAX_WORK", "SurfaceFit", "fit_force_surface", "surface_band"]
+__all__ = [
+    "AUTO",
+    "KIND",
+    "MAX_WORK",
+    "SurfaceDemand",
+    "SurfaceFit",
+    "SurfaceShape",
+    "fit_force_surface",
+    "surface_band",
+]

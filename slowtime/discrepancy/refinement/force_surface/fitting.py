@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import scipy.stats
 
 from slowtime.discrepancy.calibration import (
     Fit,
@@ -16,6 +17,7 @@ from slowtime.discrepancy.calibration import (
 from slowtime.discrepancy.calibration.augmentation import augmented_start
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import start_with_force
+from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
@@ -24,8 +26,10 @@ from slowtime.dynamics.effects.library.measured_force import MEMORY_SCALES, MEMO
 from slowtime.dynamics.plant import Name, Plant
 from slowtime.dynamics.work import metered
 
-from .regression import Regression, choose_terms
-from .scales import blocks_of, fixed_scales
+from .regression import Regression
+from .scales import fixed_scales
+from .shape import ANY_SHAPE, AUTO, FREE, SurfaceDemand, SurfaceShape
+from .shape_choice import MAX_LOSS, ShapedRegression, choose_shape
 
 KIND, WITH_MEMORY = "measured_force", "measured_force_with_memory"
 MAX_WORK = 1.5e9
@@ -39,6 +43,10 @@ the regression on the recovered force, a free run keeps its phase for as long.""
 MAX_LEFT = 0.1
 """[share of the variance of the motion] That a surface may leave before segments are fitted
 first. Source: judgement; a third of the amplitude, left only by a run that is out of phase."""
+
+MIN_P_VALUE = 1e-3
+"""[probability] Of what the demanded shape leaves beyond a surface of any shape, were it right,
+below which it is given up. Source: rarer than the diagnoses in which it is demanded."""
 
 Late = Callable[[], bool]
 
@@ -55,17 +63,28 @@ class SurfaceFit:
         Of the model, to whole records.
     free
         Names of the constants that were fitted.
-    regression
-        Terms that were chosen on the recovered force.
     finished
         Whether the fit came to its end within the budget.
+    shaped
+        Terms that were chosen on the recovered force, the shape of the surface, and demands
+        that the records contradict.
     """
 
     place: Place
     fit: Fit
     free: tuple[Name, ...]
-    regression: Regression
     finished: bool
+    shaped: ShapedRegression
+
+    @property
+    def shape(self) -> SurfaceShape:
+        """Shape of the surface."""
+        return self.shaped.shape
+
+    @property
+    def regression(self) -> Regression:
+        """Terms that were chosen on the recovered force."""
+        return self.shaped.terms
 
 
 def fit_force_surface(
@@ -75,6 +94,7 @@ def fit_force_surface(
     kinds: Mapping[str, Kind],
     *,
     max_work: float = MAX_WORK,
+    demand: SurfaceDemand = AUTO,
 ) -> SurfaceFit | None:
     """Fit a force surface at the likeliest element, with all constants, to the free run.
 
@@ -89,7 +109,10 @@ def fit_force_surface(
     kinds
         Catalogue of effects by name.
     max_work
-        Budget [units of work]; as much again where that fit ends in a wrong minimum.
+        Budget [units of work]; as much again where that fit ends in a wrong minimum, or leaves
+        more than noise with the demanded shape.
+    demand
+        Shape that the surface is to have, where the records allow it.
 
     Returns
     -------
@@ -105,9 +128,55 @@ def fit_force_surface(
     scales = fixed_scales(space.latents)
     if scales is None:
         return None
-    found = _chosen_terms(kinds, scales, space)
-    if found is None:
+    shaped = _chosen_terms(kinds, scales, space, demand)
+    if shaped is None:
         return None
+    found = _fit_terms(shaped, before, space, trials, kinds, max_work)
+    if demand.is_any or shaped.shape == FREE:
+        return found
+    if found is not None and found.fit.chi2_in_band < 1 + 3 * found.fit.in_band_sd:
+        return found
+    free = _chosen_terms(kinds, scales, space, ANY_SHAPE)
+    assert free is not None
+    other = _fit_terms(free, before, space, trials, kinds, max_work)
+    return _undemanded(found, other, shaped, trials)
+
+
+def _undemanded(
+    found: SurfaceFit | None,
+    other: SurfaceFit | None,
+    shaped: ShapedRegression,
+    trials: Sequence[Trial],
+) -> SurfaceFit | None:
+    """Give up the demanded shape where the free run of a surface without it fits far better."""
+    if other is None:
+        return found
+    loss = np.inf
+    if found is not None:
+        costs = [
+            misfit(one.fit, other.fit.noise, trials) + one.fit.prior.cost(one.fit.free)
+            for one in (found, other)
+        ]
+        loss = (costs[0] - costs[1]) / max(other.fit.chi2_in_band, 1.0) / 2
+        more = max(len(other.free) - len(found.free), 1)
+        if loss <= max(MAX_LOSS, float(scipy.stats.chi2.isf(MIN_P_VALUE, more)) / 2):
+            return found
+    refused = (*shaped.refused, (shaped.shape.words, loss))
+    return dataclasses.replace(
+        other, shaped=dataclasses.replace(other.shaped, refused=refused)
+    )
+
+
+def _fit_terms(
+    shaped: ShapedRegression,
+    before: Fit,
+    space: ForceSpace,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    max_work: float,
+) -> SurfaceFit | None:
+    """Fit a surface of chosen terms, with all constants; None where its free run diverges."""
+    found, place = shaped.terms, space.place
     forces = [force_along(found.kind, found.parameters, m.motion) for m in space.latents]
     start = start_with_force(before, space.lines_of([f[:, None] for f in forces]), space)
     # Coefficients stay zero in the description, as the mean of their prior.
@@ -129,23 +198,27 @@ def fit_force_surface(
                 fit is None or _share_left(other, trials) < _share_left(fit, trials)
             ):
                 fit, finished = other, True
-    return None if fit is None else SurfaceFit(place, fit, free, found, finished)
+    return None if fit is None else SurfaceFit(place, fit, free, finished, shaped)
 
 
 def _chosen_terms(
-    kinds: Mapping[str, Kind], scales: Mapping[str, float], space: ForceSpace
-) -> Regression | None:
-    """Choose terms; those without memory make a kind that has none, which runs faster."""
+    kinds: Mapping[str, Kind],
+    scales: Mapping[str, float],
+    space: ForceSpace,
+    demand: SurfaceDemand,
+) -> ShapedRegression | None:
+    """Choose shape and terms; those without memory make a kind that has none, which is faster."""
     groups = {
         group: tuple(name for name, _ in terms) for group, terms in (*TERMS, *MEMORY_TERMS)
     }
-    found = choose_terms(kinds[WITH_MEMORY], scales, blocks_of(space.latents, groups), space)
+    found = choose_shape(kinds[WITH_MEMORY], scales, groups, space, demand)
     memory = {group for group, _ in MEMORY_TERMS}
-    if found is None or any(block.group in memory for block in found.blocks):
+    if found is None or any(block.group in memory for block in found.terms.blocks):
         return found
     gone = {parameter.name for parameter in MEMORY_SCALES}
-    kept = {name: value for name, value in found.scales.items() if name not in gone}
-    return dataclasses.replace(found, kind=kinds[KIND], scales=kept)
+    kept = {name: value for name, value in found.terms.scales.items() if name not in gone}
+    terms = dataclasses.replace(found.terms, kind=kinds[KIND], scales=kept)
+    return dataclasses.replace(found, terms=terms)
 
 
 def _free_names(plant: Plant, found: Regression) -> tuple[Name, ...]:

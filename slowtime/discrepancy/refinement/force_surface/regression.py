@@ -59,7 +59,17 @@ class Regression:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
+class Equations:
+    """Normal equations of the columns of blocks.
+
+    Parameters
+    ----------
+    matrix, right
+        Products of the columns with each other [1/N^2], and with the residual [1/N].
+    places
+        Columns of each block.
+    """
+
     matrix: Float[np.ndarray, "column column"]
     right: Float[np.ndarray, " column"]
     places: tuple[Int[np.ndarray, " own"], ...]
@@ -106,7 +116,7 @@ def choose_terms(
     ----------
     .. [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992).
     """
-    equations = _equations(kind, scales, blocks, space)
+    equations = equations_of(kind, scales, blocks, space)
     best: tuple[float, float, list[int]] = (0.0, 1.0, [])
     for factor in SPREAD_FACTORS:
         spread = factor * scales["spread_n"]
@@ -126,7 +136,7 @@ def choose_terms(
 
 
 def _forward(
-    equations: _Equations, blocks: Sequence[Block], spread: float
+    equations: Equations, blocks: Sequence[Block], spread: float
 ) -> tuple[float, list[int]]:
     """Add the block of most evidence until none gains enough, then drop needless ones."""
     chosen: list[int] = []
@@ -158,10 +168,22 @@ def _fits(blocks: Sequence[Block], chosen: Sequence[int], i: int) -> bool:
     )
 
 
-def _equations(
+def equations_of(
     kind: Kind, scales: Mapping[str, float], blocks: Sequence[Block], space: ForceSpace
-) -> _Equations:
-    """Form the normal equations of all columns of all blocks."""
+) -> Equations:
+    """Form the normal equations of all columns of all blocks.
+
+    Parameters
+    ----------
+    kind
+        Of the surface.
+    scales
+        Range and knots, and scales where no block says another.
+    blocks
+        Groups of columns.
+    space
+        Least squares at the place.
+    """
     series, places, count = [], [], 0
     motions = [one.motion for one in space.latents]
     for block in blocks:
@@ -174,4 +196,4 @@ def _equations(
         count += len(block.names)
     forces = [np.concatenate([one[i] for one in series], axis=1) for i in range(len(motions))]
     matrix, right = space.normal_equations(space.lines_of(forces))
-    return _Equations((matrix + matrix.T) / 2, right, tuple(places))
+    return Equations((matrix + matrix.T) / 2, right, tuple(places))

@@ -15,9 +15,19 @@ motion dwells. Beyond the measured range :math:`g` and :math:`h` continue as str
 while :math:`\mu` and :math:`\gamma` keep their values. The state :math:`w` is a memory of the
 path, :math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` one of the past motion in time,
 :math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`.
+
+A surface may be odd or even: with the parity :math:`\pi = -1` or :math:`1`, the force is
+:math:`\tfrac12 (F(e, v, w, r) + \pi F(-e, -v, -w, -r))`. It may rise or fall throughout with the
+elongation, or with the rate: the coefficients of each then have one sign, which makes the
+B-splines monotone [1]_, and those of terms that depend on both e and v are zero.
+
+References
+----------
+.. [1] J. O. Ramsay, "Monotone regression splines in action", Stat. Sci. 3 (1988).
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from slowtime.dynamics.effects.compilation import compiled
@@ -147,26 +157,61 @@ def static(e: float, v: float, p: Any) -> float:
     )
 
 
+@compiled
+def mirrored(here: float, there: float, parity: float) -> float:
+    """Give the odd (parity -1) or the even (1) part of a force, or (0) the force.
+
+    Parameters
+    ----------
+    here, there
+        Force [N] at a point, and at its mirror image.
+    parity
+        -1, 0 or 1 [1].
+    """
+    return float(here if parity == 0.0 else (here + parity * there) / 2.0)
+
+
 def surface(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of the surface without memory [N]."""
-    return float(static(e, v, p))
+    there = 0.0 if p[53] == 0.0 else static(-e, -v, p)
+    return float(mirrored(static(e, v, p), there, p[53]))
+
+
+@compiled
+def remembered(e: float, w: float, r: float, p: Any) -> float:
+    """Give the part of the surface that depends on past motion [N].
+
+    Parameters
+    ----------
+    e
+        Elongation [m].
+    w, r
+        Memories of the path and of the time [1].
+    p
+        Parameters of the surface with memory.
+    """
+    x = min(max(e, p[4]), p[5]) / max(abs(p[4]), abs(p[5]))
+    return float((p[59] + p[60] * x) * w + (p[61] + p[62] * x) * r)
 
 
 def surface_with_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of the surface with memory [N]."""
-    x = min(max(e, p[4]), p[5]) / max(abs(p[4]), abs(p[5]))
-    return float(static(e, v, p) + (p[56] + p[57] * x) * z[0] + (p[58] + p[59] * x) * z[1])
+    here = static(e, v, p) + remembered(e, z[0], z[1], p)
+    if p[53] == 0.0:
+        return float(here)
+    there = static(-e, -v, p) + remembered(-e, -z[0], -z[1], p)
+    return float(mirrored(here, there, p[53]))
 
 
 def path_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of the memory that fades over a path [1/s]."""
-    return float((v - abs(v) * z[0]) / p[53])
+    return float((v - abs(v) * z[0]) / p[56])
 
 
 def time_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of the memory that fades over a time [1/s]."""
-    drive = math.tanh(v / p[0]) if p[55] > 0.5 else v / p[7]
-    return float((drive - z[1]) / p[54])
+    drive = math.tanh(v / p[0]) if p[58] > 0.5 else v / p[7]
+    return float((drive - z[1]) / p[57])
 
 
 TERMS = (
@@ -197,11 +242,38 @@ def _coefficients(groups: tuple[Any, ...]) -> tuple[Parameter, ...]:
     return tuple(
         Parameter(
             name=name, unit="N", meaning=f"coefficient of {term}", default=0.0,
-            spread="spread_n",
+            spread="spread_n", direction=DIRECTIONS.get(name, ""),
         )
         for _, group in groups
         for name, term in group
     )  # fmt: skip
+
+
+def _option(name: str, meaning: str) -> Parameter:
+    return Parameter(
+        name=name, unit="", meaning=meaning, choices=(-1.0, 0.0, 1.0), default=0.0, fitted=False
+    )
+
+
+DIRECTIONS: Mapping[str, str] = {
+    **dict.fromkeys(("x_n", "q_n", *(f"g{i + 2}_n" for i in range(FINE + 2))), "monotone_e"),
+    **dict.fromkeys(
+        ("y_n", "mu1_n", "ga1_n", *(f"h{i + 2}_n" for i in range(SPEED + 2))), "monotone_v"
+    ),
+}
+"""Parameter that says which sign a coefficient must have, by the name of the coefficient."""
+MIXED = (
+    *(f"{name}{i + 2}_n" for name in ("mu", "ga") for i in range(COARSE + 2)),
+    "qy_n", "xw_n", "xr_n",
+)  # fmt: skip
+"""Coefficients of terms that depend on the elongation and on the motion besides: zero in a
+monotone surface, as their slope changes sign with the rate or the memory."""
+OPTIONS = (
+    _option("parity", "symmetry of the surface: -1 odd, 1 even, 0 neither"),
+    _option("monotone_e", "slope over the elongation: 1 never falls, -1 never rises, 0 either"),
+    _option("monotone_v", "slope over the rate: 1 never falls, -1 never rises, 0 either"),
+)
+"""Shape that a surface is made to have."""
 
 
 SCALES = (
@@ -225,13 +297,54 @@ MEMORY_SCALES = (
     ),
 )  # fmt: skip
 """The same of memory."""
-_STATIC = (*SCALES, *_coefficients(TERMS))
+_STATIC = (*SCALES, *_coefficients(TERMS), *OPTIONS)
 _SOURCE = "restoring-force surfaces: Masri and Caughey 1979; B-splines: de Boor 2001"
 _SUM = "sum of coefficients times x, C(e), y, C(v), s C(e), y C(e), q and q y"
 _SYMBOLS = (
     "x and y are e and v over their largest measured sizes, s = tanh(v/vs), q = tanh(e/eq), "
-    "Ck the sum of the cubic B-splines from the k-th on"
+    "Ck the sum of the cubic B-splines from the k-th on; the odd or even part of it, and "
+    "coefficients of one sign, where `parity`, `monotone_e` or `monotone_v` say so"
 )
+
+
+
+def contradiction(parameters: Mapping[str, float]) -> str | None:
+    """Explain which coefficient a surface of the chosen shape cannot have.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the surface by name, in their units.
+
+    Returns
+    -------
+    Message to the user; None where the parameters fit each other.
+    """
+    chosen = [n for n in ("monotone_e", "monotone_v") if parameters.get(n, 0.0)]
+    if not chosen:
+        return None
+    option = chosen[0]
+    if parameters.get("parity", 0.0) > 0:
+        return (
+            f"`parity` is 1 and `{option}` is {parameters[option]:g}, but an even surface rises "
+            f"to one side and falls to the other. Give parity -1 or 0, or {option} 0."
+        )
+    for name, value in parameters.items():
+        way = parameters.get(DIRECTIONS.get(name, ""), 0.0)
+        if value * way < 0:
+            least = "at least" if way > 0 else "at most"
+            return (
+                f"`{name}` is {value:g} and `{DIRECTIONS[name]}` is {way:g}; allowed: {least} 0. "
+                f"Give {DIRECTIONS[name]} 0 for a surface that both rises and falls."
+            )
+        if name in MIXED and value:
+            return (
+                f"`{name}` is {value:g} and `{option}` is {parameters[option]:g}; allowed: 0, "
+                f"as its term depends on elongation and motion together. Give {option} 0 to "
+                "keep the term."
+            )
+    return None
+
 
 KINDS = (
     Kind(
@@ -245,6 +358,7 @@ KINDS = (
         sentence="The force as estimated from the records, where no law of the catalogue fits.",
         action=Law(force=surface),
         is_surface=True,
+        contradiction=contradiction,
     ),
     Kind(
         name="measured_force_with_memory",
@@ -259,5 +373,6 @@ KINDS = (
         "no law of the catalogue fits.",
         action=Law(force=surface_with_memory, rates=(path_memory, time_memory)),
         is_surface=True,
+        contradiction=contradiction,
     ),
 )
