@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
+from slowtime.discrepancy.search import SearchOptions
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.diagnose import Source, diagnose_records, read_any, write_results
 from slowtime_services.diagnose.labels import number
@@ -126,6 +128,37 @@ class DiagnosisResult:
         axes.margins(y=0.15)
         return save(figure, path)
 
+    def plot_force(self, path: str | Path | None = None) -> Figure:
+        """Draw the force surface that closes the gap, where no law of the catalogue does.
+
+        Force with its 95 % band over elongation and over rate, the measured range shaded, the
+        law that it most resembles dashed, and below it where the signals measured it.
+
+        Parameters
+        ----------
+        path
+            File to write (.png, .pdf, .svg); None for none.
+
+        Returns
+        -------
+        The matplotlib figure.
+
+        Raises
+        ------
+        ValueError
+            If no force surface was adopted.
+        """
+        from .force_figure import draw_force
+
+        measured = self.diagnosis.measured_force
+        if measured is None:
+            raise ValueError(
+                "This diagnosis adopted no force surface: one is fitted only where no law of "
+                f"the catalogue explains the signals, and kept where it reduces the error. The "
+                f"verdict is {self.verdict.replace('_', ' ')}; plot_gap() draws its errors."
+            )
+        return save(draw_force(measured, self.diagnosis.nominal.unit_of_coordinate), path)
+
     def _repr_html_(self) -> str:
         """Return verdict, effects and errors as HTML, for notebooks."""
         from html import escape
@@ -160,6 +193,7 @@ def diagnose(
     holdout: Given | Sequence[Given] = (),
     channels: Mapping[str, str] | None = None,
     patience_s: float | None = None,
+    surface: str = "auto",
     progress: Callable[[str, float], None] | None = None,
 ) -> DiagnosisResult:
     """Find the effects that a model lacks to explain measured signals.
@@ -179,6 +213,9 @@ def diagnose(
     patience_s
         Budget of work, in seconds of a reference machine [s]; chosen by the size of the model
         where not given. The same signals give the same answer on any machine.
+    surface
+        Shape of the force surface that is fitted where no law explains the signals: auto, free,
+        odd, even or monotone, or several words separated by commas.
     progress
         Called with the stage in words and the share done [1].
 
@@ -190,7 +227,8 @@ def diagnose(
     Raises
     ------
     ValueError
-        If signals do not fit the model; the message says what is missing.
+        If signals do not fit the model, or there is no such shape of a surface; the message says
+        what is missing.
     """
     known_model = model if isinstance(model, Model) else Model.from_file(model)
     if not known_model.description.sensors:
@@ -203,6 +241,7 @@ def diagnose(
         _sources(holdout, "holdout"),
         roles=roles_of([f"{name}={there}" for name, there in (channels or {}).items()]),
         kinds=known(()),
+        options=SearchOptions(surface=SurfaceDemand.of(surface.split(","))),
         progress=progress,
         patience_s=patience_s,
     )

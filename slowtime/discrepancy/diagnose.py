@@ -99,7 +99,9 @@ def _diagnose(
     campaign, found = _refined(campaign, found, how)
     tell("validating on data that were not fitted", 0.92)
     monitor = None if options.quick else tell
-    answer = report(campaign, found.trials, findings, found, known, monitor)
+    answer = report(
+        campaign, found.trials, findings, found, known, monitor, surface=options.surface
+    )
     if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer

@@ -234,6 +234,77 @@ class Surface:
     law: Float[np.ndarray, " point"] | None
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class ForceCut:
+    """A measured force surface along a straight line of elongations or rates.
+
+    Parameters
+    ----------
+    at
+        Elongation [m] or rate [m/s].
+    held
+        Rate [m/s] of a cut along the elongation, elongation [m] of one along the rate.
+    force, sd
+        Force and its standard deviation [N].
+    law
+        Force of the law that the surface is most like, with the spring and damper beside it
+        [N]; not-a-number outside the measured range, None where there is no such law or it
+        depends on past motion.
+    """
+
+    at: Float[np.ndarray, " point"]
+    held: float
+    force: Float[np.ndarray, " point"]
+    sd: Float[np.ndarray, " point"]
+    law: Float[np.ndarray, " point"] | None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MeasuredForce:
+    """A fitted force surface, for pictures.
+
+    Parameters
+    ----------
+    place
+        Element that the force acts in.
+    over_e, over_v
+        Cuts along the elongation and along its rate.
+    low, high, most
+        Measured range: least and largest elongation [m], largest rate [m/s].
+    e, v
+        Elongation [m] and rate [m/s] at instants of the records.
+    grid_e, grid_v, grid_force
+        Force [N] over (elongation, rate); not-a-number where the records do not come.
+    shape
+        Shape that it was made to have, in words; empty for any.
+    remembers
+        Whether it depends on past motion as well, which cuts and grid leave out.
+    law
+        Name of the law that it is most like; empty for none.
+    share
+        Of its force that this law explains [1].
+    limits
+        Elongation and rate above which it is not like the law, in words; empty for none.
+    """
+
+    place: Place
+    over_e: ForceCut
+    over_v: ForceCut
+    low: float
+    high: float
+    most: float
+    e: Float[np.ndarray, " sample"]
+    v: Float[np.ndarray, " sample"]
+    grid_e: Float[np.ndarray, " elongation"]
+    grid_v: Float[np.ndarray, " rate"]
+    grid_force: Float[np.ndarray, "rate elongation"]
+    shape: str
+    remembers: bool
+    law: str
+    share: float
+    limits: str
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Diagnosis:
     """The answer.
@@ -267,6 +338,8 @@ class Diagnosis:
         unknown, and a fit does worse on what was held out.
     traces, spectra, surface
         For pictures, of the records that were judged on.
+    measured_force
+        The force surface of `augmented`, where one closes the gap.
     notes
         What the reader should know of the data.
     seconds
@@ -294,4 +367,5 @@ class Diagnosis:
     spectra: Spectra
     surface: Surface | None
     notes: tuple[str, ...]
+    measured_force: MeasuredForce | None = None
     seconds: float = 0.0

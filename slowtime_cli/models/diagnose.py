@@ -11,6 +11,7 @@ import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
 from slowtime.discrepancy.search import SearchOptions
 from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
@@ -45,6 +46,7 @@ def diagnose(
     units: tuple[str, ...],
     sensitivities: tuple[str, ...],
     patience_s: float | None,
+    surface: str,
     unchecked: bool,
     batch: Path | None,
     jobs: int | None,
@@ -85,10 +87,11 @@ def diagnose(
     learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
     _refuse_unwritable(out)
     roles = roles_of(channels)
+    options = SearchOptions(quick=quick, surface=SurfaceDemand.of(surface.split(",")))
     with _stages() as progress:
         found, document = diagnose_records(
             description, learnt, judged, roles=roles, kinds=kinds,
-            options=SearchOptions(quick=quick), unchecked=unchecked, progress=progress,
+            options=options, unchecked=unchecked, progress=progress,
             patience_s=patience_s, jobs=jobs or min(os.cpu_count() or 1, MOST_JOBS),
         )  # fmt: skip
     for text in document.notes:

@@ -9,6 +9,7 @@ from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, write_page
 
 from .charts import gap_chart, residual_charts, run_charts, surface_chart
+from .force_charts import force_charts
 from .labels import VERDICTS, labelled, named, number, placed, rare
 
 
@@ -26,6 +27,9 @@ def _sections(diagnosis: Diagnosis, document: DiagnosisFile) -> Iterator[Section
         law = named(document.effects[0].effect) if document.effects else None
         chart = surface_chart(diagnosis.surface, law, diagnosis.nominal.unit_of_coordinate)
         yield Section("The force recovered", (), [chart])
+    if diagnosis.measured_force is not None:
+        charts = force_charts(diagnosis.measured_force, diagnosis.nominal.unit_of_coordinate)
+        yield Section("The measured force surface", (), charts)
     yield Section("Measured and simulated motion", (), run_charts(diagnosis))
     yield Section("What is left", _whiteness(document), residual_charts(diagnosis))
     yield _where(document)

@@ -32,6 +32,7 @@ from slowtime.discrepancy.noise import Noise, has_rigid_motion
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered, requoted_by_place
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
 from slowtime.discrepancy.refinement.free_run_refit import (
     FreeRunRefit,
     refit_plainly_on_heads,
@@ -65,7 +66,8 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
 from .gap_closure import ClosedGap, close_gap, describe_gap_closure
-from .likeness import OWN_CLOCK
+from .likeness import OWN_CLOCK, Likeness, likenesses
+from .surface_cuts import measured_force
 
 MAX_REST_HERE = 1e-3
 """[share of what was missing at first] That is left at the place of an effect at most, if its
@@ -179,6 +181,8 @@ def report(
     found: Hypothesis,
     kinds: Mapping[str, Kind],
     monitor: Monitor | None = None,
+    *,
+    surface: SurfaceDemand = AUTO,
 ) -> Diagnosis:
     """Put a diagnosis together: verdict, sentences, error of free runs, and data of plots.
 
@@ -196,13 +200,17 @@ def report(
         Catalogue of effects by name.
     monitor
         Of the budget; where given, and the effect is unknown, a force surface closes the gap.
+    surface
+        Shape that this is to have.
     """
     given = campaign.description
     evaluation = _evaluate(campaign, trials, found, kinds)
     judged = _judge(given, found, evaluation, findings, kinds)
-    kept = _kept_model(judged, evaluation, trials, kinds, monitor)
+    kept = _kept_model(judged, evaluation, trials, kinds, monitor, surface)
     judged = _requoted(judged, kept, given, evaluation, kinds)
     found, verdict, sentence = judged.found, judged.verdict, judged.sentence
+    closed = kept.closed
+    like = [] if closed is None else likenesses(closed.fit, closed.place, found, kinds)
     last, located = found.last, found.localized
     assert located is not None
     doubted = bool(found.pair) and not judged.unknown
@@ -237,7 +245,8 @@ def report(
             evaluation.tests, evaluation.steps[0].runs, kept.result.runs, evaluation.noise
         ),
         surface=_surface(found, kinds, unknown=judged.unknown) if named else None,
-        notes=_notes(given, judged, kept, evaluation, kinds),
+        notes=_notes(given, judged, kept, evaluation, kinds, like),
+        measured_force=None if closed is None else measured_force(closed, like, found, kinds),
     )  # fmt: skip
 
 
@@ -313,6 +322,7 @@ def _kept_model(
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
     monitor: Monitor | None,
+    surface: SurfaceDemand,
 ) -> KeptModel:
     """Close the gap by a force surface where the effect is unknown, or keep what there is."""
     found, unknown = judged.found, judged.unknown
@@ -320,7 +330,7 @@ def _kept_model(
     useless = unknown and evaluation.last_is_worse
     result = evaluation.nominal if useless else evaluation.steps[-1]
     closed = (
-        _closed(found, trials, evaluation, result, kinds, monitor)
+        _closed(found, trials, evaluation, result, kinds, monitor, surface)
         if unknown and monitor
         else None
     )
@@ -415,6 +425,7 @@ def _notes(
     kept: KeptModel,
     evaluation: Evaluation,
     kinds: Mapping[str, Kind],
+    like: Sequence[Likeness],
 ) -> tuple[str, ...]:
     """Collect what limits the diagnosis."""
     found, unknown = judged.found, judged.unknown
@@ -423,7 +434,7 @@ def _notes(
         notes.append(HURRIED)
     notes += _notes_on_effects(found, evaluation, kinds, unknown=unknown)
     if kept.closed is not None:
-        notes.append(describe_gap_closure(kept.closed, evaluation.errors[0], found, kinds))
+        notes.append(describe_gap_closure(kept.closed, evaluation.errors[0], like, kinds))
     if kept.why_open is not None:
         notes.append(kept.why_open)
     if kept.refitted is not None:
@@ -443,6 +454,7 @@ def _closed(
     kept: FreeRunResult,
     kinds: Mapping[str, Kind],
     monitor: Monitor,
+    surface: SurfaceDemand,
 ) -> ClosedGap | str:
     """Close the gap by a force surface, where that does better on what was not fitted."""
     if found.final or found.link is not None:
@@ -455,6 +467,7 @@ def _closed(
         kinds,
         held_out=evaluation.held_out,
         error=float(kept.error.mean()),
+        demand=surface,
     )
 
 

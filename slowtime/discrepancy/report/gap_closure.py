@@ -12,7 +12,10 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.refinement.force_surface import (
+    AUTO,
     MAX_WORK,
+    ShapedRegression,
+    SurfaceDemand,
     SurfaceFit,
     fit_force_surface,
     surface_band,
@@ -21,7 +24,7 @@ from slowtime.discrepancy.validation.free_run import FreeRunResult, evaluate_fre
 from slowtime.dynamics.effects import Kind, Motion, Place
 from slowtime.dynamics.work import metered
 
-from .likeness import describe_likeness
+from .likeness import Likeness, describe_likeness
 
 NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
 FIRST_SHARE = 0.6
@@ -43,12 +46,15 @@ class ClosedGap:
         Its free run.
     finished
         Whether its fit came to an end within the budget.
+    shaped
+        Terms and shape of the surface, and demands that the records contradict.
     """
 
     place: Place
     fit: Fit
     result: FreeRunResult
     finished: bool
+    shaped: ShapedRegression
 
     @property
     def error(self) -> float:
@@ -64,6 +70,7 @@ def close_gap(
     *,
     held_out: bool,
     error: float,
+    demand: SurfaceDemand = AUTO,
 ) -> ClosedGap | str:
     """Fit a force surface beside the model as given, and beside the effects that were nearest.
 
@@ -81,12 +88,14 @@ def close_gap(
         Whether these were held out; the last thirds of the fitted records otherwise.
     error
         Relative error without a surface [1].
+    demand
+        Shape that the surface is to have, where the records allow it.
 
     Returns
     -------
     The surface that was adopted; a sentence that says why there is none otherwise.
     """
-    fitted = _fitted(found, trials, kinds)
+    fitted = _fitted(found, trials, kinds, demand)
     if not fitted:
         return NO_ELEMENT
     told = []
@@ -94,7 +103,7 @@ def close_gap(
         fit = one.fit if held_out else _refit_on_heads(one, trials)
         values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
         result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
-        closed = ClosedGap(one.place, one.fit, result, one.finished)
+        closed = ClosedGap(one.place, one.fit, result, one.finished, one.shaped)
         if closed.error < error:
             return closed
         told.append(closed)
@@ -103,12 +112,15 @@ def close_gap(
     return (
         f"A force surface was fitted at {best.place}, but not adopted: with it the error "
         f"on the validation data is {100 * best.error:.2g} %, without it "
-        f"{100 * error:.2g} %.{cut}"
+        f"{100 * error:.2g} %.{cut}{_describe_refusals(best.shaped)}"
     )
 
 
 def _fitted(
-    found: Hypothesis, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+    found: Hypothesis,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    demand: SurfaceDemand,
 ) -> list[SurfaceFit]:
     """Fit a surface beside each start within one budget; those that leave less than without."""
     fitted = []
@@ -116,7 +128,9 @@ def _fitted(
         for number, (before, localized) in enumerate(_starts(found, trials)):
             share = FIRST_SHARE if number == 0 else 1.0
             left = share * MAX_WORK - meter.spent
-            one = fit_force_surface(before, localized, trials, kinds, max_work=left)
+            one = fit_force_surface(
+                before, localized, trials, kinds, max_work=left, demand=demand
+            )
             if one is not None and unexplained_by(one.fit) < unexplained_by(before):
                 fitted.append(one)
     return fitted
@@ -147,7 +161,7 @@ def _starts(found: Hypothesis, trials: Sequence[Trial]) -> Iterator[tuple[Fit, L
 
 
 def describe_gap_closure(
-    closed: ClosedGap, before: float, found: Hypothesis, kinds: Mapping[str, Kind]
+    closed: ClosedGap, before: float, like: Sequence[Likeness], kinds: Mapping[str, Kind]
 ) -> str:
     """Say what the surface is, how much of the gap it closes, and which laws it resembles.
 
@@ -155,6 +169,8 @@ def describe_gap_closure(
     ----------
     before
         Relative error [1] of the refitted model without it.
+    like
+        Laws like the surface, the most similar first.
     """
     effect = closed.fit.plant.effects[-1]
     own = effect.parameters
@@ -175,4 +191,34 @@ def describe_gap_closure(
         text += (
             " Its fit was stopped by its own computing budget; --patience does not change that."
         )
-    return text + describe_likeness(closed.fit, closed.place, found, kinds)
+    text += _describe_shape(closed.shaped) + _describe_refusals(closed.shaped)
+    return text + describe_likeness(like, kinds, unit)
+
+
+def _describe_shape(shaped: ShapedRegression) -> str:
+    """Say which shape the surface has, and why."""
+    if not shaped.shape.words:
+        return ""
+    ways = [
+        f"{'rises' if way > 0 else 'falls'} with the {name}"
+        for way, name in (
+            (shaped.shape.monotone_e, "elongation"), (shaped.shape.monotone_v, "rate"),
+        )
+        if way
+    ]  # fmt: skip
+    told = f" The surface is {shaped.shape.words}"
+    told += f" (it {' and '.join(ways)})" if ways else ""
+    if shaped.gain > 0:
+        return f"{told}: the log evidence is {shaped.gain:.2g} higher than without."
+    return f"{told}, as --surface demands."
+
+
+def _describe_refusals(shaped: ShapedRegression) -> str:
+    """Say which demanded shape the records contradict."""
+    return "".join(
+        f" The demanded shape, {words}, does not fit these records: it would lower the log "
+        f"evidence{f' by {loss:.2g}' if np.isfinite(loss) else ''}, so the surface was fitted "
+        "without it. Use --surface auto, or give records of more motion if you know that the "
+        "force has this shape."
+        for words, loss in shaped.refused
+    )

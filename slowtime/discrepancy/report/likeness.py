@@ -1,7 +1,7 @@
 """Comparison of a measured force surface with laws that have a name, and over which range."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -41,44 +41,54 @@ class Likeness:
         Share of the force of the surface that it explains, beside a spring and a damper.
     unlike_above
         Elongation and speed above which it is not like the surface; infinite where it is.
+    parameters
+        Of the law, by name, in their units.
+    strength
+        Factor on its force [1].
+    linear
+        Constant [N], stiffness [N/m] and damping [N s/m] beside it.
     """
 
     kind: str
     share: float
     unlike_above: tuple[float, float]
+    parameters: Mapping[str, float]
+    strength: float
+    linear: tuple[float, float, float]
 
 
-def describe_likeness(
-    fit: Fit, place: Place, found: Hypothesis, kinds: Mapping[str, Kind]
-) -> str:
+def describe_likeness(like: Sequence[Likeness], kinds: Mapping[str, Kind], unit: str) -> str:
     """Say which laws a surface is most like, and where it is not like them.
 
     Parameters
     ----------
-    fit
-        With the surface as its last effect.
-    place
-        Of the surface.
-    found
-        Whose candidates are compared with it.
+    like
+        Laws like the surface, the most similar first.
+    kinds
+        Catalogue of effects by name.
+    unit
+        Of the elongation.
     """
-    like = likenesses(fit, place, found, kinds)[:MAX_LIKE]
     if not like:
         return " It does not resemble any law of the catalogue."
-    unit = fit.plant.description.unit_of_coordinate
     told = []
-    for one in like:
+    for one in like[:MAX_LIKE]:
         text = f"{kinds[one.kind].words} ({100 * one.share:.0f} % of its force"
-        limits = [
-            f"{limit:.2g} {name}"
-            for limit, name in zip(one.unlike_above, (unit, f"{unit}/s"), strict=True)
-            if np.isfinite(limit)
-        ]
-        text += f"; not above {' and '.join(limits)})" if limits else ")"
+        limits = describe_limits(one, unit)
+        text += f"; not above {limits})" if limits else ")"
         told.append(text)
     return (
         " Of the laws in slowtime's catalogue, it most resembles "
         f"{' and '.join(told)} along the motion of these records."
+    )
+
+
+def describe_limits(one: Likeness, unit: str) -> str:
+    """Say above which elongation and rate a law is not like the surface; empty for none."""
+    return " and ".join(
+        f"{limit:.2g} {name}"
+        for limit, name in zip(one.unlike_above, (unit, f"{unit}/s"), strict=True)
+        if np.isfinite(limit)
     )
 
 
@@ -102,18 +112,25 @@ def likenesses(
     e = np.concatenate([m.e for m in motions])[::stride]
     v = np.concatenate([m.v for m in motions])[::stride]
     linear = np.stack([np.ones_like(e), e, v], axis=1)
-    force = _without(linear, along(fit.plant.kinds[surface.kind], own))
+    whole = along(fit.plant.kinds[surface.kind], own)
+    force = _without(linear, whole)
     best: dict[str, Likeness] = {}
     for kind, parameters in _laws(place, found, kinds):
-        law = _without(linear, along(kind, parameters))
+        plain = along(kind, parameters)
+        law = _without(linear, plain)
         power = float(law @ law)
         if not (np.isfinite(power) and power > 0 and float(force @ force) > 0):
             continue
-        left = force - law * max(float(law @ force) / power, 0.0)
+        strength = max(float(law @ force) / power, 0.0)
+        left = force - law * strength
         share = 1 - float(left @ left) / float(force @ force)
         if share >= MIN_LIKENESS and share > getattr(best.get(kind.name), "share", 0.0):
             limits = tuple(_unlike_above(np.abs(u), force, left) for u in (e, v))
-            best[kind.name] = Likeness(kind.name, share, (limits[0], limits[1]))
+            beside = np.linalg.lstsq(linear, whole - strength * plain, rcond=None)[0].tolist()
+            best[kind.name] = Likeness(
+                kind.name, share, (limits[0], limits[1]), parameters, strength,
+                (beside[0], beside[1], beside[2]),
+            )  # fmt: skip
     return sorted(best.values(), key=lambda one: -one.share)
 
 

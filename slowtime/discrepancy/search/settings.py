@@ -7,6 +7,7 @@ from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import PROPOSERS, Proposer
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
+from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
 from slowtime.dynamics.effects import Kind
 
 MAX_EFFECTS = 3
@@ -26,11 +27,14 @@ class SearchOptions:
         Asked in order for candidates of the first effect; one of your own is put among them.
     refiners
         Steps taken in order after each effect.
+    surface
+        Shape of the force surface that is fitted where no law explains the records.
     """
 
     quick: bool = False
     proposers: tuple[Proposer, ...] = PROPOSERS
     refiners: tuple[Refiner, ...] = REFINERS
+    surface: SurfaceDemand = AUTO
 
     @property
     def most(self) -> int:

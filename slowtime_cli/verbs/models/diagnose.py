@@ -34,7 +34,27 @@ class RecordName(click.ParamType):  # type: ignore[type-arg]  # generic only in 
         return value
 
 
-RECORD = RecordName()
+class SurfaceWords(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """Words for the shape of a force surface, separated by commas."""
+
+    name = "surface"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse words that say no shape, or contradict each other."""
+        if value == "auto":
+            return value
+        from slowtime.discrepancy.refinement.force_surface.shape import SurfaceDemand
+
+        try:
+            SurfaceDemand.of(value.split(","))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return value
+
+
+RECORD, SURFACE = RecordName(), SurfaceWords()
 
 
 @click.command(
@@ -115,6 +135,16 @@ Examples:
     help="Limit of the search, counted as seconds of a reference machine: no new effects are "
     f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
     f"more in proportion, at most {PATIENCE_S * MORE:g}]",
+)
+@click.option(
+    "--surface",
+    type=SURFACE,
+    default="auto",
+    show_default=True,
+    metavar="SHAPE[,SHAPE]",
+    help="Shape of the force surface that is fitted where no effect explains the records: odd, "
+    "even, monotone, free (any), or auto (odd or even where the records favour it). A shape that "
+    "the records contradict is not used, and a note says so.",
 )
 @click.option(
     "--unchecked",

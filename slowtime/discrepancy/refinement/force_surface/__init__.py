@@ -3,11 +3,13 @@
 from .band import surface_band
 from .fitting import KIND, MAX_WORK, SurfaceFit, fit_force_surface
 from .shape import AUTO, SurfaceDemand, SurfaceShape
+from .shape_choice import ShapedRegression
 
 __all__ = [
     "AUTO",
     "KIND",
     "MAX_WORK",
+    "ShapedRegression",
     "SurfaceDemand",
     "SurfaceFit",
     "SurfaceShape",
