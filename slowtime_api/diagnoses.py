@@ -227,8 +227,8 @@ def diagnose(
     Raises
     ------
     ValueError
-        If signals do not fit the model, or there is no such shape of a surface; the message says
-        what is missing.
+        If signals do not fit the model, or there is no such shape of a surface; the message
+        says what is missing.
     """
     known_model = model if isinstance(model, Model) else Model.from_file(model)
     if not known_model.description.sensors:

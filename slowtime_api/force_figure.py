@@ -53,7 +53,9 @@ def draw_force(measured: MeasuredForce, coordinate: str) -> Figure:
         title="where the signals measured it (dots: samples; empty: never there)",
     )  # fmt: skip
     figure.colorbar(shown, ax=panels["map"], label=f"force [{unit}]")
-    figure.suptitle(f"Force surface at {measured.place}, 95 % band, {measured.shape or 'any shape'}")
+    figure.suptitle(
+        f"Force surface at {measured.place}, 95 % band, {measured.shape or 'any shape'}"
+    )
     return figure
 
 

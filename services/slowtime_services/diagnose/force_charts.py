@@ -173,8 +173,8 @@ def _coverage(measured: MeasuredForce, coordinate: str) -> Chart:
     return Chart(
         traces,
         layout,
-        "Force of the surface where the records measured it, over elongation and rate; dots are "
-        "samples of the records. Empty: no record comes there. Dotted: the measured range.",
+        "Force of the surface where the records measured it, over elongation and rate; dots "
+        "are samples of the records. Empty: no record comes there. Dotted: the measured range.",
     )
 
 

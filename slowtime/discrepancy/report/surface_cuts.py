@@ -100,7 +100,9 @@ def _cut(
     own = closed.fit.plant.effects[-1].parameters
     inside = (e >= own["low_m"]) & (e <= own["high_m"]) & (np.abs(v) <= own["high_m_per_s"])
     told = None if law is None else _law(law, kinds, e, v)
-    return ForceCut(at, held, force, sd, None if told is None else np.where(inside, told, np.nan))
+    return ForceCut(
+        at, held, force, sd, None if told is None else np.where(inside, told, np.nan)
+    )
 
 
 def _surface(closed: ClosedGap, e: Series, v: Series) -> tuple[Series, Series]:

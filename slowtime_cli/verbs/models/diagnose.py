@@ -143,8 +143,8 @@ Examples:
     show_default=True,
     metavar="SHAPE[,SHAPE]",
     help="Shape of the force surface that is fitted where no effect explains the records: odd, "
-    "even, monotone, free (any), or auto (odd or even where the records favour it). A shape that "
-    "the records contradict is not used, and a note says so.",
+    "even, monotone, free (any), or auto (odd or even where the records favour it). A shape "
+    "that the records contradict is not used, and a note says so.",
 )
 @click.option(
     "--unchecked",

@@ -126,3 +126,19 @@ def test_a_model_without_sensors_is_refused(tmp_path, text, refused):
     model = text(lines, "bare.yaml")
     save(tmp_path / "r.npz", t=T, x=T)
     assert "lists no sensors" in refused("diagnose", model, "r.npz")
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [
+        ("round", "No shape of a surface is called 'round'"),
+        ("odd,even", "contradict each other"),
+    ],
+)
+def test_a_shape_of_a_surface_that_there_is_not_is_refused_before_the_search(
+    tmp_path, model, shape, told
+):
+    save(tmp_path / "learn.npz", rate_hz=RATE_HZ, **arrays_of(SLIDE, 1))
+    done = diagnosed(tmp_path, model, "learn.npz", "--surface", shape)
+    assert done.returncode == 2
+    assert told in " ".join(done.stderr.replace("│", " ").split())

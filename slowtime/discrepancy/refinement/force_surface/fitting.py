@@ -162,9 +162,7 @@ def _undemanded(
         if loss <= max(MAX_LOSS, float(scipy.stats.chi2.isf(MIN_P_VALUE, more)) / 2):
             return found
     refused = (*shaped.refused, (shaped.shape.words, loss))
-    return dataclasses.replace(
-        other, shaped=dataclasses.replace(other.shaped, refused=refused)
-    )
+    return dataclasses.replace(other, shaped=dataclasses.replace(other.shaped, refused=refused))
 
 
 def _fit_terms(
@@ -207,7 +205,7 @@ def _chosen_terms(
     space: ForceSpace,
     demand: SurfaceDemand,
 ) -> ShapedRegression | None:
-    """Choose shape and terms; those without memory make a kind that has none, which is faster."""
+    """Choose shape and terms; without terms of memory, the kind that has none runs faster."""
     groups = {
         group: tuple(name for name, _ in terms) for group, terms in (*TERMS, *MEMORY_TERMS)
     }

@@ -65,8 +65,8 @@ class SurfaceDemand:
             )
         if len(asked & {"auto", "free", "odd", "even"}) > 1 or {"even", "monotone"} <= asked:
             raise ValueError(
-                f"{', '.join(sorted(asked))} contradict each other. Give one of auto, free, odd "
-                "and even; monotone goes with any of them but even."
+                f"{', '.join(sorted(asked))} contradict each other. Give one of auto, free, "
+                "odd and even; monotone goes with any of them but even."
             )
         parities = {"free": NEITHER, "odd": ODD, "even": EVEN}
         parity = next((parities[word] for word in asked if word in parities), None)
@@ -126,9 +126,7 @@ def scales_of(scales: Mapping[str, float], shape: SurfaceShape) -> dict[str, flo
     if shape.parity == NEITHER:
         return dict(scales) | shape.parameters
     reach = max(abs(scales["low_m"]), abs(scales["high_m"]))
-    return (
-        dict(scales) | {"centre_m": 0.0, "low_m": -reach, "high_m": reach} | shape.parameters
-    )
+    return dict(scales) | {"centre_m": 0.0, "low_m": -reach, "high_m": reach} | shape.parameters
 
 
 def groups_of(

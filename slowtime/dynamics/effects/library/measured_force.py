@@ -17,8 +17,8 @@ path, :math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` one of the past motio
 :math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`.
 
 A surface may be odd or even: with the parity :math:`\pi = -1` or :math:`1`, the force is
-:math:`\tfrac12 (F(e, v, w, r) + \pi F(-e, -v, -w, -r))`. It may rise or fall throughout with the
-elongation, or with the rate: the coefficients of each then have one sign, which makes the
+:math:`\tfrac12 (F(e, v, w, r) + \pi F(-e, -v, -w, -r))`. It may rise or fall throughout with
+the elongation, or with the rate: the coefficients of each then have one sign, which makes the
 B-splines monotone [1]_, and those of terms that depend on both e and v are zero.
 
 References
@@ -307,7 +307,6 @@ _SYMBOLS = (
 )
 
 
-
 def contradiction(parameters: Mapping[str, float]) -> str | None:
     """Explain which coefficient a surface of the chosen shape cannot have.
 
@@ -326,16 +325,16 @@ def contradiction(parameters: Mapping[str, float]) -> str | None:
     option = chosen[0]
     if parameters.get("parity", 0.0) > 0:
         return (
-            f"`parity` is 1 and `{option}` is {parameters[option]:g}, but an even surface rises "
-            f"to one side and falls to the other. Give parity -1 or 0, or {option} 0."
+            f"`parity` is 1 and `{option}` is {parameters[option]:g}, but an even surface "
+            f"rises to one side and falls to the other. Give parity -1 or 0, or {option} 0."
         )
     for name, value in parameters.items():
         way = parameters.get(DIRECTIONS.get(name, ""), 0.0)
         if value * way < 0:
             least = "at least" if way > 0 else "at most"
             return (
-                f"`{name}` is {value:g} and `{DIRECTIONS[name]}` is {way:g}; allowed: {least} 0. "
-                f"Give {DIRECTIONS[name]} 0 for a surface that both rises and falls."
+                f"`{name}` is {value:g} and `{DIRECTIONS[name]}` is {way:g}; allowed: {least} "
+                f"0. Give {DIRECTIONS[name]} 0 for a surface that both rises and falls."
             )
         if name in MIXED and value:
             return (

@@ -10,6 +10,7 @@ from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refinement.force_surface import SurfaceShape
 from slowtime.discrepancy.report.gap_closure import (
     NO_ELEMENT,
     ClosedGap,
@@ -17,6 +18,7 @@ from slowtime.discrepancy.report.gap_closure import (
     describe_gap_closure,
 )
 from slowtime.discrepancy.report.likeness import likenesses
+from slowtime.discrepancy.report.surface_cuts import measured_force
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -56,11 +58,59 @@ def closed():
 def test_a_surface_that_does_better_is_adopted_and_described(closed):
     told, found, _, _ = closed
     assert told.error < 0.05
-    text = describe_gap_closure(told, 1.0, found, KINDS)
+    like = likenesses(told.fit, PLACE, found, KINDS)
+    text = describe_gap_closure(told, 1.0, like, KINDS)
     assert f"a force surface was fitted at {PLACE} (measured_force)" in text
     assert "it is extrapolated linearly, which no record supports" in text
-    assert "most like" in text
+    assert "most resembles" in text
     assert "gap_symmetric" in text
+
+
+def test_the_shape_of_a_surface_is_described(closed):
+    told, _, _, _ = closed
+    odd = dataclasses.replace(told.shaped, shape=SurfaceShape(-1, 1, -1), gain=12.0)
+    text = describe_gap_closure(dataclasses.replace(told, shaped=odd), 1.0, [], KINDS)
+    assert "odd and monotone (it rises with the elongation and falls with the rate)" in text
+    assert "log evidence is 12 higher" in text
+    assert "does not fit these records" not in text
+
+
+def test_a_demanded_shape_that_does_not_fit_is_named_with_what_it_costs(closed):
+    told, _, _, _ = closed
+    bent = dataclasses.replace(told.shaped, refused=(("even", 40.2),))
+    text = describe_gap_closure(dataclasses.replace(told, shaped=bent), 1.0, [], KINDS)
+    assert "The demanded shape, even, does not fit these records" in text
+    assert "by 40" in text
+    assert "Use --surface auto" in text
+
+
+def test_a_picture_of_a_surface_has_its_measured_range_and_opening_bands(closed):
+    told, found, _, _ = closed
+    like = likenesses(told.fit, PLACE, found, KINDS)
+    shown = measured_force(told, like, found, KINDS)
+    at, sd = shown.over_e.at, shown.over_e.sd
+    inside = (at >= shown.low) & (at <= shown.high)
+    assert 0 < inside.sum() < len(at)
+    beyond = sd[at > shown.high]
+    assert (np.diff(beyond) > 0).all()
+    assert beyond[-1] > sd[inside].max()
+    assert np.isfinite(shown.over_e.law[inside]).all()
+    assert np.isnan(shown.over_e.law[~inside]).all()
+    assert "gap_symmetric" in shown.law
+    assert shown.low <= shown.e.min() < shown.e.max() <= shown.high
+    seen = np.isfinite(shown.grid_force)
+    corner = np.hypot(shown.grid_e[None] / shown.high, shown.grid_v[:, None] / shown.most) > 1.3
+    assert seen.any()
+    assert not seen[corner].any()
+
+
+def test_a_law_is_drawn_where_the_surface_is_like_it(closed):
+    """The stops, and a spring and a damper beside them, are near the surface in the middle."""
+    told, found, _, _ = closed
+    shown = measured_force(told, likenesses(told.fit, PLACE, found, KINDS), found, KINDS)
+    middle = np.abs(shown.over_e.at) < 0.5 * shown.high
+    off = shown.over_e.law[middle] - shown.over_e.force[middle]
+    assert np.sqrt(np.mean(off**2)) < 0.1 * np.ptp(shown.over_e.force)
 
 
 def test_a_law_with_a_clock_of_its_own_is_like_no_surface(closed):

@@ -7,9 +7,22 @@ import pytest
 from scipy.interpolate import BSpline
 
 from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor
-from slowtime.dynamics.effects import Effect, Motion, Place, catalogue, force_along
-from slowtime.dynamics.effects.library.measured_force import COARSE, FINE, SPEED, TERMS
+from slowtime.dynamics.description import DescriptionError, Input, Sensor
+from slowtime.dynamics.effects import (
+    Effect,
+    Motion,
+    Place,
+    catalogue,
+    force_along,
+    read_effects,
+)
+from slowtime.dynamics.effects.library.measured_force import (
+    COARSE,
+    FINE,
+    MIXED,
+    SPEED,
+    TERMS,
+)
 from slowtime.dynamics.plant import Plant
 from slowtime_services.models.model_reader import read_description
 from slowtime_services.models.model_writer import write_model
@@ -97,6 +110,102 @@ def test_memory_of_time_forgets_as_an_exponential_does():
     np.testing.assert_allclose(held, 5 * (1 - np.exp(-0.02 * t / 1e-3)), atol=1e-5)
 
 
+def random_surface(kind, rng, **options):
+    """Coefficients of either sign, or of one where the options say so."""
+    own = {}
+    for one in kind.parameters:
+        if one.fitted:
+            low, high = one.bounds(options)
+            own[one.name] = float(np.clip(rng.standard_normal(), low, high))
+    if options.get("monotone_e") or options.get("monotone_v"):
+        own |= dict.fromkeys(set(MIXED) & set(kind.names), 0.0)
+    return SCALES | (MEMORY if kind is REMEMBERS else {}) | own | options
+
+
+@pytest.mark.parametrize("kind", [KIND, REMEMBERS], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("parity", [-1.0, 1.0])
+def test_an_odd_surface_is_odd_to_rounding_and_an_even_one_even(kind, parity):
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / 500.0
+    e = 4e-3 * np.sin(7 * t) + 1e-3 * np.sin(31 * t)
+    v = 28e-3 * np.cos(7 * t) + 31e-3 * np.cos(31 * t)
+    own = random_surface(kind, rng, parity=parity)
+    there = {}
+    for side in (1.0, -1.0):
+        seen = Motion(e=side * e, v=side * v, a=np.zeros(400), times=t)
+        there[side] = force_along(kind, own, seen)
+    np.testing.assert_array_equal(there[1.0], parity * there[-1.0])
+    assert np.ptp(there[1.0]) > 0
+
+
+def test_the_odd_and_the_even_part_are_the_surface():
+    rng = np.random.default_rng(6)
+    own = random_surface(KIND, rng)
+    seen = motion(4e-3 * rng.uniform(-1, 1, 200), 0.15 * rng.uniform(-1, 1, 200))
+    odd, even = (force_along(KIND, own | {"parity": side}, seen) for side in (-1.0, 1.0))
+    np.testing.assert_allclose(odd + even, force_along(KIND, own, seen), atol=1e-12)
+
+
+@pytest.mark.parametrize("parity", [-1.0, 0.0])
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_monotone_surface_is_monotone_at_every_point(way, parity):
+    """Within and beyond the measured range, along either variable, whatever the other."""
+    rng = np.random.default_rng(7)
+    own = random_surface(KIND, rng, monotone_e=way, monotone_v=-way, parity=parity)
+    e, v = np.linspace(-6e-3, 6e-3, 241), np.linspace(-0.3, 0.3, 241)
+    least = 1e-12 * np.abs(force_along(KIND, own, motion(e, 0.0))).max()
+    for share in (-1.0, -0.3, 0.0, 0.5, 1.0):
+        over_e = force_along(KIND, own, motion(e, 0.3 * share))
+        over_v = force_along(KIND, own, motion(6e-3 * share, v))
+        assert (way * np.diff(over_e) >= -least).all()
+        assert (-way * np.diff(over_v) >= -least).all()
+        assert np.ptp(over_e) > 0.1
+        assert np.ptp(over_v) > 0.1
+
+
+def test_a_file_without_options_is_the_surface_that_it_was():
+    rng = np.random.default_rng(8)
+    own = random_surface(KIND, rng)
+    assert not {"parity", "monotone_e", "monotone_v"} & own.keys()
+    seen = motion(4e-3 * rng.uniform(-1, 1, 50), 0.15 * rng.uniform(-1, 1, 50))
+    plain = dict.fromkeys(("parity", "monotone_e", "monotone_v"), 0.0)
+    np.testing.assert_array_equal(
+        force_along(KIND, own, seen), force_along(KIND, own | plain, seen)
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"monotone_e": 1.0, "g5_n": -2.0},
+            r"`g5_n` is -2 and `monotone_e` is 1; .*at least 0",
+        ),
+        ({"monotone_v": -1.0, "h3_n": 2.0}, r"`h3_n` is 2 and `monotone_v` is -1; .*at most 0"),
+        ({"monotone_e": 1.0, "mu4_n": 1.0}, r"`mu4_n` is 1 and `monotone_e` is 1; allowed: 0"),
+        ({"monotone_v": 1.0, "parity": 1.0}, r"Give parity -1 or 0, or monotone_v 0"),
+        ({"parity": 0.5}, r"`parity` is 0.5; allowed: -1 or 0 or 1"),
+    ],
+)
+def test_coefficients_that_contradict_the_shape_are_refused(given, told):
+    place = Place("element", chain([2.0], [800.0]).elements[0].id)
+    with pytest.raises(DescriptionError, match=told):
+        read_effects(rig(Effect(KIND.name, place, SCALES | given)))
+
+
+def test_coefficients_of_a_monotone_surface_are_bounded_in_a_fit():
+    place = Place("element", chain([2.0], [800.0]).elements[0].id)
+    shape = {"monotone_e": 1.0, "monotone_v": -1.0}
+    plant = Plant.of(rig(Effect(KIND.name, place, SCALES | shape)))
+    ends = {
+        name: (plant.entries["effect", 0, name].low, plant.entries["effect", 0, name].high)
+        for name in ("g1_n", "g2_n", "x_n", "y_n", "h4_n")
+    }
+    free = (-np.inf, np.inf)
+    rises, falls = (0.0, np.inf), (-np.inf, 0.0)
+    assert ends == {"g1_n": free, "g2_n": rises, "x_n": rises, "y_n": falls, "h4_n": falls}
+
+
 def rig(effect):
     return dataclasses.replace(
         chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
@@ -111,7 +220,7 @@ def effect(request):
     rng = np.random.default_rng(3)
     kind = catalogue()[request.param]
     own = {p.name: 0.3 * rng.standard_normal() for p in kind.parameters if p.fitted}
-    more = MEMORY if kind is REMEMBERS else {}
+    more = MEMORY if kind is REMEMBERS else {"parity": -1.0}
     place = Place("element", chain([2.0], [800.0]).elements[0].id)
     return Effect(kind.name, place, SCALES | more | own)
 
