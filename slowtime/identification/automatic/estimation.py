@@ -31,7 +31,7 @@ from slowtime.identification.spectral_likelihood.mode_selection import (
 from slowtime.identification.spectral_likelihood.windows import Spectrum
 from slowtime.identification.subspace.bands import EDGE, Band, demodulate, plan_bands
 from slowtime.identification.subspace.correlations import correlation_matrices
-from slowtime.identification.subspace.poles import Poles, combine_poles
+from slowtime.identification.subspace.poles import PoleLimits, Poles, combine_poles
 from slowtime.identification.subspace.ssi import identify_poles
 from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
 from slowtime.signals.spectra import detrended
@@ -54,6 +54,9 @@ MOST_ROWS = 16
 MOST_ORDER = 30
 MOST_DIRECTIONS = 8
 """Block rows, model order and combinations of channels of the subspace models, at most."""
+
+LEAST_POWER = 1e-12
+"""Least power of a combination, relative to the strongest [1]: below is rounding."""
 
 SAMPLES_PER_UNKNOWN = 6
 """A short band gets smaller models: so many instants for each row of the Hankel matrix."""
@@ -202,9 +205,10 @@ def _poles(
     if not (scale > 0).all():
         return None
     series = series / scale
-    _, strength, turned = np.linalg.svd(series, full_matrices=False)
-    number = min(MOST_DIRECTIONS, int(np.count_nonzero(strength > 1e-6 * strength[0])))
-    directions = turned[:number].conj().T
+    # Singular vectors of a long matrix, strongest first, by its small Gram matrix.
+    power, turned = np.linalg.eigh(series.conj().T @ series)
+    number = min(MOST_DIRECTIONS, int(np.count_nonzero(power > LEAST_POWER * power[-1])))
+    directions = np.ascontiguousarray(turned[:, ::-1][:, :number])
     series = series @ directions
     rows = min(MOST_ROWS, len(series) // (SAMPLES_PER_UNKNOWN * number))
     if rows < 3:
@@ -213,7 +217,13 @@ def _poles(
         series, series, lags=2 * rows, rate_hz=rate, centre_hz=centre
     )
     orders = range(1, min(order, (rows - 1) * number) + 1)
-    found = identify_poles(correlations, block_rows=rows, orders=orders, weighting="both")
+    found = identify_poles(
+        correlations,
+        block_rows=rows,
+        orders=orders,
+        weighting="both",
+        errors_within=PoleLimits(band.low_hz, band.high_hz),
+    )
     return combine_poles(found, scale[:, None] * directions.conj())
 
 

@@ -1,5 +1,7 @@
 """Spectral peaks that stand out of their immediate surroundings."""
 
+import bisect
+
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import gammainccinv
@@ -41,13 +43,18 @@ def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
     inside = (index * spectra.spacing_hz >= low_hz) & (index * spectra.spacing_hz <= high_hz)
     inside &= (index >= 3) & (index < len(power) - 4)
     found: dict[int, float] = {}
+    places: list[int] = []
     for width in WIDTHS:
         excess = _excess(power, width)
         excess[~inside] = -np.inf
         tops = (excess == maximum_filter1d(excess, 2 * width + 5)) & (excess > 0)
         for top in np.flatnonzero(tops).tolist():
-            if all(abs(top - other) > 2 * width + 2 for other in found):
+            # The nearest on either side are as good as all of them.
+            at = bisect.bisect(places, top)
+            beside = places[max(0, at - 1) : at + 1]
+            if all(abs(top - other) > 2 * width + 2 for other in beside):
                 found[top] = float(excess[top])
+                places.insert(at, top)
     sharpest = sorted(found, key=lambda top: -found[top])[:MOST]
     return sorted(top * spectra.spacing_hz for top in sharpest)
 

@@ -1,22 +1,277 @@
-"""Fisher information and score of the spectral likelihood of a band.
+r"""Fisher information and score of the spectral likelihood of a band.
 
-Matrices are whitened by the inverse root of the density and packed as real vectors, so that
-information is the product of rows, and the score that of rows and misfit.
+Every derivative of the density is the Hermitian part of an outer product,
+
+.. math:: \mathrm{d} S(\omega) = z \, e_i v_q^H(\omega) + \bar z \, v_q(\omega) e_i^H, \qquad
+          v_q(\omega) = c_q(\omega) \, b_q ,
+
+with a complex coordinate z for each direction i and each of the vectors v: the forces times the
+response of their modes (for shapes), the shapes times it (for forces), the forces times its
+slope (for poles), and the unit vectors (for the background). With the inverse density P, the
+information :math:`\sum n \, \mathrm{tr}(P \, \mathrm{d}S \, P \, \mathrm{d}S')` is
+
+.. math:: 2 \, \mathrm{Re} \sum_\omega n \left( z z' \, K_{q i'} K_{q' i}
+          + z \bar z' \, C_{q q'} P_{i' i} \right), \qquad
+          K = v^H P, \quad C = v^H P v ,
+
+sums over ordinates of products of two scalars, which are two matrix products for all parameters
+together. No derivative is ever formed.
 """
 
+import dataclasses
 import functools
-import math
 
 import numpy as np
+from jaxtyping import Complex, Float
 
+from .evaluation import inverse_density
 from .model import BandData, BandModel
 
 GAUGE = 1e-9
 """Eigenvalues of the information below this share of the largest count as zero [1]."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Tangents:
+    r"""Vectors :math:`v_q = c_q b_q`, and :math:`K = v^H P`.
+
+    Parameters
+    ----------
+    base
+        b of each vector.
+    scalar
+        c of each vector at each group.
+    seen
+        K.
+    """
+
+    base: Complex[np.ndarray, "vector direction"]
+    scalar: Complex[np.ndarray, "vector group"]
+    seen: Complex[np.ndarray, "vector direction group"]
+
+    @staticmethod
+    def of(base: np.ndarray, scalar: np.ndarray, precision: np.ndarray) -> "Tangents":
+        """Vectors beside an inverse density, ["direction direction group"]."""
+        directions = base.shape[1]
+        seen = base.conj() @ precision.reshape(directions, -1)
+        seen = seen.reshape(len(base), directions, -1)
+        seen *= scalar.conj()[:, None]
+        return Tangents(base, scalar, seen)
+
+    def score(
+        self, surprise: Complex[np.ndarray, "direction direction group"]
+    ) -> Complex[np.ndarray, "vector direction 1"]:
+        """Sum of :math:`v^H E e_i` over the groups, for a matrix E of each group."""
+        directions = self.base.shape[1]
+        pulled = self.base.conj() @ surprise.reshape(directions, -1)
+        pulled = pulled.reshape(len(self.base), directions, -1)
+        return np.asarray((pulled @ self.scalar.conj()[:, :, None]))
+
+
+def cross_information(
+    one: Tangents,
+    other: Tangents,
+    precision: Complex[np.ndarray, "direction direction group"],
+    number: Float[np.ndarray, " group"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums that go with z z' and with z times the conjugate of z'.
+
+    Parameters
+    ----------
+    one, other
+        Vectors of two sets of coordinates.
+    precision
+        Inverse density.
+    number
+        Ordinates in each group.
+
+    Returns
+    -------
+    Two arrays, ["vector direction vector direction"].
+    """
+    directions, groups = precision.shape[1:]
+    sizes = (len(one.base), directions, len(other.base), directions)
+    plain = (one.seen * number).reshape(-1, groups) @ other.seen.reshape(-1, groups).T
+    product = other.base @ one.seen
+    # In place: a second array of this size would cost more than the sums.
+    product *= other.scalar * number
+    turned = product.reshape(-1, groups) @ precision.reshape(-1, groups).T
+    turned = turned.reshape(sizes[0], sizes[2], directions, directions)
+    return plain.reshape(sizes).transpose(0, 3, 2, 1), turned.transpose(0, 3, 1, 2)
+
+
+class ModelTangents:
+    """Derivatives of a density by the free parameters of its model.
+
+    Parameters
+    ----------
+    data, model
+        Band, and its modal state-space model.
+    gain, bent
+        Response of its modes, and slope.
+    precision
+        Inverse density, ["direction direction group"].
+    """
+
+    def __init__(
+        self,
+        data: BandData,
+        model: BandModel,
+        gain: np.ndarray,
+        bent: np.ndarray,
+        precision: np.ndarray,
+    ) -> None:
+        free = len(model.pole) - model.held
+        moving = 0 if model.still else free
+        directions, modes = model.shape.shape
+        self._layout = layout_of(moving, free, modes, directions)
+        self._shape = model.shape[:, :moving].T[:, None]
+        self._scale = np.ones(len(self._layout.real))
+        self._scale[: 2 * moving : 2] = model.pole.real[:moving]
+        unit, one = np.eye(directions), np.ones((directions, len(data.omega)))
+        base = [model.force.T[:moving], model.force.T[:free], model.shape.T, unit, unit]
+        scalar = [bent[:moving].conj(), gain[:free].conj(), gain, one, one * data.omega]
+        self.vectors = Tangents.of(np.concatenate(base), np.concatenate(scalar), precision)
+
+    def coordinates(self, whole: np.ndarray, *, conjugate: bool = False) -> np.ndarray:
+        """Complex coordinates of the parameters, from those of all vectors and directions.
+
+        Parameters
+        ----------
+        whole
+            ["vector direction other"].
+        conjugate
+            Whether the coordinates are conjugated.
+
+        Returns
+        -------
+        ["coordinate other"]: poles, shapes, forces, level and slope of the background.
+        """
+        layout, others = self._layout, whole.shape[2]
+        linear = whole.reshape(-1, others)[layout.index] * layout.share
+        if not layout.moving:
+            return np.asarray(linear)
+        shape = self._shape.conj() if conjugate else self._shape
+        return np.concatenate([(shape @ whole[: layout.moving])[:, 0], linear])
+
+    def real_parameters(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of all real parameters, from real and imaginary parts of the coordinates."""
+        return np.asarray(rows[self._layout.real] * self._scale[:, None])
+
+    def information(self, precision: np.ndarray, number: np.ndarray) -> np.ndarray:
+        """Information of all free parameters."""
+        plain, turned = cross_information(self.vectors, self.vectors, precision, number)
+        size = len(self.vectors.base), len(precision)
+        found = []
+        for sums, conjugate in ((plain, False), (turned, True)):
+            half = self.coordinates(sums.reshape(*size, -1)).T.reshape(*size, -1)
+            found.append(self.coordinates(half, conjugate=conjugate).T)
+        whole = real_rows(*found)
+        return self.real_parameters(self.real_parameters(whole).T)
+
+    def score(self, surprise: np.ndarray) -> np.ndarray:
+        """Slopes of the log-likelihood along all free parameters."""
+        slopes = real_slopes(self.coordinates(self.vectors.score(surprise))[:, 0])
+        return self.real_parameters(slopes[:, None])[:, 0]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """Where the coordinates of the parameters are among those of vectors and directions.
+
+    Parameters
+    ----------
+    moving
+        Poles that are free: coordinates of their own, the first.
+    index, share
+        Of all others, and their factors as a column.
+    real
+        Real and imaginary parts that are parameters: the diagonals of the background are real.
+    """
+
+    moving: int
+    index: np.ndarray
+    share: np.ndarray
+    real: np.ndarray
+
+
+@functools.cache
+def layout_of(moving: int, free: int, modes: int, directions: int) -> _Layout:
+    """Layout of the parameters of a model.
+
+    Parameters
+    ----------
+    moving, free, modes
+        How many poles, shapes and forces are parameters.
+    directions
+        Number of directions.
+
+    Returns
+    -------
+    Indices of the coordinates.
+    """
+    low, high = np.tril_indices(directions)
+    first = moving + free + modes
+    shapes_and_forces = np.arange(moving * directions, first * directions)
+    level = (first + high) * directions + low
+    share = np.where(low == high, 0.5, 1.0)
+    share = np.concatenate([np.ones(len(shapes_and_forces)), share, share])
+    index = np.concatenate([shapes_and_forces, level, level + directions**2])
+    before = moving + len(shapes_and_forces)
+    own = 2 * (before + np.flatnonzero(low == high)) + 1
+    real = np.arange(2 * (moving + len(index)))
+    real = np.delete(real, np.concatenate([own, own + 2 * len(low)]))
+    return _Layout(moving, index, share[:, None], real)
+
+
+def real_rows(plain: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """Products of real and imaginary parts of two sets of coordinates.
+
+    Parameters
+    ----------
+    plain, turned
+        Sums that go with z z' and with z times the conjugate of z'.
+
+    Returns
+    -------
+    Twice as many rows and columns, real and imaginary parts in turn.
+    """
+    whole = np.empty((2 * plain.shape[0], 2 * plain.shape[1]))
+    both, apart = plain + turned, turned - plain
+    whole[::2, ::2], whole[1::2, 1::2] = both.real, apart.real
+    whole[::2, 1::2], whole[1::2, ::2] = apart.imag, -both.imag
+    return 2.0 * whole
+
+
+def real_slopes(slopes: np.ndarray) -> np.ndarray:
+    """Slopes along real and imaginary parts in turn, from sums that go with z."""
+    return np.asarray(2.0 * slopes.conj()).view(float)
+
+
+def surprise_of(
+    data: BandData, density: np.ndarray, precision: np.ndarray
+) -> Complex[np.ndarray, "direction direction group"]:
+    """Gap of data and density between inverse densities, times the number of ordinates.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    density, precision
+        Predicted density and its inverse, groups first.
+
+    Returns
+    -------
+    One matrix per group, groups last.
+    """
+    between = precision @ (data.density - density) @ precision
+    return np.ascontiguousarray((between * data.number[:, None, None]).transpose(1, 2, 0))
+
+
 def fisher_information(
-    data: BandData, model: BandModel, density: np.ndarray
+    data: BandData,
+    model: BandModel,
+    density: Complex[np.ndarray, "group direction direction"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information and score of all parameters.
 
@@ -27,15 +282,44 @@ def fisher_information(
     model
         Modal state-space model of the band.
     density
-        Density that the model predicts.
+        Density that the model predicts; positive definite.
 
     Returns
     -------
     Information matrix, and score.
     """
-    root = whitener(data, density)
-    rows = density_derivatives(model, data, root)
-    return add_prior(model, rows @ rows.T, rows @ misfit(data, density, root))
+    precision, _ = inverse_density(density)
+    if precision is None:
+        raise ValueError("A density is not positive definite. Start from `initial_model`.")
+    gain, bent = model.gain(data.omega, data.width)
+    return information_and_score(data, model, (gain, bent, density, precision))
+
+
+def information_and_score(
+    data: BandData,
+    model: BandModel,
+    predicted: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fisher information and score of a model that has been evaluated.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+    predicted
+        Response of the modes and its slope; density and its inverse, groups first.
+
+    Returns
+    -------
+    Information matrix, and score.
+    """
+    gain, bent, density, inverse = predicted
+    precision = np.ascontiguousarray(inverse.transpose(1, 2, 0))
+    tangents = ModelTangents(data, model, gain, bent, precision)
+    score = tangents.score(surprise_of(data, density, inverse))
+    return add_prior(model, tangents.information(precision, data.number), score)
 
 
 def add_prior(
@@ -62,134 +346,6 @@ def add_prior(
     information[own, own] += wide**-2
     score[own] -= away / wide**2
     return information, score
-
-
-def whitener(data: BandData, density: np.ndarray) -> np.ndarray:
-    """Inverse roots of the density, weighted by the number of ordinates.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    density
-        Density that the model predicts.
-
-    Returns
-    -------
-    One matrix per group.
-    """
-    weight = data.number[:, None, None] ** 0.25
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(density)) * weight)
-
-
-def misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Difference of data and model densities, whitened and packed.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    density
-        Density that the model predicts.
-    root
-        Whitening matrices.
-
-    Returns
-    -------
-    Real vector.
-    """
-    left = root @ (data.density - density) @ root.conj().transpose(0, 2, 1)
-    row, column = _triangle(left.shape[-1])
-    packed = np.empty((len(left), left.shape[-1] ** 2))
-    _pack(left[:, row, column], packed)
-    return packed.reshape(-1)
-
-
-def density_derivatives(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
-    """Differentiate the density by the free parameters; whitened and packed.
-
-    All derivatives are outer products, so that vectors are whitened rather than matrices.
-
-    Parameters
-    ----------
-    model
-        Modal state-space model of the band.
-    data
-        Mean spectral matrices of the band.
-    root
-        Whitening matrices.
-
-    Returns
-    -------
-    One row per parameter.
-    """
-    directions, free, omega = len(model.shape), len(model.pole) - model.held, data.omega
-    gain, bent = (each[:, :, None] for each in model.gain(omega, data.width))
-    unit = root.transpose(2, 0, 1)
-    plain = (root @ model.shape).transpose(2, 0, 1)
-    shape = gain * plain
-    force = (root @ model.force).transpose(2, 0, 1)
-    heard = gain.conj() * force
-    moving = 0 if model.still else free
-    of_poles = outer_product_rows(bent[:moving] * plain[:moving], force[:moving])
-    of_poles[::2] *= model.pole[:moving].real[:, None]
-    of_shapes = outer_product_rows(unit, heard[:free, None])
-    of_forces = outer_product_rows(shape[:, None], unit)
-    of_forces[1::2] *= -1.0
-    level = _hermitian_pairs(unit)
-    slope = level.reshape(directions**2, len(omega), -1) * omega[:, None]
-    return np.concatenate([of_poles, of_shapes, of_forces, level, slope.reshape(level.shape)])
-
-
-def outer_product_rows(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Outer products of vectors plus their adjoints, and the same of i times the first.
-
-    Packed, ["2 * pair", "group * direction ** 2"].
-
-    Parameters
-    ----------
-    one, other
-        Vectors of each group.
-
-    Returns
-    -------
-    Two rows per pair: the sum, and i times the difference.
-    """
-    directions = one.shape[-1]
-    row, column = _triangle(directions)
-    forth = one[..., row] * other.conj()[..., column]
-    back = other[..., row] * one.conj()[..., column]
-    packed = np.empty((*forth.shape[:-2], 2, forth.shape[-2], directions**2))
-    _pack(forth + back, packed[..., 0, :, :])
-    _pack(1j * (forth - back), packed[..., 1, :, :])
-    return packed.reshape(-1, forth.shape[-2] * directions**2)
-
-
-def _hermitian_pairs(unit: np.ndarray) -> np.ndarray:
-    """Whitened matrices of the basis of Hermitian ones, packed."""
-    directions = len(unit)
-    low, high = np.tril_indices(directions)
-    both = outer_product_rows(unit[low], unit[high])
-    own = 2 * np.flatnonzero(low == high)
-    both[own] *= 0.5
-    return np.delete(both, own + 1, axis=0)
-
-
-def _pack(upper: np.ndarray, packed: np.ndarray) -> None:
-    """Upper triangles of Hermitian matrices as real vectors with the same inner products."""
-    directions = math.isqrt(packed.shape[-1])
-    packed[..., :directions] = upper.real[..., :directions]
-    size = math.sqrt(2.0)
-    middle = upper.shape[-1]
-    packed[..., directions:middle] = size * upper.real[..., directions:]
-    packed[..., middle:] = size * upper.imag[..., directions:]
-
-
-@functools.cache
-def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the diagonal, then of what is above it."""
-    own, (row, column) = np.arange(size), np.triu_indices(size, 1)
-    return np.concatenate([own, row]), np.concatenate([own, column])
 
 
 def restricted_inverse(information: np.ndarray) -> np.ndarray:

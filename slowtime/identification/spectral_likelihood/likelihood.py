@@ -23,8 +23,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .fisher_information import fisher_information, restricted_inverse
-from .model import BandData, BandModel, step_parameters
+from .evaluation import Evaluation, evaluate, inverse_density
+from .evaluation import band_log_likelihood as band_log_likelihood
+from .fisher_information import information_and_score, restricted_inverse, surprise_of
+from .model import BandData, BandModel, density_of, step_parameters
 
 MOST_STEPS = 25
 """Scoring steps of a full fit, at most."""
@@ -102,29 +104,6 @@ class BandFit:
         return np.asarray(moved)
 
 
-def band_log_likelihood(data: BandData, density: np.ndarray) -> float:
-    """Whittle log-likelihood; minus infinity if the density is not positive definite.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    density
-        Density that the model predicts.
-
-    Returns
-    -------
-    Log-likelihood, up to a constant.
-    """
-    try:
-        root = np.linalg.cholesky(density)
-        misfit = np.trace(np.linalg.solve(density, data.density), axis1=1, axis2=2).real
-    except np.linalg.LinAlgError:
-        return -np.inf
-    logarithm = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2).real).sum(axis=1)
-    return float(-np.sum(data.number * (logarithm + misfit)))
-
-
 def initial_model(
     data: BandData,
     pole: Complex[np.ndarray, " mode"],
@@ -174,9 +153,10 @@ def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
     """
     pole, shape = model.pole, model.shape
     modes, directions = len(pole), len(shape)
-    gain = 1.0 / (1j * data.omega[:, None] - pole)
-    unit = np.broadcast_to(np.eye(directions), (len(gain), directions, directions))
-    seen = np.concatenate([shape * gain[:, None, :], unit], axis=2)
+    # What is drawn is seen along constant vectors, times a response at each group.
+    base = np.concatenate([shape.T, np.eye(directions)])
+    response = np.ones((modes + directions, len(data.omega)), dtype=complex)
+    response[:modes] = 1.0 / (1j * data.omega - pole[:, None])
     weight = data.number / data.number.sum()
     power = np.real(np.diagonal(data.density, axis1=1, axis2=2))
     drawn = np.zeros((modes + directions, modes + directions), dtype=complex)
@@ -186,17 +166,44 @@ def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
         nearest = np.argsort(np.abs(data.omega - pole[j].imag))[:3]
         own = inverse[j] @ data.density[nearest].mean(axis=0) @ inverse[j].conj()
         drawn[j, j] = 0.5 * max(own.real, 1e-9) * pole[j].real ** 2
+    weighted = dataclasses.replace(data, number=weight)
     for _ in range(WARM_UP):
-        spread = seen @ drawn
-        density = spread @ seen.conj().transpose(0, 2, 1)
-        gather = np.linalg.solve(density, spread).conj().transpose(0, 2, 1)
-        surprise = gather @ (data.density - density) @ gather.conj().transpose(0, 2, 1)
-        drawn = drawn + np.tensordot(weight, surprise, axes=1)
+        density = density_of(shape, *_force_and_level(pole, shape, drawn), response[:modes])
+        precision, _ = inverse_density(density)
+        if precision is None:
+            precision = np.linalg.inv(density)
+        surprise = surprise_of(weighted, density, precision)
+        drawn = drawn + drawn @ _pull(base, response, surprise) @ drawn
         drawn = (drawn + drawn.conj().T) / 2
+    force, level = _force_and_level(pole, shape, drawn)
+    return dataclasses.replace(model, force=force, level=level, slope=0 * level)
+
+
+def _force_and_level(
+    pole: np.ndarray, shape: np.ndarray, drawn: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of a covariance of white forces on the modes and white noise."""
+    modes = len(pole)
     share = -drawn[:modes, :modes] / (pole[:, None] + pole.conj())
     force = (share @ shape.conj().T + drawn[:modes, modes:]).conj().T
-    level = drawn[modes:, modes:]
-    return dataclasses.replace(model, force=force, level=level, slope=0 * level)
+    return force, drawn[modes:, modes:]
+
+
+def _pull(base: np.ndarray, response: np.ndarray, surprise: np.ndarray) -> np.ndarray:
+    """What the data ask of the covariance of all that is drawn, summed over the groups.
+
+    Parameters
+    ----------
+    base, response
+        Vector along which each is seen, and its response at each group.
+    surprise
+        Gap of data and density between inverse densities, ["direction direction group"].
+    """
+    size, directions = base.shape
+    pulled = (base.conj() @ surprise.reshape(directions, -1)).reshape(size, directions, -1)
+    pulled = base @ pulled
+    pulled *= response
+    return np.asarray((pulled @ response.conj()[:, :, None])[:, :, 0])
 
 
 def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
@@ -218,12 +225,12 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
     Model, log-likelihood and covariance.
     """
     enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
-    model, density, converged = _climbed(data, fit_forces(data, model), enough, most)
+    model, here, converged = _climbed(data, fit_forces(data, model), enough, most)
     free = model.free()
-    information, _ = fisher_information(data, model, density)
+    information, _ = _information(data, model, here)
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = restricted_inverse(information)
-    return BandFit(model, band_log_likelihood(data, density), covariance, converged)
+    return BandFit(model, here.log_likelihood, covariance, converged)
 
 
 def fit_forces(data: BandData, model: BandModel) -> BandModel:
@@ -247,15 +254,16 @@ def fit_forces(data: BandData, model: BandModel) -> BandModel:
 
 def _climbed(
     data: BandData, model: BandModel, enough: float, most: int
-) -> tuple[BandModel, np.ndarray, bool]:
-    """Fisher scoring, damped where a step would not climb; model, density, and whether done."""
-    density = model.predicted(data)
-    best = _posterior(data, model, density)
+) -> tuple[BandModel, Evaluation, bool]:
+    """Fisher scoring, damped where a step would not climb; model, evaluation, and whether
+    done."""
+    here = evaluate(data, model)
+    best = _posterior(model, here)
     damping, converged = 1e-3, False
     free = model.free()
     whole = np.zeros(len(free))
     for _ in range(most):
-        information, score = fisher_information(data, model, density)
+        information, score = _information(data, model, here)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled, slope = information / scale[:, None] / scale, score / scale
         accepted = False
@@ -264,8 +272,8 @@ def _climbed(
             promised = float(slope @ step)
             whole[free] = step / scale
             trial = step_parameters(model, whole)
-            trial_density = trial.predicted(data)
-            likelihood = _posterior(data, trial, trial_density)
+            there = evaluate(data, trial, here if model.still else None)
+            likelihood = _posterior(trial, there)
             if likelihood >= best - 1e-10 * abs(best):
                 accepted = True
                 break
@@ -273,15 +281,24 @@ def _climbed(
         if not accepted:
             converged = promised < 1.0
             break
-        model, density, best = trial, trial_density, likelihood
+        model, here, best = trial, there, likelihood
         # A step kept short by a wall, where no density is left, promises little by itself.
         if promised < enough and damping < FREELY:
             converged = True
             break
         damping /= 8.0
-    return model, density, converged
+    return model, here, converged
 
 
-def _posterior(data: BandData, model: BandModel, density: np.ndarray) -> float:
+def _information(
+    data: BandData, model: BandModel, here: Evaluation
+) -> tuple[np.ndarray, np.ndarray]:
+    if here.precision is None:
+        raise ValueError("A density is not positive definite. Start from `initial_model`.")
+    predicted = (here.gain, here.bent, here.density, here.precision)
+    return information_and_score(data, model, predicted)
+
+
+def _posterior(model: BandModel, here: Evaluation) -> float:
     away, wide = model.ties()
-    return band_log_likelihood(data, density) - 0.5 * float(np.sum((away / wide) ** 2))
+    return here.log_likelihood - 0.5 * float(np.sum((away / wide) ** 2))

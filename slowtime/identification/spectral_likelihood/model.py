@@ -7,6 +7,7 @@ with the shape, the force and the mean response of each mode, and a background t
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -151,7 +152,26 @@ class BandModel:
         -------
         One matrix per group.
         """
-        return np.asarray(self.resonances(omega, width).sum(axis=0) + self.background(omega))
+        gain, _ = self.gain(omega, width)
+        return self.density_of_gain(omega, gain)
+
+    def density_of_gain(
+        self, omega: Float[np.ndarray, " group"], gain: Complex[np.ndarray, "mode group"]
+    ) -> np.ndarray:
+        """Predicted spectral matrices, from the response of the modes.
+
+        Parameters
+        ----------
+        omega
+            Angular frequencies of the groups, in the unit of the model.
+        gain
+            Response of each mode, as `gain` gives it.
+
+        Returns
+        -------
+        One matrix per group.
+        """
+        return density_of(self.shape, self.force, self.background(omega), gain)
 
     def predicted(self, data: BandData) -> np.ndarray:
         """Predicted spectral matrices of the data.
@@ -240,6 +260,33 @@ class BandModel:
         )
 
 
+def density_of(
+    shape: Complex[np.ndarray, "direction mode"],
+    force: Complex[np.ndarray, "direction mode"],
+    background: Complex[np.ndarray, "*group direction direction"],
+    gain: Complex[np.ndarray, "mode group"],
+) -> Complex[np.ndarray, "group direction direction"]:
+    """Density of modes over a background, one matrix product for all groups.
+
+    Parameters
+    ----------
+    shape, force
+        Of each mode.
+    background
+        One matrix for all groups, or one for each.
+    gain
+        Response of each mode.
+
+    Returns
+    -------
+    One matrix per group.
+    """
+    directions = len(shape)
+    outer = (shape.T[:, :, None] * force.conj().T[:, None]).reshape(-1, directions**2)
+    half = (gain.T @ outer).reshape(-1, directions, directions)
+    return np.asarray(half + half.conj().transpose(0, 2, 1) + background)
+
+
 def _averaged(a: np.ndarray, width: Width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means of 1 / a, of its square and of its cube, over a width along the imaginary axis."""
     square = 1.0 / (a**2 + 0.25 * np.square(width))
@@ -271,18 +318,19 @@ def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> 
         (part[::2] + 1j * part[1::2]).reshape(modes, directions).T
         for part in (parts[:size], parts[size : 2 * size])
     )
-    basis = hermitian_basis(directions)
+    basis = hermitian_basis(directions).reshape(directions**2, -1)
     level, slope = np.split(parts[2 * size :], 2)
     return dataclasses.replace(
         model,
         pole=pole,
         shape=model.shape + shape,
         force=model.force + force,
-        level=model.level + np.tensordot(level, basis, axes=1),
-        slope=model.slope + np.tensordot(slope, basis, axes=1),
+        level=model.level + (level @ basis).reshape(directions, directions),
+        slope=model.slope + (slope @ basis).reshape(directions, directions),
     )
 
 
+@functools.cache
 def hermitian_basis(size: int) -> np.ndarray:
     """Basis of the Hermitian matrices with real coefficients.
 
@@ -293,7 +341,7 @@ def hermitian_basis(size: int) -> np.ndarray:
 
     Returns
     -------
-    One matrix per coefficient.
+    One matrix per coefficient; not to be written to, for it is kept.
     """
     basis = np.zeros((size**2, size, size), dtype=complex)
     at = 0
@@ -304,4 +352,5 @@ def hermitian_basis(size: int) -> np.ndarray:
             at += 2
         basis[at, i, i] = 1.0
         at += 1
+    basis.setflags(write=False)
     return basis

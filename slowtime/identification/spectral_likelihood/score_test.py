@@ -3,13 +3,16 @@
 import numpy as np
 from jaxtyping import Complex
 
+from .evaluation import evaluate
 from .fisher_information import (
+    ModelTangents,
+    Tangents,
     add_prior,
-    density_derivatives,
-    misfit,
-    outer_product_rows,
+    cross_information,
+    real_rows,
+    real_slopes,
     restricted_inverse,
-    whitener,
+    surprise_of,
 )
 from .model import BandData, BandModel
 
@@ -18,13 +21,17 @@ class AddedModeTest:
     """What one more mode would add to a model, to first order (half a score statistic)."""
 
     def __init__(self, data: BandData, model: BandModel) -> None:
-        density = model.predicted(data)
-        self._data, self._density = data, density
-        self._root = whitener(data, density)
-        self._rows = density_derivatives(model, data, self._root)
-        self._left = misfit(data, density, self._root)
+        here = evaluate(data, model)
+        if here.precision is None:
+            raise ValueError("The density of the model is not positive definite.")
+        self._data, self._by_group = data, here.precision
+        self._precision = np.ascontiguousarray(here.precision.transpose(1, 2, 0))
+        self._tangents = ModelTangents(data, model, here.gain, here.bent, self._precision)
+        self._surprise = surprise_of(data, here.density, here.precision)
         information, score = add_prior(
-            model, self._rows @ self._rows.T, self._rows @ self._left
+            model,
+            self._tangents.information(self._precision, data.number),
+            self._tangents.score(self._surprise),
         )
         self._inverse = restricted_inverse(information)
         self._step = self._inverse @ score
@@ -53,20 +60,25 @@ class AddedModeTest:
 
     def _gain(self, pole: complex, shape: np.ndarray) -> float:
         # With no force as yet, neither pole nor shape of the new mode makes a difference.
-        gain = 1.0 / (1j * self._data.omega - pole)
-        seen = gain[:, None] * (self._root @ shape)
-        own = outer_product_rows(seen[None], self._root.transpose(2, 0, 1))
-        across = self._rows @ own.T
-        known = own @ own.T - across.T @ self._inverse @ across
-        left = own @ self._left - across.T @ self._step
+        response = 1.0 / (1j * self._data.omega - pole)
+        new = Tangents.of(shape[None], response[None], self._precision)
+        sums = cross_information(new, new, self._precision, self._data.number)
+        known = real_rows(*(one[0, :, 0] for one in sums))
+        plain, turned = cross_information(
+            self._tangents.vectors, new, self._precision, self._data.number
+        )
+        across = self._tangents.real_parameters(
+            real_rows(*(self._tangents.coordinates(one[:, :, 0]) for one in (plain, turned)))
+        )
+        known = known - across.T @ self._inverse @ across
+        left = real_slopes(new.score(self._surprise)[0, :, 0]) - across.T @ self._step
         return float(0.5 * left @ restricted_inverse((known + known.T) / 2) @ left)
 
     def _asked_for(self, pole: complex) -> np.ndarray:
         """Shape along which a little power at a pole would raise the likelihood most."""
-        weight = self._data.number / np.abs(1j * self._data.omega - pole) ** 2
-        inverse = np.linalg.inv(self._density)
-        slope = inverse @ (self._data.density - self._density) @ inverse
-        size, slope = (np.tensordot(weight, each, axes=1) for each in (inverse, slope))
+        weight = 1.0 / np.abs(1j * self._data.omega - pole) ** 2
+        size = np.tensordot(self._data.number * weight, self._by_group, axes=1)
+        slope = self._surprise @ weight
         root = np.linalg.inv(np.linalg.cholesky(size))
         directions = np.linalg.eigh(root @ slope @ root.conj().T)[1]
         shape = root.conj().T @ directions[:, -1]

@@ -148,7 +148,8 @@ def _frame(
     basis = basis[:, : min(number, int(np.count_nonzero(strength > 0.05 * strength[0])))]
     seen = scaled @ basis.conj()
     rest = scaled - seen @ basis.T
-    more = np.linalg.svd(rest.T, full_matrices=False)[0][:, : number - basis.shape[1]]
+    # Singular vectors of a long matrix, strongest first, by its small Gram matrix.
+    more = np.linalg.eigh(rest.T @ rest.conj())[1][:, ::-1][:, : number - basis.shape[1]]
     # Channels that say the same, but for rounding, have directions in which nothing is left.
     parts = np.concatenate([seen, rest @ more.conj()], axis=1)
     power = np.median(np.abs(parts) ** 2, axis=0)

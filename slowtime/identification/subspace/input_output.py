@@ -34,7 +34,8 @@ from jaxtyping import Float
 
 from slowtime.signals.decimation import decimated
 
-from .model_orders import WeightedSubspace, joined_poles, poles_of_order, whitening
+from .model_orders import WeightedSubspace, joined_poles, whitening
+from .order_recursion import poles_of_orders
 from .poles import Poles, rescale_channels
 
 BLOCK_ROWS = 20
@@ -99,7 +100,7 @@ def input_output_poles(
     sizes = (rows * outputs.shape[1], rows * (outputs.shape[1] + inputs.shape[1]))
     subspace = _subspace(stacked, sizes, outputs.shape[1], rate_hz, order)
     orders = range(1, min(order, subspace.u.shape[1], (rows - 1) * outputs.shape[1]) + 1)
-    parts = [poles_of_order(subspace, n, 0.0, False) for n in orders]
+    parts = poles_of_orders(subspace, orders, 0.0)
     found = joined_poles(parts, len(inputs) / rate_hz)
     return rescale_channels(found, scale_y)
 

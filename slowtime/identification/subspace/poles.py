@@ -15,6 +15,35 @@ FEWEST_DRAWS = 6
 GAUSSIAN = 1.959964
 """Quantile of the 95 % interval."""
 
+MOST_DAMPING = 0.25
+"""Largest damping ratio of a pole that may be a mode [1]."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class PoleLimits:
+    """Frequencies [Hz] and damping ratios [1] between which modes are looked for."""
+
+    low_hz: float
+    high_hz: float
+    most_damping: float = MOST_DAMPING
+
+    def inside(self, pole: Complex[np.ndarray, " pole"]) -> Int[np.ndarray, " chosen"]:
+        """Indices of the poles within the limits.
+
+        Parameters
+        ----------
+        pole
+            s [rad/s].
+
+        Returns
+        -------
+        Ascending indices.
+        """
+        size = np.abs(pole)
+        frequency, damping = size / (2 * np.pi), -pole.real / size
+        fit = (frequency >= self.low_hz) & (frequency <= self.high_hz)
+        return np.flatnonzero(fit & (damping > 0) & (damping < self.most_damping))
+
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Poles:
@@ -29,7 +58,7 @@ class Poles:
     shape
         Of unit norm.
     draws
-        Errors of s [rad/s].
+        Errors of s [rad/s]; nan where they were not asked for.
     shape_draws
         Errors of the shapes; None where they were not asked for.
     duration_s

@@ -36,6 +36,8 @@ from .model_orders import (
     poles_of_order,
     whitening,
 )
+from .order_recursion import poles_of_orders
+from .poles import PoleLimits
 from .poles import Poles as Poles
 from .poles import rescale_channels
 
@@ -137,6 +139,7 @@ def identify_poles(
     mixing: Inexact[np.ndarray, "reference channel"] | None = None,
     first_lag: int = 1,
     shapes: bool = False,
+    errors_within: PoleLimits | None = None,
 ) -> Poles:
     r"""Poles of all `orders` from one singular value decomposition.
 
@@ -157,6 +160,8 @@ def identify_poles(
         Lags before it are not used, whatever noise and filters do to them.
     shapes
         Whether to compute errors of the shapes as well.
+    errors_within
+        Poles whose errors are computed, unless those of shapes are; all by default.
 
     Returns
     -------
@@ -187,10 +192,11 @@ def identify_poles(
     subspace = WeightedSubspace(
         u[:, :largest], gamma, errors, future.inverse, channels, correlations.rate_hz
     )
-    parts = [
-        poles_of_order(subspace, n, correlations.centre_hz, shapes)
-        for n in sorted({n for n in orders if n <= largest})
-    ]
+    chosen = sorted({n for n in orders if n <= largest})
+    if shapes:
+        parts = [poles_of_order(subspace, n, correlations.centre_hz, True) for n in chosen]
+    else:
+        parts = poles_of_orders(subspace, chosen, correlations.centre_hz, errors_within)
     return joined_poles(parts, correlations.duration_s)
 
 

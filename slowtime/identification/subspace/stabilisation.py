@@ -12,10 +12,8 @@ from jaxtyping import Complex, Float, Int
 
 from slowtime.identification.mode_shapes.criteria import mac_matrix
 
-from .poles import Poles
-
-MOST_DAMPING = 0.25
-"""Largest damping ratio of a pole [1]."""
+from .poles import MOST_DAMPING as MOST_DAMPING
+from .poles import PoleLimits, Poles
 
 MOST_SD = 3.0
 """Largest standard deviation of a frequency [half-bandwidths]."""
@@ -110,15 +108,14 @@ def find_stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[St
     """
     frequency, damping = poles.frequency_hz, poles.damping_ratio
     sd_f, sd_z, _ = poles.standard_deviations()
-    fit = (frequency >= low_hz) & (frequency <= high_hz)
-    fit &= (damping < MOST_DAMPING) & (damping > 0)
+    fit = PoleLimits(low_hz, high_hz).inside(poles.pole)
     width = np.maximum(damping * frequency, 0.5 / poles.duration_s)
-    fit &= sd_f < MOST_SD * width
+    fit = fit[sd_f[fit] < MOST_SD * width[fit]]
     spread = np.stack([sd_f / frequency, sd_z]) + HALF_ROUNDING
     place = np.stack([np.log(frequency), damping])
     top = int(poles.order.max(initial=0))
     found = []
-    for members in _chains(poles, np.flatnonzero(fit), place, spread):
+    for members in _chains(poles, fit, place, spread):
         orders = poles.order[members]
         share = len(members) / (top - orders.min() + 1)
         if len(members) < SHORTEST or share < DENSEST:
