@@ -110,9 +110,9 @@ def _of_order(
     asked = np.arange(len(at)) if errors_within is None else errors_within.inside(pole)
     if len(asked):
         own, turn = observed[asked], value[asked]
+        # Of a pole these are orthogonal to the subspace as they are: no projection is needed.
         rows = own @ shared.lower[:n] - (turn[:, None] * own) @ shared.upper[:n]
-        u = subspace.u[:, :n]
-        rows -= (rows @ u) @ u.conj().T
-        moved = (shared.errors[:, :n] @ right[:, asked]).reshape(len(draws), len(u), -1)
+        moved = shared.errors[:, :n] @ right[:, asked]
+        moved = moved.reshape(len(draws), rows.shape[1], -1)
         draws[:, asked] = np.einsum("jr,krj->kj", rows, moved) * (subspace.rate_hz / turn)
     return n, pole, shape / np.linalg.norm(shape, axis=0), draws, None
