@@ -1,13 +1,14 @@
 """Modes of many channels against pyOMA-2 in the same run, and what an endless stream costs.
 
-Run `python -m benchmarks.methods.modal [--runs 20] [--hours 2]`. All read the same simulated
-records at the same block rows, model orders and number of blocks for the uncertainty:
+Run `python -m benchmarks.methods.modal [--runs 20] [--seeds 3] [--hours 2]`. All read the same
+simulated records at the same block rows, model orders and number of blocks for the uncertainty:
 `slowtime` with past and future whitened, as `identify_modes` does, `plain` without, as pyOMA-2.
 At each order the pole nearest to each true mode is compared with the truth: errors over the
 uncertainty law, and how often the 95 % interval of either holds it. Time and memory are those
 of covariance-driven subspace identification with standard deviations of frequency, damping and
 shape; memory is the most that a reading holds at once, beside the record. pyOMA-2 leaves out
-unstable poles as it goes; here they are left out afterwards.
+unstable poles as it goes; here they are left out afterwards. Last, whole identifications by
+`identify_modes` are beside bare runs of pyOMA-2 without deviations.
 """
 
 import argparse
@@ -28,6 +29,7 @@ import scipy.linalg
 
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Structure
+from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.recursive import RecursiveModes
 from slowtime.identification.single_mode.bounds import ambient_law
 from slowtime.identification.subspace.ssi import Weighting, ssi_covariance
@@ -93,6 +95,12 @@ SPEEDS = (
     Case(10, 4.5, 12.0, 3000.0, 20, tuple(range(2, 61, 2))),
 )
 STREAM = Case(16, 80.0, 200.0, 600.0, 12, ())
+WHOLE = (Case(3, 40.0, 100.0, 600.0, 0, ()), Case(16, 80.0, 200.0, 600.0, 0, ()))
+BARE = ((20, 40), (30, 60), (50, 100))
+"""Block rows and highest order of the bare runs that whole identifications are beside."""
+
+MOST_OF_BARE = 2.0
+"""Most processor time of a whole identification, over that of a bare run [1]."""
 
 
 def ours(case: Case, record: np.ndarray, weighting: Weighting = "both") -> dict[int, Read]:
@@ -272,6 +280,69 @@ def speed(names: Sequence[str]) -> bool:
     return passed
 
 
+def whole(seeds: int) -> bool:
+    """Print time and errors of whole identifications; whether they take little enough.
+
+    pyOMA-2 runs bare: covariances, decomposition and poles of every order, but no bands, no
+    choice of modes and no standard deviations.
+    """
+    peer = importlib.util.find_spec("pyoma2") is not None
+    print("\nWhole identification (bands, orders, choice, fits, intervals) beside bare SSI-cov")
+    passed = True
+    for case in WHOLE:
+        record = case.record(np.random.default_rng(0))
+        bare = {sizes: bare_seconds(case, record, *sizes) for sizes in BARE} if peer else {}
+        spent: list[float] = []
+        found: Errors = []
+        for seed in range(seeds):
+            record = case.record(np.random.default_rng(seed))
+            begun = time.process_time()
+            modes = identify_modes(record, case.rate_hz).structural
+            spent.append(time.process_time() - begun)
+            of_each = [(mode.frequency_hz, mode.damping_ratio) for mode in modes]
+            columns = [
+                [getattr(m[k], n) for m in of_each] for n in ("value", "sd") for k in (0, 1)
+            ]
+            found += errors(case, tuple(np.array(column) for column in columns))  # type: ignore[arg-type]
+        there = np.array([one for one in found if one is not None])
+        rmse = np.sqrt(np.mean(there[:, :2] ** 2, axis=0))
+        held = 100 * np.mean(np.abs(there[:, 2:]) < LEVEL, axis=0)
+        typical = float(np.median(spent))
+        print(
+            f"{case.masses} channels, {case.seconds:g} s at {case.rate_hz:g} Hz, {seeds} seeds"
+            f", CPU {typical:.2f} s; RMSE / law f {rmse[0]:.2f} zeta {rmse[1]:.2f}; 95 % holds "
+            f"{held[0]:.1f} % and {held[1]:.1f} %; {len(found) - len(there)} missed",
+            flush=True,
+        )
+        for (rows, order), seconds in bare.items():
+            fine = typical <= MOST_OF_BARE * seconds
+            passed &= fine
+            print(
+                f"  bare, {rows} block rows, orders to {order}: {seconds:.2f} s, ratio "
+                f"{typical / seconds:.1f}{'' if fine else '  MISSED'}",
+                flush=True,
+            )
+    return passed
+
+
+def bare_seconds(case: Case, record: np.ndarray, block_rows: int, highest: int) -> float:
+    """CPU seconds of one bare run of pyOMA-2, the best of three."""
+    from pyoma2.algorithms import SSI
+    from pyoma2.setup import SingleSetup
+
+    logging.disable(logging.CRITICAL)
+    spent = []
+    for _ in range(3):
+        algorithm = SSI(name="peer", method="cov", br=block_rows, ordmax=highest)
+        begun = time.process_time()
+        with contextlib.redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
+            setup = SingleSetup(record, fs=case.rate_hz)
+            setup.add_algorithms(algorithm)
+            setup.run_by_name("peer")
+        spent.append(time.process_time() - begun)
+    return min(spent)
+
+
 def stream(hours: int, every_s: float) -> bool:
     """Print what each hour of an endless stream costs; whether that is little and steady."""
     case = STREAM
@@ -309,6 +380,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print all tables; status 1 if any figure misses its mark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=20, help="seeded records for accuracy")
+    parser.add_argument("--seeds", type=int, default=3, help="of whole identifications")
     parser.add_argument("--hours", type=int, default=2, help="of the stream")
     parser.add_argument("--every", type=float, default=60.0, help="seconds between solutions")
     parser.add_argument("--speed", action="store_true", help="print time and memory only")
@@ -323,6 +395,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     bare = [f"{names[-1]}, bare"] if "pyOMA-2" in names else []
     passed = given.speed or accuracy(names, given.runs)
     passed &= speed(names + bare)
+    passed &= whole(given.seeds)
     passed &= given.speed or stream(given.hours, given.every)
     print("\nall within their marks" if passed else "\nSOME FIGURE MISSED ITS MARK")
     return 0 if passed else 1

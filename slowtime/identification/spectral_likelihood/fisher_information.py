@@ -65,7 +65,7 @@ class Tangents:
         directions = self.base.shape[1]
         pulled = self.base.conj() @ surprise.reshape(directions, -1)
         pulled = pulled.reshape(len(self.base), directions, -1)
-        return np.asarray((pulled @ self.scalar.conj()[:, :, None]))
+        return np.asarray(pulled @ self.scalar.conj()[:, :, None])
 
 
 def cross_information(
@@ -74,7 +74,7 @@ def cross_information(
     precision: Complex[np.ndarray, "direction direction group"],
     number: Float[np.ndarray, " group"],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums that go with z z' and with z times the conjugate of z'.
+    """Compute the sums that go with z z' and with z times the conjugate of z'.
 
     Parameters
     ----------

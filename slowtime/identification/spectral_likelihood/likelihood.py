@@ -190,7 +190,7 @@ def _force_and_level(
 
 
 def _pull(base: np.ndarray, response: np.ndarray, surprise: np.ndarray) -> np.ndarray:
-    """What the data ask of the covariance of all that is drawn, summed over the groups.
+    """Sum over the groups of what the data ask of the covariance of all that is drawn.
 
     Parameters
     ----------
@@ -255,8 +255,7 @@ def fit_forces(data: BandData, model: BandModel) -> BandModel:
 def _climbed(
     data: BandData, model: BandModel, enough: float, most: int
 ) -> tuple[BandModel, Evaluation, bool]:
-    """Fisher scoring, damped where a step would not climb; model, evaluation, and whether
-    done."""
+    """Fisher scoring, damped where a step would not climb; model, evaluation, whether done."""
     here = evaluate(data, model)
     best = _posterior(model, here)
     damping, converged = 1e-3, False

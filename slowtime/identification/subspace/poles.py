@@ -28,7 +28,7 @@ class PoleLimits:
     most_damping: float = MOST_DAMPING
 
     def inside(self, pole: Complex[np.ndarray, " pole"]) -> Int[np.ndarray, " chosen"]:
-        """Indices of the poles within the limits.
+        """Find the poles within the limits.
 
         Parameters
         ----------

@@ -37,9 +37,8 @@ from .model_orders import (
     whitening,
 )
 from .order_recursion import poles_of_orders
-from .poles import PoleLimits
+from .poles import PoleLimits, rescale_channels
 from .poles import Poles as Poles
-from .poles import rescale_channels
 
 Weighting = Literal["none", "past", "both"]
 
