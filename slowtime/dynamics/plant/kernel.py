@@ -339,7 +339,15 @@ def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
     width = slopes.shape[1]
     for i in range(width):
         found[i] = 0.0
-    for c in range(len(slopes)):
+    # Four columns at once: the sums are read and written a quarter as often.
+    whole = len(slopes) - len(slopes) % 4
+    for c in range(0, whole, 4):
+        one, two, three, four = shares[c], shares[c + 1], shares[c + 2], shares[c + 3]
+        for i in range(width):
+            found[i] += (one * slopes[c, i] + two * slopes[c + 1, i]) + (
+                three * slopes[c + 2, i] + four * slopes[c + 3, i]
+            )
+    for c in range(whole, len(slopes)):
         share = shares[c]
         for i in range(width):
             found[i] += share * slopes[c, i]

@@ -2,8 +2,8 @@ r"""Poles of all model orders from one QR decomposition, and the errors of those
 
 The observability matrix of order n is the first n columns of that of the highest order. With
 :math:`\Gamma_\uparrow = Q R` for the upper block rows of all columns, the system matrix of each
-order is :math:`R_n^{-1} (Q^H \Gamma_\downarrow)_n`, leading blocks of n rows and columns. The rows
-that the errors of a pole ask for come from products with Q that all orders share.
+order is :math:`R_n^{-1} (Q^H \Gamma_\downarrow)_n`, leading blocks of n rows and columns.
+The rows that the errors of a pole ask for come from products with Q that all orders share.
 
 References
 ----------
