@@ -95,9 +95,11 @@ SPEEDS = (
     Case(10, 4.5, 12.0, 3000.0, 20, tuple(range(2, 61, 2))),
 )
 STREAM = Case(16, 80.0, 200.0, 600.0, 12, ())
-WHOLE = (Case(3, 40.0, 100.0, 600.0, 0, ()), Case(16, 80.0, 200.0, 600.0, 0, ()))
-BARE = ((20, 40), (30, 60), (50, 100))
-"""Block rows and highest order of the bare runs that whole identifications are beside."""
+WHOLE = (
+    (Case(3, 40.0, 100.0, 600.0, 0, ()), ((20, 40), (30, 60), (50, 100))),
+    (Case(16, 80.0, 200.0, 600.0, 0, ()), ((20, 60), (30, 80), (50, 100))),
+)
+"""Records of whole identifications; block rows and highest orders of the bare runs beside."""
 
 MOST_OF_BARE = 2.0
 """Most processor time of a whole identification, over that of a bare run [1]."""
@@ -289,9 +291,9 @@ def whole(seeds: int) -> bool:
     peer = importlib.util.find_spec("pyoma2") is not None
     print("\nWhole identification (bands, orders, choice, fits, intervals) beside bare SSI-cov")
     passed = True
-    for case in WHOLE:
+    for case, sizes in WHOLE:
         record = case.record(np.random.default_rng(0))
-        bare = {sizes: bare_seconds(case, record, *sizes) for sizes in BARE} if peer else {}
+        bare = {one: bare_seconds(case, record, *one) for one in sizes if peer}
         spent: list[float] = []
         found: Errors = []
         for seed in range(seeds):
