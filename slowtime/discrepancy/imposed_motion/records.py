@@ -202,7 +202,7 @@ def clock_errors(
     sides = np.concatenate([beyond.real, beyond.imag])
     fitted, *_ = np.linalg.lstsq(rows, sides, rcond=None)
     left = np.linalg.norm(sides - rows @ fitted, axis=0)
-    return left / max(float(np.linalg.norm(force)), np.finfo(float).tiny)
+    return np.asarray(left / max(float(np.linalg.norm(force)), np.finfo(float).tiny))
 
 
 def _integrated(

@@ -378,11 +378,13 @@ class Constants:
     ) -> Float[np.ndarray, "3"]:
         """Return standard deviations of the fitted constants, for noise of a level [N]."""
         inner = linear.T @ linear / level**2 + np.diag(1 / self.sd**2)
-        return np.sqrt(np.maximum(np.diag(np.linalg.pinv(inner, hermitian=True)), 0.0))
+        return np.asarray(
+            np.sqrt(np.maximum(np.diag(np.linalg.pinv(inner, hermitian=True)), 0))
+        )
 
     def pulls(self, constants: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """Return by how many stated standard deviations constants are off; 0 if unstated."""
-        return (constants - self.mean) / self.sd
+        return np.asarray((constants - self.mean) / self.sd)
 
 
 class _LeastSquares:

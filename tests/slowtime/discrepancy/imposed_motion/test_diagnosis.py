@@ -234,6 +234,8 @@ def test_the_inertia_of_a_node_tells_the_clock_of_its_record(factor):
     force = given.inputs[:, 0] + 20.0 * np.gradient(np.gradient(e, t), t)
     read = dataclasses.replace(given, inputs=force[:, None])
     clocks = (1.0, 60.0, 1000.0)
-    errors = clock_errors(rig_of(heavy), read, clocks)
+    rig = rig_of(heavy)
+    assert rig is not None
+    errors = clock_errors(rig, read, clocks)
     assert clocks[int(np.argmin(errors))] == factor
     assert errors.min() < 0.1

@@ -21,6 +21,7 @@ from slowtime.discrepancy.refinement.force_surface.shape import (
     groups_of,
     scales_of,
 )
+from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Motion, catalogue, force_along
 from slowtime.dynamics.effects.library.measured_force import TERMS
 from slowtime.dynamics.plant import Plant
@@ -75,7 +76,9 @@ def error_of(found, law, *values):
     """Error of the whole force of the element at rest, over the middle of the motion [N]."""
     e = np.linspace(-0.01, 0.01, 41)
     force, sd = surface_band(found.fit, still(e))
-    spare = found.fit.values[0] - ONE.elements[0].stiffness_n_per_m
+    spring = ONE.elements[0]
+    assert isinstance(spring, Spring)
+    spare = found.fit.values[0] - spring.stiffness_n_per_m
     truth = np.array([law(x, 0.0, 0.0, None, values) for x in e])
     off = force + spare * e - truth
     return float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(sd**2)))

@@ -94,8 +94,10 @@ def test_a_picture_of_a_surface_has_its_measured_range_and_opening_bands(closed)
     beyond = sd[at > shown.high]
     assert (np.diff(beyond) > 0).all()
     assert beyond[-1] > sd[inside].max()
-    assert np.isfinite(shown.over_e.law[inside]).all()
-    assert np.isnan(shown.over_e.law[~inside]).all()
+    law = shown.over_e.law
+    assert law is not None
+    assert np.isfinite(law[inside]).all()
+    assert np.isnan(law[~inside]).all()
     assert "gap_symmetric" in shown.law
     assert shown.low <= shown.e.min() < shown.e.max() <= shown.high
     seen = np.isfinite(shown.grid_force)
@@ -109,6 +111,7 @@ def test_a_law_is_drawn_where_the_surface_is_like_it(closed):
     told, found, _, _ = closed
     shown = measured_force(told, likenesses(told.fit, PLACE, found, KINDS), found, KINDS)
     middle = np.abs(shown.over_e.at) < 0.5 * shown.high
+    assert shown.over_e.law is not None
     off = shown.over_e.law[middle] - shown.over_e.force[middle]
     assert np.sqrt(np.mean(off**2)) < 0.1 * np.ptp(shown.over_e.force)
 
