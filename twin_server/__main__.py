@@ -47,6 +47,7 @@ from twin_server.serve.access import (
 )
 from twin_server.serve.http.connections import Connections, Limits
 from twin_server.serve.request_traces import Traced
+from twin_server.serve.shard_interface import ShardDoor, create_shard_interface
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
@@ -202,7 +203,10 @@ def _serve(
         composite_service=compositions,
         events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
-    door_of = guard.around(app)
+    door_of: ASGIApp = guard.around(app)
+    if settings.shards.key:
+        interface = create_shard_interface(knowledge, compositions, queue)
+        door_of = ShardDoor(door_of, interface, settings.shards.key)
     connections = Connections(limits_of(settings))
     config = http_config(Traced(door_of, traces) if traces else door_of, settings, connections)
     server = _Server(config, hub, limits.reading_threads)

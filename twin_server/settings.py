@@ -244,8 +244,15 @@ class ShardSettings(Frozen):
     """Number of shards; 1 for a single server. At most one for each of the 256 partitions."""
     index: Annotated[int, Field(ge=0)] | None = None
     """Which shard this process is, from 0; None for the process that starts all of them."""
-    engine: Annotated[str, Field(pattern=r"^(local|ray(://.+)?)$")] = "local"
-    """Who runs the shards: `local` processes of this machine, or `ray`."""
+    engine: Annotated[str, Field(pattern=r"^(local|ray(:auto|://.+)?)$")] = "local"
+    """Who runs the shards: `local` processes of this machine; `ray` on a cluster that is
+    started on this machine; `ray:auto` on the cluster that this machine belongs to;
+    `ray://HOST:PORT` on one that is reached by its client port."""
+    cores: Annotated[float, Field(ge=0, le=1024)] = 1.0
+    """Cores that Ray reserves on a node for each shard; 0 reserves none."""
+    key: str = Field("", repr=False)
+    """Secret of the front and its shards, which answer requests with it only. The process that
+    starts the shards makes one for each start; leave it out."""
     backoff_s: Positive = 0.25
     """Before a shard that ended is started again; doubled each time up to `max_backoff_s`."""
     max_backoff_s: Positive = 10.0

@@ -2,7 +2,7 @@
 
 import json
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -37,21 +37,34 @@ class CompositeRegistry:
         """All composites, in the order of their registration; does not change any more."""
         return self._known
 
-    def register(self, composite_id: str, wanted: Composite, principal: str) -> bool:
+    def register(
+        self,
+        composite_id: str,
+        wanted: Composite,
+        principal: str,
+        twins: Collection[str] | None = None,
+    ) -> bool:
         """Register a composite; True where it is new.
+
+        Parameters
+        ----------
+        twins
+            Those of the members, and of `composite_id`, that are twins, where other processes
+            have twins too; None to look among the twins of this process.
 
         Raises
         ------
         ProblemError
             Where it cannot be; the text says what to change.
         """
+        is_twin = self._is_twin if twins is None else twins.__contains__
         with self._lock:
             if composite_id not in self._known and len(self._known) >= MOST:
                 raise ProblemError(
                     409, "too-many-composites", f"There are {MOST} composites. Delete some."
                 )
             try:
-                check(composite_id, wanted, self._known, self._is_twin)
+                check(composite_id, wanted, self._known, is_twin)
             except WrongCompositeError as error:
                 raise ProblemError(422, "wrong-composite", str(error)) from error
             new = composite_id not in self._known

@@ -59,6 +59,21 @@ READY_S = 5.0
 """How long the database may take to answer until the server is said not to be ready."""
 
 
+RECORDINGS = "/api/v1/recordings/"
+
+
+def larger_bodies(settings: ServeSettings, largest_recording: int | None) -> dict[str, int]:
+    """Return what bodies may have more than `max_body_bytes`, by the start of their path.
+
+    Parameters
+    ----------
+    largest_recording
+        Of an upload [bytes]; None where there are none.
+    """
+    larger = {"/api/v1/twins/": max(settings.max_body_bytes, LARGEST_MODEL)}
+    return larger if largest_recording is None else {**larger, RECORDINGS: largest_recording}
+
+
 def create_app(
     knowledge: Knowledge,
     hub: Hub,
@@ -110,11 +125,14 @@ def create_app(
         redoc_url=None,
     )
     problems.install(app)
-    larger = {"/api/v1/twins/": max(settings.max_body_bytes, LARGEST_MODEL)}
-    if recording_service is not None:
-        larger["/api/v1/recordings/"] = largest_recording
-    app.add_middleware(BodyQueue, streamed="/api/v1/recordings/")
-    app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
+    app.add_middleware(BodyQueue, streamed=RECORDINGS)
+    app.add_middleware(
+        BodyLimit,
+        max_bytes=settings.max_body_bytes,
+        larger=larger_bodies(
+            settings, None if recording_service is None else largest_recording
+        ),
+    )
     known = registered_in(knowledge)
     changing = BoundedThreads(2)
     all_composites: Callable[[], Mapping[str, Composite]]
@@ -145,7 +163,10 @@ def create_app(
         app.include_router(asset_events.routes(events, known), prefix="/api/v1")
     if composite_service is not None:
         app.include_router(
-            composites.routes(knowledge, composite_service, known, queue), prefix="/api/v1"
+            composites.routes(
+                composites.KnownFacts(knowledge), composite_service, known, queue
+            ),
+            prefix="/api/v1",
         )
     if recording_service is not None:
         app.include_router(recordings.routes(recording_service), prefix="/api/v1")

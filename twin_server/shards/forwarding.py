@@ -10,6 +10,8 @@ import h11
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from twin_server.serve.shard_interface import HEADER
+
 Headers = list[tuple[bytes, bytes]]
 
 CONNECT_S = 5.0
@@ -25,8 +27,9 @@ OF_CONNECTION = frozenset(
 """Headers of one connection, which are not passed on (RFC 9110, 7.6.1)."""
 
 OF_BROWSER = frozenset(
-    (b"host", b"origin", b"forwarded", b"x-forwarded-for", b"x-forwarded-proto", b"expect")
-)
+    (b"host", b"origin", b"forwarded", b"x-forwarded-for", b"x-forwarded-proto", b"expect",
+     HEADER)
+)  # fmt: skip
 """Headers that the front has judged, or sets itself."""
 
 WITHOUT_BODY = ("GET", "HEAD", "OPTIONS")
@@ -115,11 +118,13 @@ class _Exchange:
         return event
 
 
-def passed_on(headers: Iterable[tuple[bytes, bytes]], client: str, scheme: str) -> Headers:
+def passed_on(
+    headers: Iterable[tuple[bytes, bytes]], client: str, scheme: str, key: str
+) -> Headers:
     """Return the headers of a request as a shard gets them.
 
     The front has checked where the request came from. The shard counts requests for each
-    caller's address, and is told it.
+    caller's address, and is told it, and the secret by which it knows the front.
     """
     kept = [
         (name, value)
@@ -133,12 +138,13 @@ def passed_on(headers: Iterable[tuple[bytes, bytes]], client: str, scheme: str) 
         (b"sec-fetch-site", b"same-origin"),
         (b"x-forwarded-for", client.encode("latin-1")),
         (b"x-forwarded-proto", scheme.encode()),
+        (HEADER, key.encode()),
     ]
 
 
-def _headers_of(request: Request) -> Headers:
+def _headers_of(request: Request, key: str) -> Headers:
     client = request.client.host if request.client else "127.0.0.1"
-    return passed_on(request.headers.raw, client, request.url.scheme)
+    return passed_on(request.headers.raw, client, request.url.scheme, key)
 
 
 def _target(request: Request) -> bytes:
@@ -147,13 +153,15 @@ def _target(request: Request) -> bytes:
     return path + (b"?" + query if query else b"")
 
 
-async def forward(request: Request, url: str, timeout_s: float) -> Response:
+async def forward(request: Request, url: str, timeout_s: float, key: str) -> Response:
     """Pass a request to the shard at `url`; the answer streams.
 
     Parameters
     ----------
     timeout_s
         How long the head of the answer may take [s].
+    key
+        Secret of the fleet.
 
     Raises
     ------
@@ -162,7 +170,7 @@ async def forward(request: Request, url: str, timeout_s: float) -> Response:
     """
     exchange = _Exchange(url, timeout_s)
     try:
-        headers = _headers_of(request)
+        headers = _headers_of(request, key)
         has_body = request.method not in WITHOUT_BODY
         if has_body and "content-length" not in request.headers:
             headers.append((b"transfer-encoding", b"chunked"))
@@ -181,11 +189,15 @@ async def forward(request: Request, url: str, timeout_s: float) -> Response:
     return streaming
 
 
-async def ask(request: Request, url: str, timeout_s: float, target: bytes = b"") -> Answer:
+async def ask(
+    request: Request, url: str, timeout_s: float, key: str, target: bytes = b""
+) -> Answer:
     """Ask a shard the same (or `target`) by GET, and wait for the whole answer."""
     exchange = _Exchange(url, timeout_s)
     try:
-        headers = [h for h in _headers_of(request) if h[0] not in (b"content-length", b"range")]
+        headers = [
+            h for h in _headers_of(request, key) if h[0] not in (b"content-length", b"range")
+        ]
         await exchange.open("GET", target or _target(request), headers)
         await exchange.send(h11.EndOfMessage())
         head = await exchange.head()

@@ -1,5 +1,6 @@
 """ASGI application of a fleet: requests about a twin to its shard, about all twins to all.
 
+Composites, which may have twins of several shards, are composed here of what the shards tell.
 It keeps nothing of any request but the page's own files, so that several may stand before the
 same shards.
 """
@@ -8,29 +9,33 @@ import asyncio
 import re
 from http import HTTPStatus
 
-from fastapi import FastAPI, Request, Response
-from pydantic_core import from_json
+from fastapi import APIRouter, FastAPI, Request, Response
+from pydantic_core import from_json, to_json
 
-from slowtime_schemas.partitions import partition_of
-from slowtime_services.shards import owners
 from twin_server.identity.principals import NOBODY, principal_of
+from twin_server.registration.twin import Registration
+from twin_server.serve.api import larger_bodies
+from twin_server.serve.composites import routes as composite_routes
+from twin_server.serve.exports import graph_routes
 from twin_server.serve.http import problems
+from twin_server.serve.http.body_limit import BodyLimit
+from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.routes import page
 from twin_server.serve.routes.session import session
+from twin_server.serve.routes.twin_path import TwinId
+from twin_server.serve.routes.twins import composite_of_that_id
 from twin_server.serve.state_rendering import json_response
-from twin_server.settings import ShardSettings
+from twin_server.settings import TwinSettings
 
+from .calls import Calls, is_down, owner, unavailable
+from .composing import ShardAssets, ShardComposites, ShardFacts
 from .forwarding import Answer, ShardSilentError, ask, forward
 from .merging import MERGED, merged_metrics
 from .supervisor import Shards
 
 _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
-_NOT_DIVIDED = re.compile(r"^/api/v1/(?:dtdl|composites/[^/]+(?:/.*)?)$")
-"""Routes that need several twins at once in one process."""
-
-RETRY_S = 2
-"""When a client may ask again after a shard was down [s]; a shard starts in some seconds."""
 
 METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"]
 
@@ -38,7 +43,7 @@ HEADS = "/api/v1/ledger/heads"
 RECORDINGS = "/api/v1/recordings"
 
 
-def create_front(shards: Shards, settings: ShardSettings) -> FastAPI:
+def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     """Make the application.
 
     Parameters
@@ -46,27 +51,52 @@ def create_front(shards: Shards, settings: ShardSettings) -> FastAPI:
     shards
         Where each shard answers.
     settings
-        How long a shard may take.
+        Of the whole fleet: how long a shard may take, the secret of the shards, and the limits
+        of requests.
     """
     app = FastAPI(title="slowtime twin server", openapi_url=None, docs_url=None, redoc_url=None)
     problems.install(app)
+    largest = larger_bodies(settings.serve, settings.recordings.max_bytes)
+    app.add_middleware(BodyLimit, max_bytes=settings.serve.max_body_bytes, larger=largest)
     app.include_router(page.routes())
     app.include_router(session())
-    front = _Front(shards, settings.answer_timeout_s)
+    calls = Calls(shards, settings.shards.key, settings.shards.answer_timeout_s)
+    composites = ShardComposites(calls)
+    front = _Front(shards, settings, composites)
     app.add_api_route("/healthz", front.healthz, methods=["GET"])
     app.add_api_route("/readyz", front.readyz, methods=["GET"])
     app.add_api_route("/metrics", front.metrics, methods=["GET"])
     for path in MERGED:
         app.add_api_route(path, front.of_all, methods=["GET"])
+    app.include_router(_composed(calls, composites, front, settings), prefix="/api/v1")
     app.add_api_route("/{path:path}", front.of_one, methods=METHODS)
     return app
+
+
+def _composed(
+    calls: Calls, composites: ShardComposites, front: "_Front", settings: TwinSettings
+) -> APIRouter:
+    """Make the routes whose answers are composed of those of several shards."""
+    serve = settings.serve
+    queue = ComputeQueue(serve.workers, serve.max_waiting, serve.max_waiting_of_one)
+    assets = ShardAssets(calls)
+    api = APIRouter()
+    api.include_router(composite_routes(ShardFacts(calls), composites, front.registered, queue))
+    api.include_router(
+        graph_routes(assets.of_sites, assets.of_twin, front.registered, composites.all)
+    )
+    return api
 
 
 class _Front:
     """Handlers of the routes."""
 
-    def __init__(self, shards: Shards, timeout_s: float) -> None:
-        self._shards, self._timeout_s = shards, timeout_s
+    def __init__(
+        self, shards: Shards, settings: TwinSettings, composites: ShardComposites
+    ) -> None:
+        self._shards, self._composites = shards, composites
+        self._timeout_s, self._key = settings.shards.answer_timeout_s, settings.shards.key
+        self._looking = BoundedThreads(4)
 
     async def healthz(self) -> Response:
         """Whether the process lives."""
@@ -102,7 +132,7 @@ class _Front:
         answers = await self._ask_all(request)
         silent = [index for index, answer in enumerate(answers) if answer is None]
         if silent:
-            raise _unavailable(
+            raise unavailable(
                 " ".join(map(self._is_down, silent)) + " Twins of the other shards are "
                 "answered one by one."
             )
@@ -118,17 +148,10 @@ class _Front:
     async def of_one(self, request: Request) -> Response:
         """Pass a request to the shard that has its twin."""
         path: str = request.scope["path"]
-        if _NOT_DIVIDED.match(path):
-            raise ProblemError(
-                501,
-                "not-with-shards",
-                f"{request.method} {path:.200} was given. Composites, and the graph of all "
-                "sites, need all twins in one process. Run a server without --shards for them, "
-                "or ask for each twin.",
-            )
         twin = _OF_TWIN.match(path)
         if twin is not None:
-            index = owners(self._shards.count)[partition_of(twin[1].partition(".")[2])]
+            await self._check_no_composite(request.method, path, twin[1])
+            index = owner(twin[1], self._shards.count)
         elif path == HEADS:
             index = self._shard_named(request)
         elif path.startswith(RECORDINGS):
@@ -138,11 +161,35 @@ class _Front:
         url = self._shards.url(index)
         if url is not None:
             try:
-                return await forward(request, url, self._timeout_s)
+                return await forward(request, url, self._timeout_s, self._key)
             except ShardSilentError:
                 pass
         about = f" It has {twin[1]:.120}." if twin is not None else ""
-        raise _unavailable(self._is_down(index) + about)
+        raise unavailable(self._is_down(index) + about)
+
+    async def registered(self, request: Request, twin_id: TwinId) -> Registration:
+        """Return what the shard of a twin has it registered as, or its refusal."""
+        index = owner(twin_id, self._shards.count)
+        url = self._shards.url(index)
+        if url is None:
+            raise unavailable(f"{self._is_down(index)} It has {twin_id}.")
+        try:
+            answer = await ask(
+                request, url, self._timeout_s, self._key, f"/api/v1/twins/{twin_id}".encode()
+            )
+        except ShardSilentError as error:
+            raise unavailable(f"{self._is_down(index)} It has {twin_id}.") from error
+        told = from_json(answer.body)
+        if answer.status != HTTPStatus.OK:
+            raise ProblemError(answer.status, told["type"].rpartition(":")[2], told["detail"])
+        return Registration.from_json(to_json(told["registration"]).decode())
+
+    async def _check_no_composite(self, method: str, path: str, twin_id: str) -> None:
+        """Refuse to register a twin whose id is that of a composite."""
+        if method != "PUT" or path != f"/api/v1/twins/{twin_id}":
+            return
+        if twin_id in await self._looking.run(self._composites.all):
+            raise composite_of_that_id(twin_id)
 
     def _any(self) -> int:
         up = (i for i in range(self._shards.count) if self._shards.url(i) is not None)
@@ -168,26 +215,14 @@ class _Front:
             if url is None:
                 return None
             try:
-                return await ask(request, url, self._timeout_s)
+                return await ask(request, url, self._timeout_s, self._key)
             except ShardSilentError:
                 return None
 
         return list(await asyncio.gather(*map(one, range(self._shards.count))))
 
     def _is_down(self, index: int) -> str:
-        return (
-            f"Shard {index} of {self._shards.count} does not answer: it is being started, or "
-            "it has failed, and the log says why."
-        )
-
-
-def _unavailable(detail: str) -> ProblemError:
-    return ProblemError(
-        503,
-        "shard-down",
-        f"{detail} Try again in {RETRY_S} s; edges keep what it misses.",
-        **{"Retry-After": str(RETRY_S)},
-    )
+        return is_down(index, self._shards.count)
 
 
 def _detail(answer: Answer) -> str:

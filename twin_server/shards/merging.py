@@ -22,17 +22,9 @@ def merged_plans(bodies: Sequence[bytes]) -> bytes:
     return to_json(merged_fleet_answers([from_json(body) for body in bodies]))
 
 
-def merged_composites(bodies: Sequence[bytes]) -> bytes:
-    """Return the composites of all shards."""
-    return to_json(
-        {"composites": [c for body in bodies for c in from_json(body)["composites"]]}
-    )
-
-
 MERGED: Mapping[str, Callable[[Sequence[bytes]], bytes]] = {
     "/api/v1/twins": merged_twins,
     "/api/v1/fleet/plan": merged_plans,
-    "/api/v1/composites": merged_composites,
 }
 """Routes about the fleet, and how the answers of its shards become one."""
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import secrets
 import threading
 from collections.abc import Callable
 
@@ -57,6 +58,7 @@ def run(
     try:
         _check_engine(settings)
         registrations(settings.registrations)
+        settings = _with_key(settings)
         with contextlib.ExitStack() as open_things:
             open_things.enter_context(ended_by_signals(stop))
             guard = guarded(settings)
@@ -66,7 +68,7 @@ def run(
             root = logging.getLogger()
             supervisor = Supervisor(settings, stop, level=root.level, form=_form(root))
             allow_files(settings.serve.max_connections * 2 + OTHER_FILES)
-            app = guard.around(create_front(supervisor, settings.shards))
+            app = guard.around(create_front(supervisor, settings))
             server = uvicorn.Server(
                 http_config(app, settings, Connections(limits_of(settings)))
             )
@@ -101,6 +103,12 @@ def run(
         return 2
     logger.info("The shards have ended.")
     return 0
+
+
+def _with_key(settings: TwinSettings) -> TwinSettings:
+    """Make the secret by which shards know their front, for this start."""
+    shards = settings.shards.model_copy(update={"key": secrets.token_urlsafe(32)})
+    return settings.model_copy(update={"shards": shards})
 
 
 def _check_engine(settings: TwinSettings) -> None:

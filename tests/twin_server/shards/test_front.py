@@ -10,7 +10,7 @@ import pytest
 import uvicorn
 
 from slowtime_services.shards import Share
-from twin_server.settings import ShardSettings
+from twin_server.settings import TwinSettings
 from twin_server.shards.front import create_front
 
 METRICS = """# HELP slowtime_twin_twins Registered twins.
@@ -20,6 +20,9 @@ slowtime_twin_twins {index}
 # TYPE slowtime_twin_refused_total counter
 slowtime_twin_refused_total{{reason="size"}} 0
 """
+
+
+KEY = "of-this-start"
 
 
 def plan_of(index):
@@ -119,7 +122,7 @@ def fleet():
 
 @pytest.fixture
 def front(fleet):
-    app = create_front(fleet, ShardSettings(count=3))
+    app = create_front(fleet, TwinSettings(shards={"count": 3, "key": KEY}))
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, lifespan="off"))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -147,14 +150,20 @@ def test_requests_about_a_twin_reach_its_shard(front):
 
 
 def test_query_body_and_token_arrive_and_the_origin_does_not(front, fleet):
-    headers = {"Authorization": "Bearer abc", "Origin": "http://127.0.0.1"}
-    told = front.put("/api/v1/twins/lab.mast-1?a=b%20c", content=b"x" * 1000, headers=headers)
+    headers = {
+        "Authorization": "Bearer abc",
+        "Origin": "http://127.0.0.1",
+        "X-Slowtime-Shard-Key": "guessed",
+    }
+    path = "/api/v1/twins/lab.mast-1/gap?a=b%20c"
+    told = front.put(path, content=b"x" * 1000, headers=headers)
     assert told.json()["body"] == "x" * 1000
-    ((method, path, given),) = fleet.shards[owner("mast-1")].asked
-    assert (method, path) == ("PUT", "/api/v1/twins/lab.mast-1?a=b%20c")
+    ((method, there, given),) = fleet.shards[owner("mast-1")].asked
+    assert (method, there) == ("PUT", path)
     given = {name.lower(): value for name, value in given.items()}
     assert given["authorization"] == "Bearer abc"
     assert "origin" not in given
+    assert given["x-slowtime-shard-key"] == KEY
 
 
 def test_a_live_stream_arrives_as_it_is_sent_and_ends_with_its_shard(front, fleet):
@@ -206,13 +215,6 @@ def test_a_dead_shard_is_named_and_the_others_answer(front, fleet, how):
         assert "Shard 1 of 3 does not answer" in found.json()["detail"]
     assert front.get("/healthz").status_code == 200
     assert front.get("/").status_code == 200
-
-
-def test_what_needs_all_twins_at_once_is_refused(front):
-    for path in ("/api/v1/dtdl", "/api/v1/composites/lab.site"):
-        found = front.get(path)
-        assert found.status_code == 501
-        assert "Run a server without --shards" in found.json()["detail"]
 
 
 def test_signed_heads_are_those_of_the_shard_named(front):

@@ -6,23 +6,27 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic_core import from_json
 
 from slowtime.reliability.trees import analyse, any_dependence, band, members
 from twin_server.composites.composite import Composite
 from twin_server.composites.hierarchy import below, groups_of, tree_of, twins_of
-from twin_server.history.rendering import state_objects
-from twin_server.serve.knowledge import Knowledge
 
-from .failure import Failure, failure_probability, unknown
+from .facts import FailureQuestion, TwinFacts
+from .failure import Failure, unknown
 from .pooled_rates import pooled
 
 Composites = Mapping[str, Composite]
 
 
-def health(knowledge: Knowledge, twins: Sequence[str]) -> dict[str, Any]:
-    """Aggregate the health of twins: valid where all of them are."""
-    each = [_health_of(knowledge, twin_id) for twin_id in twins]
+def health(facts: Mapping[str, Mapping[str, Any]], twins: Sequence[str]) -> dict[str, Any]:
+    """Aggregate the health of twins: valid where all of them are.
+
+    Parameters
+    ----------
+    facts
+        The health of each twin, as `TwinFacts` tells it.
+    """
+    each = [facts[twin_id] for twin_id in twins]
     return {
         "twins": len(each),
         "alive": sum(one["alive"] for one in each),
@@ -34,7 +38,7 @@ def health(knowledge: Knowledge, twins: Sequence[str]) -> dict[str, Any]:
 
 
 def assess(
-    knowledge: Knowledge,
+    facts: TwinFacts,
     composites: Composites,
     composite_id: str,
     horizon: float | None = None,
@@ -43,6 +47,8 @@ def assess(
 
     Parameters
     ----------
+    facts
+        About the twins within.
     horizon
         How far ahead, in slow time; by default that of the registration, or else the shortest
         of its twins' forecasts.
@@ -50,7 +56,8 @@ def assess(
     wanted = composites[composite_id]
     twins = twins_of(composite_id, composites)
     asked = wanted.horizon if horizon is None else horizon
-    failures, ahead, unit = _failures(knowledge, composites, composite_id, asked)
+    failures, ahead, unit = _failures(facts, composites, composite_id, asked)
+    healths = facts.health(twins)
     told = _failure_of(composite_id, composites, failures)
     tree, groups = tree_of(composite_id, composites), groups_of(composite_id, composites)
     leaves = members(tree)
@@ -61,7 +68,7 @@ def assess(
         else {}
     )
     of_twins = [
-        _health_of(knowledge, name)
+        healths[name]
         | {
             "failure": _as_json(failures[name]),
             "importance": {
@@ -79,7 +86,7 @@ def assess(
         "name": wanted.name or composite_id,
         "kind": wanted.kind,
         "registration": wanted.to_dict(),
-        "health": health(knowledge, twins) | {"worst": _worst(of_twins)},
+        "health": health(healths, twins) | {"worst": _worst(of_twins)},
         "failure": {
             **told,
             "horizon": ahead,
@@ -87,9 +94,9 @@ def assess(
             "reasons": reasons,
         },
         "tree": wanted.whole_tree.model_dump(mode="json", exclude_none=True),
-        "members": [_member(knowledge, composites, name, failures) for name in wanted.members],
+        "members": [_member(healths, composites, name, failures) for name in wanted.members],
         "twins": of_twins,
-        "pooled": pooled(knowledge, alike(wanted, composites)),
+        "pooled": pooled(facts.rates(like := alike(wanted, composites)), like),
     }
 
 
@@ -103,7 +110,7 @@ def alike(wanted: Composite, composites: Composites) -> list[str]:
 
 
 def _failures(
-    knowledge: Knowledge, composites: Composites, composite_id: str, horizon: float | None
+    facts: TwinFacts, composites: Composites, composite_id: str, horizon: float | None
 ) -> tuple[dict[str, Failure], float | None, str | None]:
     """Failure probability of each twin up to one horizon; the horizon, and its unit."""
     twins = twins_of(composite_id, composites)
@@ -112,9 +119,9 @@ def _failures(
         for composite in (*reversed(below(composite_id, composites)), composite_id)
         for name, one in composites[composite].failing.items()
     }
-    found = {
-        name: failure_probability(knowledge, name, horizon, failing.get(name)) for name in twins
-    }
+    found = facts.failures(
+        {name: FailureQuestion(horizon, failing.get(name)) for name in twins}
+    )
     units = [one.unit for one in found.values() if one.horizon is not None]
     unit = max(units, key=units.count) if units else None
     for name, one in found.items():
@@ -125,10 +132,13 @@ def _failures(
             )
     ahead = [one.horizon for one in found.values() if one.horizon is not None]
     shortest = min(ahead, default=horizon)
-    if horizon is None and ahead and max(ahead) > min(ahead):
-        for name, one in found.items():
-            if one.horizon is not None and one.horizon > min(ahead):
-                found[name] = failure_probability(knowledge, name, shortest, failing.get(name))
+    if horizon is None and shortest is not None and max(ahead) > shortest:
+        again = {
+            name: FailureQuestion(shortest, failing.get(name))
+            for name, one in found.items()
+            if one.horizon is not None and one.horizon > shortest
+        }
+        found |= facts.failures(again)
     return found, shortest, unit
 
 
@@ -157,18 +167,17 @@ def _failure_of(
 
 
 def _member(
-    knowledge: Knowledge,
+    healths: Mapping[str, Mapping[str, Any]],
     composites: Composites,
     name: str,
     failures: Mapping[str, Failure],
 ) -> dict[str, Any]:
     """Describe a direct member: a twin, or a composite with the twins within it."""
     if name not in composites:
-        one = _health_of(knowledge, name)
         return {
             "id": name,
             "kind": "twin",
-            "valid": one["valid"],
+            "valid": healths[name]["valid"],
             "failure": _as_json(failures[name]),
         }
     twins = twins_of(name, composites)
@@ -176,29 +185,8 @@ def _member(
     return {
         "id": name,
         "kind": composites[name].kind,
-        "valid": health(knowledge, twins)["valid"],
+        "valid": health(healths, twins)["valid"],
         "failure": {key: told[key] for key in ("value", "lo", "hi")},
-    }
-
-
-def _health_of(knowledge: Knowledge, twin_id: str) -> dict[str, Any]:
-    registration = knowledge.registration(twin_id)
-    if registration is None:
-        gone = "It is not registered any more."
-        return {
-            "id": twin_id, "name": twin_id, "alive": False, "valid": False,
-            "reasons": [gone], "alarms": [],
-        }  # fmt: skip
-    latest = knowledge.latest(twin_id, None)
-    told = state_objects(latest.states, twin_id, latest.boots, latest.units)
-    state = next(map(from_json, told), None)
-    return {
-        "id": twin_id,
-        "name": registration.name or twin_id,
-        "alive": knowledge.alive(twin_id),
-        "valid": bool(state and state["valid"]),
-        "reasons": list(state["reasons"]) if state else ["It has no features yet."],
-        "alarms": knowledge.raised(twin_id),
     }
 
 

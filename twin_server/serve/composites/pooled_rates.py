@@ -1,8 +1,8 @@
 """Pools the drift rates of like members of a composite."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,24 @@ MOST_READINGS = 500
 _ASSUMED = {"stiffness_change": ASSUMES_STIFFNESS, "mass_change": ASSUMES_MASS}
 
 
-def pooled(knowledge: Knowledge, twins: Sequence[str]) -> list[dict[str, Any]]:
+class Rates(NamedTuple):
+    """Drift rates of one twin.
+
+    Parameters
+    ----------
+    of
+        Slope of each change with its standard deviation [1 per slow time].
+    unit
+        Of slow time.
+    """
+
+    of: Mapping[str, tuple[float, float]]
+    unit: str | None = None
+
+
+def pooled(facts: Mapping[str, Rates], twins: Sequence[str]) -> list[dict[str, Any]]:
     """Pool the drift rates of each change that at least one of some twins estimates."""
-    found = [_rates(knowledge, twin_id) for twin_id in twins]
+    found = [facts[twin_id] for twin_id in twins]
     return [
         _of_one(quantity, twins, [rates.get(quantity) for rates, _ in found], unit)
         for quantity in _ASSUMED
@@ -27,14 +42,12 @@ def pooled(knowledge: Knowledge, twins: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _rates(
-    knowledge: Knowledge, twin_id: str
-) -> tuple[dict[str, tuple[float, float]], str | None]:
-    """Slope of each change of a twin with its sd, and the unit of its slow time."""
+def rates_of(knowledge: Knowledge, twin_id: str) -> Rates:
+    """Return the drift rates of a twin of which the readings tell one."""
     chapter = knowledge.history(twin_id, None, None, MOST_READINGS)
     states = chapter.states
     if not len(states):
-        return {}, None
+        return Rates({})
     valid = states[states["reasons"] == 0]
     rates = {}
     for quantity, bit in _ASSUMED.items():
@@ -46,7 +59,7 @@ def _rates(
         rate = drift_rate(np.ascontiguousarray(used["slow_time"])[seen], value[seen], sd[seen])
         if rate is not None and all(map(math.isfinite, rate)) and rate[1] > 0:
             rates[quantity] = rate
-    return rates, chapter.units[-1] or None
+    return Rates(rates, chapter.units[-1] or None)
 
 
 def _of_one(

@@ -1,5 +1,6 @@
 """Routes of composites: register, list, assess, and list their members."""
 
+import itertools
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
 
@@ -16,11 +17,11 @@ from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
-from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.routes.twin_path import TwinId
 
 from . import models
 from .assessment import assess, health
+from .facts import TwinFacts
 
 JSON = "application/json"
 _PROBLEMS = problems.answers(
@@ -56,7 +57,7 @@ class CompositeService(Protocol):
 
 
 def routes(
-    knowledge: Knowledge,
+    facts: TwinFacts,
     composite_service: CompositeService,
     known: Callable[[str], Awaitable[Registration]],
     queue: ComputeQueue,
@@ -65,18 +66,20 @@ def routes(
 
     Parameters
     ----------
+    facts
+        About the twins within composites.
     known
         Gives the registration of the twin in the path, or raises.
     queue
         Where it is waited for what takes long.
     """
     api = APIRouter(tags=["composites"])
-    listing, changing = BoundedThreads(2), BoundedThreads(1)
+    listing, changing, reading = BoundedThreads(2), BoundedThreads(1), BoundedThreads(4)
     Known = Annotated[Registration, Depends(known)]
 
-    def seen(request: Request, composite_id: str) -> Mapping[str, Composite]:
+    async def seen(request: Request, composite_id: str) -> Mapping[str, Composite]:
         """All composites, where the caller may see every twin within one."""
-        composites = composite_service.all()
+        composites = await reading.run(composite_service.all)
         if composite_id not in composites:
             there = [name for name in composites if _sees(request, name, composites)]
             raise ProblemError(
@@ -95,16 +98,22 @@ def routes(
 
         def listed() -> bytes:
             composites = composite_service.all()
+            visible = {
+                name: twins_of(name, composites)
+                for name in composites
+                if _sees(request, name, composites)
+            }
+            within = itertools.chain.from_iterable(visible.values())
+            healths = facts.health(list(dict.fromkeys(within)))
             briefs = [
                 {
                     "id": name,
-                    "name": one.name or name,
-                    "kind": one.kind,
-                    "members": one.members,
-                    "health": health(knowledge, twins_of(name, composites)),
+                    "name": composites[name].name or name,
+                    "kind": composites[name].kind,
+                    "members": composites[name].members,
+                    "health": health(healths, twins),
                 }
-                for name, one in composites.items()
-                if _sees(request, name, composites)
+                for name, twins in visible.items()
             ]
             return to_json({"composites": briefs})
 
@@ -113,10 +122,10 @@ def routes(
     async def assessed(
         request: Request, composite_id: str, horizon: float | None, status: int = 200
     ) -> Response:
-        composites = dict(seen(request, composite_id))
+        composites = dict(await seen(request, composite_id))
         body = await queue.run(
             request,
-            lambda: to_json(assess(knowledge, composites, composite_id, horizon)),
+            lambda: to_json(assess(facts, composites, composite_id, horizon)),
             group=composite_id,
             share=(composite_id, composites[composite_id].to_json(), horizon, status),
         )
@@ -132,7 +141,8 @@ def routes(
     ) -> Response:
         """Register a composite, or register it anew; what it was before is kept."""
         release_body_slot(request.scope)
-        after = {**composite_service.all(), composite_id: wanted}
+        before = await reading.run(composite_service.all)
+        after = {**before, composite_id: wanted}
         _reach(request, composite_id, after)
         who = principal_of(request.scope).name
         new = await changing.run(lambda: composite_service.register(composite_id, wanted, who))
@@ -157,7 +167,7 @@ def routes(
     @api.delete("/composites/{composite_id}", status_code=204, responses=_PROBLEMS)
     async def delete(request: Request, composite_id: CompositeId) -> Response:
         """Delete a composite; its members stay, and so do its former registrations."""
-        seen(request, composite_id)
+        await seen(request, composite_id)
         who = principal_of(request.scope).name
         await changing.run(lambda: composite_service.delete(composite_id, who))
         return Response(status_code=204)
@@ -167,9 +177,9 @@ def routes(
         response_model=models.MemberList,
         responses=_PROBLEMS,
     )
-    def members(request: Request, composite_id: CompositeId) -> Response:
+    async def members(request: Request, composite_id: CompositeId) -> Response:
         """List what a composite is made of: its members, and the twins at any depth."""
-        composites = seen(request, composite_id)
+        composites = await seen(request, composite_id)
         told = [
             {"id": name, "kind": composites[name].kind if name in composites else "twin"}
             for name in composites[composite_id].members
@@ -182,12 +192,11 @@ def routes(
         response_model=models.RevisionList,
         responses=_PROBLEMS,
     )
-    def revisions(request: Request, composite_id: CompositeId) -> Response:
+    async def revisions(request: Request, composite_id: CompositeId) -> Response:
         """List all registrations of a composite, in order."""
-        seen(request, composite_id)
-        return _json(
-            {"id": composite_id, "revisions": composite_service.revisions(composite_id)}
-        )
+        await seen(request, composite_id)
+        found = await reading.run(lambda: composite_service.revisions(composite_id))
+        return _json({"id": composite_id, "revisions": found})
 
     @api.get(
         "/twins/{twin_id}/memberships",

@@ -76,16 +76,9 @@ def routes(
     composites
         Gives all composites there are.
     """
-    under_way, listing = Files(most), BoundedThreads(2)
+    under_way = Files(most)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
-
-    def given(twin_ids: Iterable[str], name: str, form: Form) -> Response:
-        whole = graph(list(assets_of(knowledge, twin_ids)), composites())
-        body = to_json(written_as(whole, form))
-        if form == "json-ld":
-            return Response(body, headers=_file(f"{name}.jsonld"), media_type=JSON_LD)
-        return Response(body, headers=_file(f"{name}.dtdl.json"), media_type="application/json")
 
     @api.get(
         "/twins/{twin_id}/history/export",
@@ -119,10 +112,53 @@ def routes(
             raise ProblemError(501, "not-installed", str(error)) from error
         return under_way.given(table, MEDIA_TYPES[form], _file(f"{twin_id}.{form}"))
 
+    def told(site: str | None, sees: Callable[[str], bool]) -> Iterator[Asset]:
+        return assets_of(knowledge, filter(sees, of_site(knowledge.ids(), site)))
+
+    graphs = graph_routes(told, lambda one: assets_of(knowledge, [one]), known, composites)
+    api.include_router(graphs)
+    return api
+
+
+def of_site(twin_ids: Iterable[str], site: str | None) -> list[str]:
+    """Return the twins of a site, or all where none is given."""
+    return [one for one in twin_ids if site is None or one.partition(".")[0] == site]
+
+
+def graph_routes(
+    of_sites: Callable[[str | None, Callable[[str], bool]], Iterable[Asset]],
+    of_twin: Callable[[str], Iterable[Asset]],
+    known: Callable[..., Awaitable[Registration]],
+    composites: Callable[[], Mapping[str, Composite]],
+) -> APIRouter:
+    """Make the routes of graphs, whichever processes have their twins.
+
+    Parameters
+    ----------
+    of_sites
+        Gives the twins of a site, or of all, of those that a caller may see.
+    of_twin
+        Gives one twin.
+    known
+        Gives the registration of the twin in the path, or raises.
+    composites
+        Gives all composites there are.
+    """
+    listing = BoundedThreads(2)
+    api = APIRouter(tags=["exports"])
+    Known = Annotated[Registration, Depends(known)]
+
+    def given(assets: Iterable[Asset], name: str, form: Form) -> Response:
+        whole = graph(list(assets), composites())
+        body = to_json(written_as(whole, form))
+        if form == "json-ld":
+            return Response(body, headers=_file(f"{name}.jsonld"), media_type=JSON_LD)
+        return Response(body, headers=_file(f"{name}.dtdl.json"), media_type="application/json")
+
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
     def one(twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3") -> Response:
         """Return a twin, the parts of its model and their relations, with DTDL models."""
-        return given([twin_id], twin_id, form)
+        return given(of_twin(twin_id), twin_id, form)
 
     @api.get(
         "/dtdl",
@@ -135,13 +171,8 @@ def routes(
         form: AsForm = "dtdl-3",
     ) -> Response:
         """Return sites, twins, composites and all relations as one graph, with DTDL models."""
-
-        def told() -> Response:
-            seen = filter(principal_of(request.scope).sees, knowledge.ids())
-            of_site = [i for i in seen if site is None or i.partition(".")[0] == site]
-            return given(of_site, site or "sites", form)
-
-        return await listing.run(told)
+        sees = principal_of(request.scope).sees
+        return await listing.run(lambda: given(of_sites(site, sees), site or "sites", form))
 
     return api
 

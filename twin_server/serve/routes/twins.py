@@ -84,11 +84,7 @@ def routes(
         """Register a twin, or register it anew: its history is then estimated again."""
         release_body_slot(request.scope)
         if is_composite(twin_id):
-            raise ProblemError(
-                409,
-                "is-a-composite",
-                f"{twin_id} is a composite. Give the twin another id, or delete the composite.",
-            )
+            raise composite_of_that_id(twin_id)
         new = await changing.run(lambda: knowledge.register(twin_id, registration))
         told = await run_in_threadpool(described, twin_id, registration, None)
         return Response(told, 201 if new else 200, media_type=JSON)
@@ -106,6 +102,15 @@ def routes(
         return Response(status_code=204)
 
     return api
+
+
+def composite_of_that_id(twin_id: str) -> ProblemError:
+    """Make the refusal of a twin whose id is that of a composite."""
+    return ProblemError(
+        409,
+        "is-a-composite",
+        f"{twin_id} is a composite. Give the twin another id, or delete the composite.",
+    )
 
 
 def _described(
