@@ -12,7 +12,7 @@ from slowtime_cli.__main__ import app
 
 FOLDER = Path(__file__).parents[2] / "services/kubernetes"
 VERSION = "1.37"
-OF_OPERATORS = {"postgres.yaml"}
+OF_OPERATORS = {"postgres.yaml", "ray.yaml"}
 """Files with resources whose schema is an operator's own."""
 
 
@@ -82,6 +82,17 @@ def test_services_and_claims_that_are_named_are_there():
         assert ("Service", service) in names
     assert ("Cluster", "database") in names
     assert all(one["metadata"].get("namespace", "slowtime") == "slowtime" for _, one in every)
+
+
+def test_workers_of_ray_find_what_the_twin_server_is_given_at_the_same_paths():
+    every = {(o["kind"], o["metadata"]["name"]): o for _, o in manifests(of_operators=True)}
+    front = every["Deployment", "twin"]["spec"]["template"]["spec"]["containers"][0]
+    (group,) = every["RayCluster", "shards"]["spec"]["workerGroupSpecs"]
+    worker = group["template"]["spec"]["containers"][0]
+    mounts = [{one["mountPath"]: one for one in c["volumeMounts"]} for c in (front, worker)]
+    assert mounts[0] == mounts[1]
+    assert front["env"] == worker["env"]
+    assert front["image"] == worker["image"]
 
 
 def cluster() -> dict[str, list[str]]:

@@ -1,5 +1,6 @@
 """Settings in; shards that each run a whole twin server of their assets, behind one front."""
 
-from .run import UnknownEngineError, run
+from .ray_actors import EngineError
+from .run import run
 
-__all__ = ["UnknownEngineError", "run"]
+__all__ = ["EngineError", "run"]

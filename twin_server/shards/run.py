@@ -24,20 +24,17 @@ from twin_server.serve.http.connections import Connections
 from twin_server.settings import TwinSettings
 
 from .front import create_front
+from .ray_actors import EngineError, RayShards, check_engine
 from .supervisor import Supervisor
 
 logger = logging.getLogger(__name__)
-
-
-class UnknownEngineError(ValueError):
-    """An engine that does not run shards here."""
 
 
 def run(
     settings: TwinSettings,
     *,
     stop: threading.Event | None = None,
-    ready: Callable[[str, Supervisor], None] | None = None,
+    ready: Callable[[str, Supervisor | RayShards], None] | None = None,
 ) -> int:
     """Run all shards and the front before them until `stop`, SIGINT or SIGTERM.
 
@@ -56,7 +53,7 @@ def run(
     """
     stop = stop or threading.Event()
     try:
-        _check_engine(settings)
+        check_engine(settings)
         registrations(settings.registrations)
         settings = _with_key(settings)
         with contextlib.ExitStack() as open_things:
@@ -65,8 +62,7 @@ def run(
             listening = open_things.enter_context(
                 listening_socket(settings.host, settings.port)
             )
-            root = logging.getLogger()
-            supervisor = Supervisor(settings, stop, level=root.level, form=_form(root))
+            supervisor = _supervisor(settings, stop)
             allow_files(settings.serve.max_connections * 2 + OTHER_FILES)
             app = guard.around(create_front(supervisor, settings))
             server = uvicorn.Server(
@@ -93,7 +89,7 @@ def run(
                 supervisor.stop()
                 door.join(settings.shutdown_s + 1.0)
     except (
-        UnknownEngineError,
+        EngineError,
         NotSecuredError,
         WrongTokenFileError,
         WrongRegistrationsError,
@@ -111,13 +107,13 @@ def _with_key(settings: TwinSettings) -> TwinSettings:
     return settings.model_copy(update={"shards": shards})
 
 
-def _check_engine(settings: TwinSettings) -> None:
-    engine = settings.shards.engine
-    if engine != "local":
-        raise UnknownEngineError(
-            f"--engine {engine} was given. Shards run as processes of this machine so far. "
-            "Allowed: local. Give that, or leave the option out."
-        )
+def _supervisor(settings: TwinSettings, stop: threading.Event) -> Supervisor | RayShards:
+    """Make what runs the shards, as the settings name it."""
+    root = logging.getLogger()
+    engine, how = settings.shards.engine, {"level": root.level, "form": _form(root)}
+    if engine == "local":
+        return Supervisor(settings, stop, **how)
+    return RayShards(settings, stop, **how)
 
 
 def _form(root: logging.Logger) -> Format:

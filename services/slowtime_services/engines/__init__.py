@@ -2,7 +2,7 @@
 
 from .jobs import Engine, Job, Limits, Outcome, run_job
 from .local import LocalEngine
-from .ray import RayEngine, engine_for
+from .ray import RayEngine, engine_for, import_ray
 
 __all__ = [
     "Engine",
@@ -12,5 +12,6 @@ __all__ = [
     "Outcome",
     "RayEngine",
     "engine_for",
+    "import_ray",
     "run_job",
 ]

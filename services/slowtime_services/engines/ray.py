@@ -37,7 +37,7 @@ class RayEngine(Engine):
         ConnectionError
             If no cluster answers at the address.
         """
-        ray = _import_ray()
+        ray = import_ray()
         ray.init(address=self.address or "local", log_to_driver=False, logging_level="error")
         task = ray.remote(num_cpus=1, max_retries=limits.retries)(run_job)
         left = {task.remote(job, limits): job for job in jobs}
@@ -61,7 +61,14 @@ def _outcome(ray: Any, ended: Any, job: Job) -> Outcome:
     return outcome
 
 
-def _import_ray() -> Any:
+def import_ray() -> Any:
+    """Return the module of Ray.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If Ray is not installed; says how to install it.
+    """
     try:
         import ray
     except ModuleNotFoundError as error:

@@ -76,7 +76,12 @@ underscores); flags overrule the environment, which overrules the file.
     help="Divide the assets among so many processes, each with a database of its own.  "
     "[default: 1]",
 )
-@click.option("--engine", help="Who runs the shards: local.  [default: local]")
+@click.option(
+    "--engine",
+    metavar="local|ray[://HOST:PORT]",
+    help="Who runs the shards: this machine, or a Ray cluster, which starts them again on "
+    "another node if one is lost (needs slowtime[ray]; see docs/shards.md).  [default: local]",
+)
 @connect_option
 @credentials_option
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:

@@ -1,16 +1,47 @@
 """What a fleet of shards refuses to start with."""
 
+import sys
+import types
+
 import pytest
 
+from twin_server.serve.access import NotSecuredError
+from twin_server.serve.access.guard import check_secured
 from twin_server.settings import ShardSettings, TwinSettings
 from twin_server.shards import run
 from twin_server.shards.process import settings_of
 
 
-def test_an_engine_that_runs_no_shards_is_refused(caplog):
+def test_an_engine_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="engine"):
+        TwinSettings(port=0, shards={"count": 2, "engine": "slurm"})
+
+
+def test_without_ray_its_engine_is_refused_with_how_to_install_it(caplog, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
     assert run(TwinSettings(port=0, shards={"count": 2, "engine": "ray"})) == 2
     assert "--engine ray was given" in caplog.text
-    assert "Allowed: local" in caplog.text
+    assert "pip install 'slowtime[ray]'" in caplog.text
+
+
+def test_shards_on_several_nodes_need_a_database_that_all_reach(caplog, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", types.ModuleType("ray"))
+    shards = {"count": 2, "engine": "ray://head:10001"}
+    assert run(TwinSettings(port=0, database="twin.sqlite", shards=shards)) == 2
+    assert "--database twin.sqlite were given" in caplog.text
+    assert "Allowed: a PostgreSQL" in caplog.text
+
+
+def test_only_a_shard_with_the_secret_of_its_fleet_listens_beyond_its_machine():
+    elsewhere = TwinSettings(host="192.0.2.1", shards={"count": 2, "index": 0})
+    with pytest.raises(NotSecuredError):
+        check_secured(elsewhere)
+    front = TwinSettings(host="192.0.2.1", shards={"count": 2, "key": "secret"})
+    with pytest.raises(NotSecuredError):
+        check_secured(front)
+    check_secured(
+        TwinSettings(host="192.0.2.1", shards={"count": 2, "index": 0, "key": "secret"})
+    )
 
 
 def test_strangers_are_kept_out_as_by_a_single_server(caplog):

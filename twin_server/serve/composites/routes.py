@@ -59,7 +59,7 @@ class CompositeService(Protocol):
 def routes(
     facts: TwinFacts,
     composite_service: CompositeService,
-    known: Callable[[str], Awaitable[Registration]],
+    known: Callable[..., Awaitable[Registration]],
     queue: ComputeQueue,
 ) -> APIRouter:
     """Make the routes.

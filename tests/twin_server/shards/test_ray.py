@@ -1,0 +1,175 @@
+"""Shards as actors of Ray: killed, or with their node, they lose and double nothing."""
+
+import contextlib
+import os
+import signal
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from slowtime_services.bus import ZenohBus
+from slowtime_services.client import AnswerError, Client
+from twin_server.persist import open_store
+from twin_server.pipeline import Pipeline
+from twin_server.settings import TwinSettings
+from twin_server.shards import run
+
+ray = pytest.importorskip("ray", reason="no Ray: pip install 'slowtime[ray]'")
+pytestmark = [
+    pytest.mark.slow,
+    # Ray leaves sockets and processes to the end of the interpreter.
+    pytest.mark.filterwarnings("default"),
+]
+
+ASSETS = tuple(f"mast-{number}" for number in range(6))
+COUNT, EACH = 2, 40
+
+
+@pytest.fixture
+def endpoint():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        here = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with ZenohBus("router", listen=[here]):
+        yield here
+
+
+@contextlib.contextmanager
+def fleet(database, endpoint, engine):
+    """A fleet of two actors; gives its client and what runs them."""
+    stop, told = threading.Event(), []
+    settings = TwinSettings(
+        port=0,
+        database=database,
+        connect=(endpoint,),
+        healing={"grace_s": 0.05, "max_backoff_s": 1.0},
+        shards={"count": COUNT, "engine": engine},
+        serve={"workers": 1},
+    )
+    thread = threading.Thread(
+        target=run,
+        args=(settings,),
+        kwargs={"stop": stop, "ready": lambda *news: told.append(news)},
+    )
+    thread.start()
+    try:
+        while not told:
+            assert thread.is_alive()
+            time.sleep(0.05)
+        ((url, shards),) = told
+        yield Client(url), shards
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.fixture
+def messages(features):
+    rng = np.random.default_rng(20261128)
+    return [
+        features(turn, asset=asset, frequency_hz=3.0 + 0.004 * rng.standard_normal())
+        for turn in range(EACH)
+        for asset in ASSETS
+    ]
+
+
+def expected(tmp_path, messages, sample):
+    """Digests of a single server that nothing disturbed."""
+    with contextlib.closing(open_store(tmp_path / "single.sqlite")) as store:
+        pipeline = Pipeline(TwinSettings(), store)
+        pipeline.ingest(map(sample, messages))
+        return {asset: store.digest(f"lab.{asset}") for asset in ASSETS}
+
+
+def found(client):
+    """Digests as the front tells them; None of twins it cannot tell."""
+    digests = {}
+    for asset in ASSETS:
+        with contextlib.suppress(AnswerError):
+            told = client.digest(f"lab.{asset}")
+            digests[asset] = (told.sha256, told.features)
+    return digests
+
+
+def published(endpoint, edge, messages, harm):
+    """Publish all messages, and do harm in the middle; give the edges, which keep them."""
+    bus = ZenohBus("client", [endpoint])
+    edges = {asset: edge(bus, asset=asset) for asset in ASSETS}
+    for place, message in enumerate(messages):
+        edges[message.asset].make(message)
+        if place == len(messages) // 2:
+            harm()
+        time.sleep(0.02)
+    return bus
+
+
+def recovery_s(shards, index, before, eventually):
+    """Time from now until a shard answers elsewhere or anew [s]."""
+    begun = time.monotonic()
+    assert eventually(lambda: shards.place(index) not in (None, before), 300)
+    return time.monotonic() - begun
+
+
+def test_a_killed_actor_is_started_again_and_continues(
+    tmp_path, endpoint, messages, sample, edge, eventually, capsys
+):
+    wanted = expected(tmp_path, messages, sample)
+    with fleet(tmp_path / "twin.sqlite", endpoint, "ray") as (client, shards):
+        assert eventually(client.ready, 300)
+        places = [shards.place(index) for index in range(COUNT)]
+        assert len({place.pid for place in places}) == COUNT
+
+        def kill():
+            os.kill(places[0].pid, signal.SIGKILL)
+
+        with published(endpoint, edge, messages, kill):
+            took_s = recovery_s(shards, 0, places[0], eventually)
+            assert eventually(lambda: found(client) == wanted, 300)
+        assert shards.restarts == 1
+        assert shards.place(1) == places[1]
+        with capsys.disabled():
+            print(
+                f"\nactor killed: answered again at most {took_s:.1f} s after the last message"
+            )
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """A cluster of a head without cores and two nodes, each a raylet of this machine."""
+    from ray.cluster_utils import Cluster
+
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    nodes = {}
+    for _ in range(2):
+        node = made.add_node(num_cpus=COUNT)
+        nodes[node.node_id] = node
+    made.wait_for_nodes()
+    monkeypatch.setenv("RAY_ADDRESS", made.address)
+    yield made, nodes
+    made.shutdown()
+
+
+def test_a_shard_of_a_lost_node_is_started_on_another_and_continues(
+    tmp_path, postgres, cluster, endpoint, messages, sample, edge, eventually, capsys
+):
+    made, nodes = cluster
+    wanted = expected(tmp_path, messages, sample)
+    with fleet(postgres, endpoint, "ray:auto") as (client, shards):
+        assert eventually(client.ready, 300)
+        places = [shards.place(index) for index in range(COUNT)]
+        assert {place.node for place in places} == set(nodes)  # spread over both
+
+        def lose():
+            made.remove_node(nodes[places[0].node], allow_graceful=False)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(places[0].pid, signal.SIGKILL)  # as the node's power goes
+
+        with published(endpoint, edge, messages, lose):
+            took_s = recovery_s(shards, 0, places[0], eventually)
+            assert eventually(lambda: found(client) == wanted, 300)
+        assert shards.place(0).node == places[1].node
+        with capsys.disabled():
+            print(f"\nnode lost: answered again at most {took_s:.1f} s after the last message")

@@ -1,0 +1,373 @@
+"""Runs each shard as an actor of a Ray cluster, which starts it again where a node is lost."""
+
+import contextlib
+import logging
+import os
+import threading
+import time
+from typing import Any, NamedTuple
+
+from slowtime_services.engines import import_ray
+from slowtime_services.logs import Format, formatter
+from twin_server.persist import is_url
+from twin_server.settings import TwinSettings
+
+from .process import settings_of
+from .supervisor import SOUND_S
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 0.2
+"""How long is waited for news of the actors, until it is looked whether the fleet ends [s]."""
+
+PLACED_S = 60.0
+"""After which the log says that a shard is not up [s]; a start takes a few seconds, with a
+worker process of Ray on a busy node up to some tens."""
+
+THREADS = 4
+"""Calls that an actor answers at once: where it answers, its end, and that it shall end."""
+
+
+class EngineError(ValueError):
+    """An engine that cannot run the shards; the text says what to do."""
+
+
+def check_engine(settings: TwinSettings) -> None:
+    """Refuse an engine that is not installed, or a database that other nodes cannot open.
+
+    Raises
+    ------
+    EngineError
+        Which says what to do.
+    """
+    engine = settings.shards.engine
+    if engine == "local":
+        return
+    try:
+        import_ray()
+    except ModuleNotFoundError as error:
+        raise EngineError(f"--engine {engine} was given. {error}") from error
+    if engine != "ray" and not is_url(settings.database):
+        raise EngineError(
+            f"--engine {engine} and --database {settings.database} were given. A file is of "
+            "one node, and a shard that Ray starts on another node would find no history. "
+            "Allowed: a PostgreSQL that all nodes reach (--database postgresql://...), or "
+            "--engine ray, which uses this machine only."
+        )
+
+
+class Place(NamedTuple):
+    """Where a shard answers.
+
+    Parameters
+    ----------
+    url
+        Empty where the shard ended before it answered.
+    pid
+        Process of the actor, on its node.
+    node
+        Ray's name of the node.
+    """
+
+    url: str
+    pid: int
+    node: str
+
+
+class ShardActor:
+    """One shard: a twin server of its assets, in a thread of the process of an actor.
+
+    Parameters
+    ----------
+    settings
+        Of the whole fleet.
+    index
+        Which shard it is.
+    level, form
+        Least level of the log, and how it is written.
+    """
+
+    def __init__(self, settings: TwinSettings, index: int, level: int, form: Format) -> None:
+        ray = import_ray()
+        handler = logging.StreamHandler()
+        handler.setFormatter(formatter(form))
+        logging.basicConfig(level=level, handlers=[handler], force=True)
+        self._node = str(ray.get_runtime_context().get_node_id())
+        own = settings_of(settings, index)
+        if settings.shards.engine != "ray":
+            own = _reachable(own, ray.util.get_node_ip_address())
+        self._stop, self._told = threading.Event(), threading.Event()
+        self._url, self._code = "", 0
+        self._thread = threading.Thread(target=self._run, args=(own,), name="shard")
+        self._thread.start()
+
+    def place(self) -> tuple[str, int, str]:
+        """Wait until the shard answers, and return where."""
+        self._told.wait()
+        return Place(self._url, os.getpid(), self._node)
+
+    def ended(self, url: str) -> int | None:
+        """Wait until the shard has ended, and return its code; None if it is not at `url`."""
+        if url != self._url:
+            return None  # started again since it was asked where it is
+        self._thread.join()
+        return self._code
+
+    def stop(self) -> None:
+        """Let the shard end."""
+        self._stop.set()
+
+    def _run(self, own: TwinSettings) -> None:
+        from twin_server.__main__ import run
+
+        try:
+            self._code = run(own, stop=self._stop, ready=self._answers)
+        except Exception:
+            logger.exception("The shard has failed.")
+            self._code = 1
+        self._told.set()
+
+    def _answers(self, url: str) -> None:
+        self._url = url
+        self._told.set()
+
+
+def _reachable(own: TwinSettings, address: str) -> TwinSettings:
+    """Return settings of a shard that listens for a front on another node."""
+    access = own.access.model_copy(update={"hosts": (*own.access.hosts, address)})
+    return own.model_copy(update={"host": address, "access": access})
+
+
+class _Shard:
+    """One actor, what it was asked, and when it may be started again."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+        self.actor: Any = None
+        self.placing: Any = None
+        self.ending: Any = None
+        self.place: Place | None = None
+        self.failures = 0
+        self.began_s = 0.0
+        self.again_s: float | None = None
+        self.told_late = False
+
+
+class RayShards:
+    """Actors of a Ray cluster, one for each shard.
+
+    Ray starts an actor again whose process or node is lost; this watches where each answers,
+    and starts those again that ended by themselves, with a back-off.
+
+    Parameters
+    ----------
+    settings
+        Of the whole fleet; `shards.engine` names the cluster.
+    stop
+        Set where the fleet ends; also from here, where the cluster is lost.
+    level, form
+        Least level of the shards' log, and how it is written.
+    """
+
+    def __init__(
+        self,
+        settings: TwinSettings,
+        stop: threading.Event,
+        *,
+        level: int = logging.INFO,
+        form: Format = "text",
+    ) -> None:
+        self._settings, self._log, self._stop = settings, (level, form), stop
+        self._shards = [_Shard(index) for index in range(settings.shards.count)]
+        self._ray = import_ray()
+        self._connected, self._error = threading.Event(), ""
+        # All calls of Ray are made in this thread: in the main thread it takes the signals.
+        self._thread = threading.Thread(target=self._run, name="shards", daemon=True)
+        self.restarts = 0
+
+    @property
+    def count(self) -> int:
+        """Number of shards."""
+        return len(self._shards)
+
+    def url(self, index: int) -> str | None:
+        """Where a shard answers; None while it does not."""
+        place = self._shards[index].place
+        return None if place is None else place.url
+
+    def place(self, index: int) -> Place | None:
+        """Where a shard answers, with its process and its node; None while it does not."""
+        return self._shards[index].place
+
+    def start(self) -> None:
+        """Join the cluster, start all shards, and keep them running.
+
+        Raises
+        ------
+        EngineError
+            If the cluster cannot be joined.
+        """
+        self._thread.start()
+        self._connected.wait()
+        if self._error:
+            raise EngineError(self._error)
+
+    def stop(self) -> None:
+        """End all shards: those that do not end in good time are killed."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._join()
+        except Exception as error:
+            self._error = (
+                f"--engine {self._settings.shards.engine} was given, and the Ray cluster "
+                f"cannot be joined: {error}. Start it (ray start --head), or correct the "
+                "address."
+            )
+            return
+        finally:
+            self._connected.set()
+        try:
+            self._watch()
+            self._end()
+        except Exception as error:
+            logger.error(
+                "The Ray cluster is lost: %s. This server ends; start it again once the "
+                "cluster is there. The shards continue from their database.",
+                error,
+            )
+            self._stop.set()
+        finally:
+            for shard in self._shards:
+                shard.place = None
+            with contextlib.suppress(Exception):
+                self._ray.shutdown()
+
+    def _join(self) -> None:
+        engine = self._settings.shards.engine
+        address = {"ray": "local", "ray:auto": "auto"}.get(engine, engine)
+        more = {"include_dashboard": False} if address == "local" else {}
+        self._ray.init(address=address, logging_level="error", **more)
+
+    def _begin(self, shard: _Shard) -> None:
+        made = self._ray.remote(
+            num_cpus=self._settings.shards.cores,
+            max_restarts=-1,
+            max_concurrency=THREADS,
+            scheduling_strategy="SPREAD",
+        )(ShardActor)
+        shard.actor = made.remote(self._settings, shard.index, *self._log)
+        self._started(shard)
+
+    def _started(self, shard: _Shard) -> None:
+        shard.began_s, shard.told_late = time.monotonic(), False
+        self._ask(shard)
+
+    def _ask(self, shard: _Shard) -> None:
+        """Ask where a shard is, once it is started."""
+        shard.placing, shard.ending = shard.actor.place.remote(), None
+
+    def _watch(self) -> None:
+        for shard in self._shards:
+            self._begin(shard)
+        while not self._stop.is_set():
+            asked = {
+                one: shard
+                for shard in self._shards
+                for one in (shard.placing, shard.ending)
+                if one is not None
+            }
+            if asked:
+                heard, _ = self._ray.wait(list(asked), num_returns=1, timeout=LOOK_S)
+                for one in heard:
+                    self._hear(asked[one], one)
+            else:
+                self._stop.wait(LOOK_S)
+            for shard in self._shards:
+                self._look(shard)
+
+    def _hear(self, shard: _Shard, told: Any) -> None:
+        """Take what an actor tells: where it answers, or that it has ended."""
+        try:
+            answer = self._ray.get(told)
+        except self._ray.exceptions.RayError as error:
+            if told is shard.ending:
+                self._lost(shard, type(error).__name__)
+            elif isinstance(error, self._ray.exceptions.ActorUnavailableError):
+                self._ask(shard)  # while Ray starts it; it has waited some seconds
+            else:
+                self._ray.kill(shard.actor)
+                shard.actor = None
+                self._failed(shard, type(error).__name__)
+            return
+        if told is shard.placing:
+            place = Place(*answer)
+            shard.placing, shard.place = None, place if place.url else None
+            shard.ending = shard.actor.ended.remote(place.url)
+        elif answer is None:
+            self._lost(shard, "restarted")
+        else:
+            self._failed(shard, answer)
+
+    def _lost(self, shard: _Shard, reason: str) -> None:
+        """Wait for the actor that Ray starts instead."""
+        shard.place = None
+        self.restarts += 1
+        logger.error(
+            "Shard %d of %d is lost with its process or its node (%s). Ray starts it again; "
+            "edges keep what it misses.",
+            shard.index, self.count, reason,
+        )  # fmt: skip
+        self._started(shard)
+
+    def _failed(self, shard: _Shard, code: int | str) -> None:
+        """Start a shard again that has ended by itself, after a while."""
+        shard.place = shard.placing = shard.ending = None
+        shards = self._settings.shards
+        if time.monotonic() - shard.began_s > SOUND_S:
+            shard.failures = 0
+        wait_s = min(shards.backoff_s * 2.0**shard.failures, shards.max_backoff_s)
+        shard.failures += 1
+        shard.again_s = time.monotonic() + wait_s
+        self.restarts += 1
+        logger.error(
+            "Shard %d of %d has ended with code %s. It is started again in %.3g s; edges keep "
+            "what it misses. The lines before this one say why it ended.",
+            shard.index, self.count, code, wait_s,
+        )  # fmt: skip
+
+    def _look(self, shard: _Shard) -> None:
+        """Start a shard again whose wait is over; say of one that it is not up yet."""
+        now_s = time.monotonic()
+        if shard.again_s is not None and now_s >= shard.again_s:
+            shard.again_s = None
+            if shard.actor is None:
+                self._begin(shard)
+            else:
+                self._ray.kill(shard.actor, no_restart=False)
+                self._started(shard)
+        late = shard.placing is not None and now_s - shard.began_s > PLACED_S
+        if late and not shard.told_late:
+            shard.told_late = True
+            logger.warning(
+                "Shard %d of %d is not up after %.0f s. Each needs a node with %g free cores: "
+                "add nodes, or lower shards.cores.",
+                shard.index, self.count, PLACED_S, self._settings.shards.cores,
+            )  # fmt: skip
+
+    def _end(self) -> None:
+        """Let all shards end, and kill those that do not."""
+        for shard in self._shards:
+            shard.place = None
+            if shard.ending is not None:
+                shard.actor.stop.remote()
+        ending = [shard.ending for shard in self._shards if shard.ending is not None]
+        if ending:
+            limit_s = self._settings.shutdown_s + 10.0
+            self._ray.wait(ending, num_returns=len(ending), timeout=limit_s)
+        for shard in self._shards:
+            if shard.actor is not None:
+                self._ray.kill(shard.actor)
