@@ -32,8 +32,8 @@ YARD: dict[str, Any] = {
     "tree": {"parallel": ["lab.line", IDS[3]]},
     "dependence": [{"members": [IDS[0], IDS[3]], "beta": 0.2}],
 }
-SINGLE: dict[str, Any] = {"members": [IDS[1]]}
-COMPOSITES = {"lab.line": LINE, "lab.yard": YARD, "lab.single": SINGLE}
+ALONE: dict[str, Any] = {"members": [IDS[1]]}
+COMPOSITES = {"lab.line": LINE, "lab.yard": YARD, "lab.alone": ALONE}
 
 
 class Fleet:
@@ -161,7 +161,7 @@ def test_composites_are_registered_listed_and_deleted_as_by_one_server(registere
         told = equal(one, front, f"/api/v1/twins/{twin}/memberships")
         assert "lab.yard" in told["above"]
     for client in (one, front):
-        assert client.delete("/api/v1/composites/lab.single").status_code == 204
+        assert client.delete("/api/v1/composites/lab.alone").status_code == 204
     bodies = [
         [
             each["registration"]
@@ -186,6 +186,8 @@ def test_what_a_composite_cannot_be_is_refused_with_the_same_words(registered):
     for taken in IDS:  # of either shard
         said = same_refusal(one, front, "PUT", f"/api/v1/composites/{taken}", twin)
         assert "is a twin already" in said
+    # The shard of the id, which keeps no composites, would take it for free.
+    assert any(Share(1, COUNT).has(name.partition(".")[2]) for name in COMPOSITES)
     for taken in COMPOSITES:
         said = same_refusal(one, front, "PUT", f"/api/v1/twins/{taken}", {})
         assert "is a composite" in said
@@ -204,7 +206,7 @@ def test_the_graph_of_all_sites_has_the_twins_of_all_shards(registered):
     assert equal(one, front, "/api/v1/dtdl", site="elsewhere")["digitalTwinsModels"]
     # A composite of this twin alone belongs to its graph.
     told = equal(one, front, f"/api/v1/twins/{IDS[1]}/dtdl")
-    assert "lab.single" in {t["$dtId"] for t in told["digitalTwinsGraph"]["digitalTwins"]}
+    assert "lab.alone" in {t["$dtId"] for t in told["digitalTwinsGraph"]["digitalTwins"]}
     found = front.get("/api/v1/twins/lab.nobody/dtdl")
     assert (found.status_code, found.json()["title"]) == (404, "No such twin")
 

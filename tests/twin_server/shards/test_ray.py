@@ -28,11 +28,15 @@ ASSETS = tuple(f"mast-{number}" for number in range(6))
 COUNT, EACH = 2, 40
 
 
-@pytest.fixture
-def endpoint():
+def free_port():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        here = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def endpoint():
+    here = f"tcp/127.0.0.1:{free_port()}"
     with ZenohBus("router", listen=[here]):
         yield here
 
@@ -141,21 +145,23 @@ def cluster(monkeypatch):
     """A cluster of a head without cores and two nodes, each a raylet of this machine."""
     from ray.cluster_utils import Cluster
 
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    port = free_port()
+    head = {"num_cpus": 0, "ray_client_server_port": port}
+    made = Cluster(initialize_head=True, head_node_args=head)
     nodes = {}
     for _ in range(2):
         node = made.add_node(num_cpus=COUNT)
         nodes[node.node_id] = node
     made.wait_for_nodes()
     monkeypatch.setenv("RAY_ADDRESS", made.address)
-    yield made, nodes
+    yield made, nodes, f"ray://127.0.0.1:{port}"
     made.shutdown()
 
 
 def test_a_shard_of_a_lost_node_is_started_on_another_and_continues(
     tmp_path, postgres, cluster, endpoint, messages, sample, edge, eventually, capsys
 ):
-    made, nodes = cluster
+    made, nodes, _ = cluster
     wanted = expected(tmp_path, messages, sample)
     with fleet(postgres, endpoint, "ray:auto") as (client, shards):
         assert eventually(client.ready, 300)
@@ -173,3 +179,20 @@ def test_a_shard_of_a_lost_node_is_started_on_another_and_continues(
         assert shards.place(0).node == places[1].node
         with capsys.disabled():
             print(f"\nnode lost: answered again at most {took_s:.1f} s after the last message")
+
+
+def test_a_killed_actor_is_started_again_where_the_cluster_is_reached_by_its_client_port(
+    tmp_path, postgres, cluster, endpoint, messages, sample, edge, eventually
+):
+    pytest.importorskip("grpc", reason="no grpcio: pip install 'slowtime[ray]'")
+    *_, address = cluster
+    wanted = expected(tmp_path, messages, sample)
+    with fleet(postgres, endpoint, address) as (client, shards):
+        assert eventually(client.ready, 300)
+        places = [shards.place(index) for index in range(COUNT)]
+        with published(
+            endpoint, edge, messages, lambda: os.kill(places[1].pid, signal.SIGKILL)
+        ):
+            recovery_s(shards, 1, places[1], eventually)
+            assert eventually(lambda: found(client) == wanted, 300)
+        assert shards.place(0) == places[0]
