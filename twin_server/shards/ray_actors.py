@@ -290,11 +290,14 @@ class RayShards:
                 self._look(shard)
 
     def _hear(self, shard: _Shard, told: Any) -> None:
-        """Take what an actor tells: where it answers, or that it has ended."""
+        """Take what an actor tells: where it answers, or that it has ended.
+
+        `told` equals what was waited for, and is another object by a cluster's client port.
+        """
         try:
             answer = self._ray.get(told)
         except self._ray.exceptions.RayError as error:
-            if told is shard.ending:
+            if told == shard.ending:
                 self._lost(shard, type(error).__name__)
             elif isinstance(error, self._ray.exceptions.ActorUnavailableError):
                 self._ask(shard)  # while Ray starts it; it has waited some seconds
@@ -303,7 +306,7 @@ class RayShards:
                 shard.actor = None
                 self._failed(shard, type(error).__name__)
             return
-        if told is shard.placing:
+        if told == shard.placing:
             place = Place(*answer)
             shard.placing, shard.place = None, place if place.url else None
             shard.ending = shard.actor.ended.remote(place.url)

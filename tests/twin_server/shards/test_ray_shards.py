@@ -22,14 +22,27 @@ class UnavailableError(ActorError):
 
 
 class Call:
-    """A call of an actor: answered, failed or waited for."""
+    """A call of an actor; Ray gives equal calls back, not the same."""
 
-    def __init__(self):
-        self.answer: Any = None
-        self.done = threading.Event()
+    def __init__(self, told=None):
+        self.told = {"answer": None, "done": threading.Event()} if told is None else told
+
+    def __eq__(self, other):
+        return isinstance(other, Call) and self.told is other.told
+
+    def __hash__(self):
+        return id(self.told)
+
+    @property
+    def done(self):
+        return self.told["done"]
+
+    @property
+    def answer(self):
+        return self.told["answer"]
 
     def tell(self, answer):
-        self.answer = answer
+        self.told["answer"] = answer
         self.done.set()
 
 
@@ -87,7 +100,7 @@ class Ray(types.ModuleType):
 
     def wait(self, calls, num_returns, timeout):
         calls[0].done.wait(0.01)
-        return [call for call in calls if call.done.is_set()][:num_returns], []
+        return [Call(call.told) for call in calls if call.done.is_set()][:num_returns], []
 
     def get(self, call):
         if isinstance(call.answer, Exception):
