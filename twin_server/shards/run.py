@@ -110,10 +110,8 @@ def _with_key(settings: TwinSettings) -> TwinSettings:
 def _supervisor(settings: TwinSettings, stop: threading.Event) -> Supervisor | RayShards:
     """Make what runs the shards, as the settings name it."""
     root = logging.getLogger()
-    engine, how = settings.shards.engine, {"level": root.level, "form": _form(root)}
-    if engine == "local":
-        return Supervisor(settings, stop, **how)
-    return RayShards(settings, stop, **how)
+    how = Supervisor if settings.shards.engine == "local" else RayShards
+    return how(settings, stop, level=root.level, form=_form(root))
 
 
 def _form(root: logging.Logger) -> Format:

@@ -62,7 +62,7 @@ class Fleet:
         self.urls[index] = url
 
     def end(self, index):
-        del self.urls[index]
+        self.urls.pop(index, None)
         self.stops[index].set()
         self.threads[index].join(60)
 
@@ -88,7 +88,7 @@ def served(app):
 
 @contextlib.contextmanager
 def one_server(settings, folder, bus):
-    stop, urls = threading.Event(), []
+    stop, urls = threading.Event(), list[str]()
     own = settings.model_copy(update={"database": folder / "twin.sqlite"})
     here = {"bus": bus, "stop": stop, "ready": urls.append}
     thread = threading.Thread(target=run, args=(own,), kwargs=here)
@@ -110,7 +110,7 @@ def both(tmp_path_factory, settings):
         fleet = Fleet(settings, folders[1], shared)
         for index in range(COUNT):
             fleet.start(index)
-            stack.callback(lambda index=index: index in fleet.urls and fleet.end(index))
+            stack.callback(fleet.end, index)
         one = stack.enter_context(one_server(settings, folders[0], alone))
         front = stack.enter_context(served(create_front(fleet, fleet.settings)))
         for client in (one, front):

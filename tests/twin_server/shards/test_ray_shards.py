@@ -50,7 +50,8 @@ class Actor:
     """Keeps the calls of each method."""
 
     def __init__(self, *arguments):
-        self.arguments, self.calls = arguments, {"place": [], "ended": [], "stop": []}
+        self.arguments = arguments
+        self.calls: dict[str, list[Any]] = {"place": [], "ended": [], "stop": []}
 
     def __getattr__(self, name):
         def remote(*arguments):
