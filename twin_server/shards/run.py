@@ -72,6 +72,8 @@ def run(
                 target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
             )
             supervisor.start()
+            # Again: Ray has taken SIGTERM, and would abort the process some seconds after it.
+            open_things.enter_context(ended_by_signals(stop))
             door.start()
             try:
                 while not server.started and door.is_alive():

@@ -4,6 +4,8 @@ import contextlib
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -196,3 +198,20 @@ def test_a_killed_actor_is_started_again_where_the_cluster_is_reached_by_its_cli
             recovery_s(shards, 1, places[1], eventually)
             assert eventually(lambda: found(client) == wanted, 300)
         assert shards.place(0) == places[0]
+
+
+def test_a_signal_ends_the_command_cleanly_after_ray_has_taken_it(tmp_path, eventually):
+    port = free_port()
+    words = ["twin", "--shards", "2", "--engine", "ray", "--port", str(port)]
+    words += ["--database", str(tmp_path / "twin.sqlite"), "--connect", "tcp/127.0.0.1:1"]
+    with subprocess.Popen([sys.executable, "-m", "slowtime_cli", *words]) as command:
+        client = Client(f"http://127.0.0.1:{port}")
+
+        def lists_twins():
+            with contextlib.suppress(AnswerError, OSError):
+                return client.twins() == []
+            return False
+
+        assert eventually(lists_twins, 300)
+        command.terminate()
+        assert command.wait(60) == 0
