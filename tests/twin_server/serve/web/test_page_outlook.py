@@ -50,7 +50,7 @@ def test_time_to_threshold_and_bands_move_as_readings_arrive(
     expect(limit.locator("svg.cdf polyline.probability")).to_have_count(1)
     expect(limit.locator("td.laws")).to_contain_text("%")
     expect(part(page, ".outlook .facts")).to_contain_text(
-        "the forecast only extrapolates its trend"
+        "the forecast only extrapolates the trend"
     )
 
     chart = part(page, '[data-quantity="stiffness_change"]')
