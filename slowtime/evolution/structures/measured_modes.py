@@ -281,10 +281,12 @@ def _alike(
     columns = modes.sensed
     power = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     alike = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
-    for group in groups:
-        if len(group) == 1:
-            continue
-        for j, shape in enumerate(shapes):
-            basis = np.linalg.qr(columns[known[j]][:, group])[0]
-            alike[j, group] = np.sum((basis.T @ shape[known[j]]) ** 2) / power[j, 0]
+    close = [group for group in groups if len(group) > 1]
+    heard, which = np.unique(known, axis=0, return_inverse=True)
+    for k, channels in enumerate(heard):
+        own = np.flatnonzero(which == k)
+        for group in close:
+            basis = np.linalg.qr(columns[channels][:, group])[0]
+            inside = np.sum((shapes[own][:, channels] @ basis) ** 2, axis=1, keepdims=True)
+            alike[np.ix_(own, group)] = inside / power[own]
     return np.asarray(alike)

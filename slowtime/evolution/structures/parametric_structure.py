@@ -18,9 +18,12 @@ from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 
 from .updatable_models import SensedModes, SparseStructure
 
-_LARGE = 64  # degrees of freedom from which sparse solutions of few modes are the faster ones
+_LARGE = 300  # degrees of freedom from which sparse solutions of few modes are the faster ones
 _CHAIN = 20  # likewise where each part acts on few of them
 _FEW = 0.1  # share of the entries of all parts that are not zero, below which they act on few
+_BEYOND = (
+    2  # modes at least over modes needed, so that measured ones may be paired across others
+)
 _REPEATED = 1e-9  # relative distance of two eigenvalues whose vectors may turn freely
 _RIGID = 1e-10  # eigenvalue over the largest, of a motion that strains nothing
 
@@ -178,28 +181,40 @@ class ParametricStructure:
         .. [1] R. L. Fox, M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors",
            AIAA Journal 6 (1968).
         """
+        found = self._seen(theta, np.eye(self.size), self.size, added_mass)
+        return ParametricModes(
+            found.eigenvalue, found.sensed, found.log_frequency_slope, found.sensed_slope
+        )
+
+    def _seen(
+        self,
+        theta: Float[np.ndarray, " parameter"],
+        rows: Float[np.ndarray, "sensor dof"],
+        count: int,
+        added_mass: Float[np.ndarray, "dof dof"] | None,
+    ) -> SensedModes:
+        """Lowest elastic modes and their slopes at sensors; all modes are in the sums."""
         mass, stiffness = self.matrices(theta)
         values, x = eigh(stiffness, mass if added_mass is None else mass + added_mass)
-        bent = values > _RIGID * values[-1]
+        which = np.flatnonzero(values > _RIGID * values[-1])[:count]
+        lowest, order = x[:, which], np.arange(len(which))
         factor = np.exp(theta)
         elements = len(self.stiffness_parts)
-        strained = x.T @ self.stiffness_parts @ x[:, bent] * factor[:elements, None, None]
-        moved = x.T @ self._masses @ x[:, bent] * factor[elements:, None, None]
-        eigenvalue = values[bent]
+        strained = x.T @ (self.stiffness_parts @ lowest) * factor[:elements, None, None]
+        moved = x.T @ (self._masses @ lowest) * factor[elements:, None, None]
+        eigenvalue = values[which]
         pulled = np.concatenate([strained, -eigenvalue * moved])
-        which = np.flatnonzero(bent)
-        own = pulled[:, which, np.arange(len(which))]
+        own = pulled[:, which, order]
         gap = eigenvalue - values[:, None]
         far = np.abs(gap) > _REPEATED * values[-1]
         mixing = pulled * np.where(far, 1.0 / np.where(far, gap, 1.0), 0.0)
-        mixing[elements:, which, np.arange(len(which))] -= (
-            0.5 * moved[:, which, np.arange(len(which))]
-        )
-        return ParametricModes(
+        mixing[elements:, which, order] -= 0.5 * moved[:, which, order]
+        sensed = rows @ x
+        return SensedModes(
             eigenvalue,
-            x[:, bent],
+            sensed[:, which],
             (own / (2.0 * eigenvalue)).T,
-            np.einsum("dr,prm->dmp", x, mixing),
+            np.ascontiguousarray((sensed @ mixing).transpose(1, 2, 0)),
         )
 
     def sensed_modes(
@@ -209,7 +224,7 @@ class ParametricStructure:
         count: int,
         added_mass: Float[np.ndarray, "dof dof"] | None = None,
     ) -> SensedModes:
-        """Elastic modes as sensors see them, all of them in small structures.
+        """Lowest elastic modes as sensors see them.
 
         Parameters
         ----------
@@ -228,15 +243,7 @@ class ParametricStructure:
         """
         if self.size > _LARGE or (self.size > _CHAIN and self._acts_on_few):
             return self._sparse.sensed_modes(theta, sensors, count, added_mass)
-        modes = self.modes(theta, added_mass)
-        return SensedModes(
-            modes.eigenvalue,
-            sensors @ modes.shape,
-            modes.log_frequency_slope,
-            (sensors @ modes.shape_slope.reshape(self.size, -1)).reshape(
-                len(sensors), *modes.shape_slope.shape[1:]
-            ),
-        )
+        return self._seen(theta, sensors, _BEYOND * count, added_mass)
 
     @functools.cached_property
     def _acts_on_few(self) -> bool:

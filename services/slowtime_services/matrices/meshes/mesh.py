@@ -13,6 +13,27 @@ DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 SHOWN = 12
 """Kinds of cards that one error names."""
 
+REMEDIES = {
+    ("CTRIA3", "CTRIAR", "CTRIA6", "S3", "S3R", "STRI3", "STRI65"): (
+        "Shells of three nodes: mesh again with quadrilaterals (CQUAD4, S4)."
+    ),
+    ("*PART", "*END PART", "*INSTANCE", "*END INSTANCE", "*ASSEMBLY", "*END ASSEMBLY"): (
+        "Parts and assemblies: write the input flat (Abaqus/CAE: Model, Edit Attributes, "
+        "do not use parts and assemblies in input files)."
+    ),
+    ("CQUAD8", "CQUADR", "S8", "S8R", "S9R5"): (
+        "Shells of other kinds: use CQUAD4 or S4 with a finer mesh."
+    ),
+    ("CTETRA", "CHEXA", "CPENTA", "C3D4", "C3D8", "C3D8R", "C3D10", "C3D20", "C3D20R"): (
+        "Solids: export stiffness and mass (Nastran PARAM,EXTOUT,DMIGPCH; Abaqus *MATRIX "
+        "OUTPUT; CalculiX *FREQUENCY, SOLVER=MATRIXSTORAGE)."
+    ),
+    ("*MPC", "*RIGID BODY", "*COUPLING", "*TIE", "*KINEMATIC", "*DISTRIBUTING"): (
+        "Couplings: write them as *EQUATION."
+    ),
+}
+"""What to do instead of entries that users meet often, by their names."""
+
 SOLID_ROUND = 0.9
 """Shear area of a solid round section over its area [1]: Cowper, J. Appl. Mech. 33 (1966),
 gives 6 (1 + nu) / (7 + 6 nu), 0.89 for nu = 0.3."""
@@ -119,13 +140,25 @@ class Mesh:
             f"{kind} (line {lines[0]}" + (f" and {len(lines) - 1} more)" if lines[1:] else ")")
             for kind, lines in kinds[:SHOWN]
         )
+        remedies = " ".join(
+            dict.fromkeys(text for kind, _ in kinds for text in [_remedy(kind)] if text)
+        )
         more = f", and {len(kinds) - SHOWN} further kinds" if len(kinds) > SHOWN else ""
         raise MatrixFileError(
             f"{self.path.name} has entries that are not understood: {said}{more}. Frames, "
             "trusses and flat shells are converted; docs/matrices.md lists what is read. "
             "Export the matrices of other models (`matrices`), or take out the entries if "
-            "they do not matter."
+            f"they do not matter. {remedies}".rstrip()
         )
+
+
+def _remedy(kind: str) -> str:
+    """Say what to do about an entry that is not understood; empty where nothing special."""
+    keyword, _, type_ = kind.partition(", TYPE=")
+    for names, text in REMEDIES.items():
+        if keyword in names or type_ in names:
+            return text
+    return ""
 
 
 def box(width_m: float, height_m: float, wall_y_m: float, wall_z_m: float) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Supports, relations and rigid elements of bulk data → conditions of a frame."""
 
 from .mesh import DIRECTIONS, Mesh
+from .nastran_averages import average
 from .nastran_deck import Deck, Fields
 
 ALL = (0, 1, 2, 3, 4, 5)
@@ -9,7 +10,7 @@ _TERMS = (2, 5, 10, 13)
 
 
 def add_conditions(mesh: Mesh, deck: Deck) -> None:
-    """Add SPC, SPC1, MPC, RBE2 and RBAR to a mesh.
+    """Add SPC, SPC1, MPC, RBE2, RBE3 and RBAR to a mesh.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ def add_conditions(mesh: Mesh, deck: Deck) -> None:
         _tie(mesh, card, card.whole(2), card.directions(3), card.numbers(4))
     for card in deck.of("RBAR"):
         _add_bar(mesh, card)
+    for card in deck.of("RBE3"):
+        average(mesh, card)
 
 
 def _selected(mesh: Mesh, deck: Deck, what: str, kinds: tuple[str, ...]) -> list[Fields]:

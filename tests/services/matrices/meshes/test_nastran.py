@@ -163,6 +163,52 @@ def test_rigid_elements_offsets_and_relations_carry_a_mass_alike(tmp_path):
         np.testing.assert_allclose(found, truth, rtol=1e-8)
 
 
+CORNERS = ((2.0, 1.0), (-1.0, 1.0), (-1.0, -2.0), (1.5, -1.0))
+SPRINGS_N_PER_M = (1e4, 2e4, 3e4, 5e4)
+
+
+def averaged(card, held="12456"):
+    """A body at a point that averages four corners, each on a spring along z."""
+    text = "BEGIN BULK\nGRID,9,,0.,0.,0.\nCONM2,1,9,,8.\n"
+    for k, ((x, y), spring) in enumerate(zip(CORNERS, SPRINGS_N_PER_M, strict=True), 1):
+        text += f"GRID,{k},,{x},{y},0.\nCELAS2,{k},{spring},{k},3\n"
+    return text + f"{card}\nSPC1,1,12456,1,2,3,4\nSPC1,1,{held},9\nENDDATA\n"
+
+
+def test_an_interpolation_element_spreads_a_force_and_stiffens_nothing(tmp_path):
+    # With the rotations free, a force at the centre splits by the fit of a plane: statics.
+    rows = np.array([[1.0, y, -x] for x, y in CORNERS])
+    share = np.linalg.solve(rows.T @ rows, rows.T)[0]
+    softness = float(np.sum(share**2 / np.array(SPRINGS_N_PER_M)))
+    card = "RBE3,7,,9,3,1.0,123,1,2,\n,3,4"
+    found = converted(tmp_path, averaged(card))
+    np.testing.assert_allclose(hertz(found, 1), np.sqrt(1 / (8.0 * softness)) / (2 * np.pi))
+    # Weights count: of one point alone that weighs much, its spring is felt.
+    card = "RBE3,7,,9,3,1.0,123,1,2,\n,3,1.0-9,123,4"
+    weights = np.array([1.0, 1.0, 1.0, 1e-9])
+    share = np.linalg.solve(rows.T * weights @ rows, rows.T * weights)[0]
+    softness = float(np.sum(share**2 / np.array(SPRINGS_N_PER_M)))
+    found = converted(tmp_path, averaged(card))
+    np.testing.assert_allclose(hertz(found, 1), np.sqrt(1 / (8.0 * softness)) / (2 * np.pi))
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        (
+            "RBE3,7,,9,3,1.0,123456,1,2,\n,3,4",
+            "components '123456'. Allowed are positive weights",
+        ),
+        ("RBE3,7,,9,3,1.0,123,1,2", "do not determine the motion.*RBE2"),
+        ("RBE3,7,,9,3,1,123,1,2,\n,3,4", "begins with a point"),
+        ("RBE3,7,,9,3,1.0,123,1,2,\n,3,4,UM,1,3", r"dependent components.*\(UM\)"),
+    ],
+)
+def test_an_interpolation_element_that_cannot_be_kept_is_refused(tmp_path, card, message):
+    with pytest.raises(MatrixFileError, match=message):
+        converted(tmp_path, averaged(card))
+
+
 def shells(extra=""):
     """A square of 12 by 12 CQUAD4, simply supported on all sides, 2 mm thick."""
     n = 12
@@ -239,10 +285,13 @@ def test_nonstructural_mass_is_part_of_the_mass_by_length(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("EIGRL", "CTRIA3,7,1,1,2,3\nEIGRL"), r"not understood: CTRIA3 \(line 6\)"),
         (
-            ("SPC1           8", "RBE3,1,,2,123\nGRDSET,,,,,,,6\nSPC1           8"),
-            "RBE3.*GRDSET",
+            ("EIGRL", "CTRIA3,7,1,1,2,3\nEIGRL"),
+            r"not understood: CTRIA3 \(line 6\).*again with quadrilaterals \(CQUAD4, S4\)",
+        ),
+        (
+            ("SPC1           8", "RBE1,1,,2,123\nGRDSET,,,,,,,6\nSPC1           8"),
+            "RBE1.*GRDSET",
         ),
         (("GRID,4,,", "GRID,4,3,"), r"Line 11.*GRID: has positions in the coordinate system 3"),
         (("SPC = 7\n", ""), r"sets 7, 8 of SPC are there.*`SPC = number` before BEGIN BULK"),

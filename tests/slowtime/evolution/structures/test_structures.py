@@ -226,6 +226,30 @@ def test_slopes_are_what_differences_say(stiff, heavy):
         np.testing.assert_allclose(modes.shape_slope[:, :, p], turned, atol=1e-4)
 
 
+def test_lowest_modes_at_sensors_equal_those_of_all_modes():
+    rng = np.random.default_rng(2)
+    # Parts that are full, as those of a reduced model are, and more modes than are needed.
+    rows = rng.standard_normal((3, 90, 90))
+    parts = rows @ rows.transpose(0, 2, 1)
+    structure = ParametricStructure(
+        mass=np.diag(rng.uniform(0.5, 2.0, 90)),
+        stiffness=parts.sum(axis=0) + 10.0 * np.diag(np.arange(1.0, 91.0)),
+        stiffness_parts=parts,
+    )
+    theta, sensors = np.array([-0.2, 0.1, 0.3]), rng.standard_normal((5, 90))
+    all_modes = structure.modes(theta)
+    found = structure.sensed_modes(theta, sensors, 8)
+    count = len(found.eigenvalue)
+    assert 8 <= count < 90
+    np.testing.assert_allclose(found.eigenvalue, all_modes.eigenvalue[:count], rtol=1e-12)
+    np.testing.assert_allclose(
+        found.log_frequency_slope, all_modes.log_frequency_slope[:count], rtol=1e-9
+    )
+    signs = np.sign(np.sum(found.sensed * (sensors @ all_modes.shape[:, :count]), axis=0))
+    seen = np.einsum("sd,dmp->smp", sensors, all_modes.shape_slope[:, :count])
+    np.testing.assert_allclose(found.sensed_slope, signs[:, None] * seen, rtol=1e-6, atol=1e-9)
+
+
 def test_slopes_obey_the_identities_of_euler():
     modes = TWELVE.modes(np.linspace(-0.3, 0.3, 12))
     np.testing.assert_allclose(modes.log_frequency_slope[:, :6].sum(axis=1), 0.5, rtol=1e-12)

@@ -1,0 +1,1 @@
+"""A lattice tower of trusses and beams made by pyfe3d: its matrices → figures of the twin."""
