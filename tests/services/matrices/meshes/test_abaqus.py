@@ -162,8 +162,13 @@ def test_masses_springs_equations_and_sets_are_read(tmp_path):
     [
         (
             ("*BOUNDARY", "*MPC\nBEAM, 1, 2\n*RIGID BODY, NSET=X\n*BOUNDARY"),
-            r"\*MPC.*\*RIGID BODY",
+            r"\*MPC.*\*RIGID BODY.*Couplings: write them as \*EQUATION",
         ),
+        (
+            ("*NODE", "*PART, NAME=MAST\n*NODE"),
+            r"\*PART \(line \d+\).*write the input flat",
+        ),
+        (("TYPE=B31", "TYPE=S3R"), r"TYPE=S3R.*mesh again with quadrilaterals"),
         (("TYPE=B31", "TYPE=C3D8"), r"not understood: \*ELEMENT, TYPE=C3D8 \(line 25\)"),
         (("SECTION=RECT", "SECTION=TRAPEZOID"), r"SECTION=TRAPEZOID with 2 sizes.*RECT"),
         (("NAME=STEEL", "NAME=IRON"), r"names the material STEEL"),
