@@ -42,15 +42,16 @@ OPTIMAL_STEP = 2.38
 """Step of a random walk in posterior standard deviations, times the root of the number of
 parameters, at which a Gaussian posterior is sampled fastest [1]; Roberts, Gelman and Gilks."""
 
-BATCHES = 50
-"""Parts of a chain whose means give the sampling error of the whole mean."""
+BATCHES = 20
+"""Parts of a chain whose means give the sampling error of the whole mean [1]: each has to be
+many times as long as states are correlated, some 300 steps here."""
 
 NEAR_SD, NEAR_RATIO = 0.05, 0.05
 """Largest difference from least squares, in standard deviations and in their ratio [1]."""
 
 SAMPLING_RMS = 1.5
 """Largest root mean square of differences over their sampling errors [1]: 1 where nothing but
-sampling separates two results, and the errors come from 50 batches."""
+sampling separates two results, and the errors come from 20 batches."""
 
 Parameters = Float[np.ndarray, " spring"]
 

@@ -4,10 +4,11 @@ The edge's name of a mode counts within one of its boots. Where there is none, o
 pair costs
 
 .. math:: \frac{(\Delta \ln f)^2}{2 (s_w^2 + s_f^2)}
-          + \frac{(c - 1)(1 - \mathrm{MAC})}{2 (m_w + m_s)}
+          + \frac{\min(c - 1, d)(1 - \mathrm{MAC})}{2 (m_w + m_s)}
 
-with c channels, :math:`s_w` and :math:`m_w` how far a mode wanders between two epochs and
-:math:`s_f`, :math:`m_s` what its own errors make, and the pairs that cost least as a whole win.
+with c channels, d `directions`, :math:`s_w` and :math:`m_w` how far a mode wanders between two
+epochs and :math:`s_f`, :math:`m_s` what its own errors make, and the pairs that cost least as a
+whole win.
 """
 
 import dataclasses
@@ -34,6 +35,11 @@ class MatchingLimits:
         1 - MAC that a mode's shape changes by from one epoch to the next, :math:`m_w` [1].
     gate
         Cost at and above which two modes are not paired [1].
+    directions
+        Directions in which a shape errs independently, at most [1]: errors of identified shapes
+        lie along the modes beside it, two on each side, in however many channels. With 24
+        channels counted as independent, the modes of a tower of 180 m were lost from one
+        window to the next; with at most 4, all were followed.
     foreign_mac
         MAC below which a mode under the same name is taken for another one [1].
     growth_per_miss
@@ -47,6 +53,7 @@ class MatchingLimits:
     frequency_drift: float = 0.02
     shape_drift: float = 0.05
     gate: float = 8.0
+    directions: int = 4
     foreign_mac: float = 0.2
     growth_per_miss: float = 0.1
     most_growth: float = 4.0
@@ -201,9 +208,8 @@ def _cost(reference: Reference, mode: ObservedMode, boot: str) -> float:
         return cost
     alike, channels = channel_mac(np.array(reference.shape), mode.shape)
     noise = float(np.nansum(mode.shape_sd**2))
-    return cost + 0.5 * max(channels - 1, 0) * (1.0 - alike) / (
-        LIMITS.shape_drift * grown + noise
-    )
+    free = min(max(channels - 1, 0), LIMITS.directions)
+    return cost + 0.5 * free * (1.0 - alike) / (LIMITS.shape_drift * grown + noise)
 
 
 def _updated_shape(

@@ -90,7 +90,8 @@ def _rigid_rows(arm: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 6"]:
 def _weighed_points(mesh: Mesh, card: Fields) -> list[tuple[str, tuple[int, ...], float]]:
     """Points of all groups with their components, 0 to 2, and weights."""
     found: list[tuple[str, tuple[int, ...], float]] = []
-    weight, ways = 0.0, ()
+    weight = 0.0
+    ways: tuple[int, ...] = ()
     k = 5
     while k < len(card) and card.text(k).upper() not in END_OF_GROUPS:
         text = card.text(k)
