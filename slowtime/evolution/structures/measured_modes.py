@@ -288,5 +288,5 @@ def _alike(
         for group in close:
             basis = np.linalg.qr(columns[channels][:, group])[0]
             inside = np.sum((shapes[own][:, channels] @ basis) ** 2, axis=1, keepdims=True)
-            alike[np.ix_(own, group)] = inside / power[own]
+            alike[np.ix_(own, np.array(group))] = inside / power[own]
     return np.asarray(alike)
