@@ -77,7 +77,7 @@ def _feed(bus: MemoryBus, url: str) -> None:
     change = np.where(np.array(names) == GROUP, LOSS, 0.0)
     for sequence in range(LEARN + EPOCHS):
         theta = change if sequence >= LEARN else np.zeros(len(names))
-        message = tower.epoch(sequence, theta, rng)
+        message = tower.epoch(sequence, tower.at(theta), rng)
         key = FEATURES.key(message.site, message.asset)
         bus.publish(key, encode(message), encoding=FEATURES.encoding, replayed=True)
     deadline = time.monotonic() + 300.0

@@ -15,6 +15,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -259,7 +260,7 @@ def _element_entries(
     return stiffness, mass, np.repeat([member[3] for member in members], own)
 
 
-def tube_properties(diameter_m: float, wall_m: float) -> object:
+def tube_properties(diameter_m: float, wall_m: float) -> Any:
     """Properties of a round tube of steel, as pyfe3d takes them.
 
     Parameters
