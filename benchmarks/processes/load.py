@@ -2,6 +2,7 @@
 
     python -m benchmarks.processes.load                       30 minutes
     python -m benchmarks.processes.load --seconds 300 --database postgresql://user@host/name
+    python -m benchmarks.processes.load --assets 100000 --period-s 100 --shards 2
 
 Each of `--assets`, spread over `--sites`, sends a feature every `--period-s`, evenly, through a
 real router to a real twin server, each a process of its own, over TCP on this machine; the
@@ -12,12 +13,16 @@ From the middle on, for `--burst-s`, ten times as many. The time until a feature
 told by its acknowledgement, REST's by asking for a random twin's latest state a few times a
 second, memory by the kernel. Senders keep what is not acknowledged, answer for it as an edge's
 spool does, and at the end every history is counted. Leaves with 1 where anything is missing.
+Memory and processor time are those of the server, or of all shards together; not of the front,
+the router and the senders.
 """
 
 import argparse
 import collections
+import contextlib
 import json
 import multiprocessing
+import os
 import random
 import sys
 import tempfile
@@ -36,9 +41,12 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import ACK, FEATURES, HEALTH, address_of, alive_key, request_key
 from slowtime_services import router
 from slowtime_services.bus import Query, Sample, ZenohBus
+from slowtime_services.shards import Share
 from twin_server import __main__ as twin_process
-from twin_server.persist import open_store
-from twin_server.settings import TwinSettings
+from twin_server import shards
+from twin_server.persist import is_url, open_store
+from twin_server.settings import ShardSettings, TwinSettings
+from twin_server.shards.supervisor import Supervisor
 
 from .transport import free_port
 
@@ -51,7 +59,7 @@ class Senders:
     """All edges as one process: they send, keep, answer, and note when they were heard."""
 
     def __init__(self, bus: ZenohBus, assets: int, sites: int) -> None:
-        self._bus = bus
+        self._bus, self._began_ns = bus, time.time_ns()
         self.names = [(f"s{number % sites:03d}", f"a{number:05d}") for number in range(assets)]
         self.made = [0] * assets
         self._kept: list[collections.OrderedDict[int, bytes]] = [
@@ -96,9 +104,11 @@ class Senders:
         with self._lock:
             first = next(iter(self._kept[number]), -1)
         site, asset = self.names[number]
+        now_ns = time.time_ns()
+        # Another start than before would be that of a second agent of this asset.
         message = Health(
-            site=site, asset=asset, boot=BOOT, sequence=0, t_ns=time.time_ns(),
-            last_sequence=self.made[number] - 1, first_held=first, uptime_s=1.0,
+            site=site, asset=asset, boot=BOOT, sequence=0, t_ns=now_ns, first_held=first,
+            last_sequence=self.made[number] - 1, uptime_s=(now_ns - self._began_ns) / 1e9,
         )  # fmt: skip
         key = HEALTH.key(site, asset)
         self._bus.publish(key, encode(message), encoding=HEALTH.encoding)
@@ -148,9 +158,10 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     routing = context.Process(target=router.run, args=([endpoint],), daemon=True)
     routing.start()
     time.sleep(3.0)
-    serving = context.Process(target=_serve, args=(database, endpoint, urls), daemon=True)
+    # No daemon: those have no children, which shards are.
+    serving = context.Process(target=_serve, args=(database, endpoint, given.shards, urls))
     serving.start()
-    url = urls.get(timeout=120)
+    url, pids = urls.get(timeout=120)
     with ZenohBus("client", [endpoint], open_timeout_s=30.0) as bus:
         senders = Senders(bus, given.assets, given.sites)
         asker = Asker(url, senders.names)
@@ -162,14 +173,16 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
             f"all assets let in          {let_in_s:.1f} s after the first was sent", flush=True
         )
         senders.took_s.clear()
-        memory = _send_all(given, senders, asker, serving.pid)
+        before_s = sum(map(_processor_s, pids))
+        memory = _send_all(given, senders, asker, pids)
+        used_s = sum(map(_processor_s, pids)) - before_s
         healed_s = _wait(given, senders)
         asker.stop()
     serving.terminate()
     serving.join(60)
     routing.terminate()
     routing.join(10)
-    return _report(given, database, senders, asker, memory, healed_s)
+    return _report(given, database, senders, asker, memory, (healed_s, used_s))
 
 
 def _wait(given: argparse.Namespace, senders: Senders) -> float:
@@ -183,13 +196,26 @@ def _wait(given: argparse.Namespace, senders: Senders) -> float:
     return time.monotonic() - began_s
 
 
-def _serve(database: str, endpoint: str, urls: Any) -> None:
+def _serve(database: str, endpoint: str, count: int, urls: Any) -> None:
     settings = TwinSettings(port=0, database=database, connect=(endpoint,))
-    sys.exit(twin_process.run(settings, ready=urls.put))
+    if count == 1:
+        sys.exit(twin_process.run(settings, ready=lambda url: urls.put((url, [os.getpid()]))))
+
+    def ready(url: str, supervisor: Supervisor) -> None:
+        threading.Thread(target=_when_up, args=(url, supervisor, urls)).start()
+
+    divided = settings.model_copy(update={"shards": ShardSettings(count=count)})
+    sys.exit(shards.run(divided, ready=ready))
+
+
+def _when_up(url: str, supervisor: Supervisor, urls: Any) -> None:
+    while not all(map(supervisor.url, range(supervisor.count))):
+        time.sleep(0.1)
+    urls.put((url, [supervisor.pid(index) for index in range(supervisor.count)]))
 
 
 def _send_all(
-    given: argparse.Namespace, senders: Senders, asker: "Asker", pid: int | None
+    given: argparse.Namespace, senders: Senders, asker: "Asker", pids: list[int]
 ) -> list[int]:
     """Send as asked for, tenfold during the burst; give resident bytes every ten seconds."""
     rate_hz = given.assets / given.period_s
@@ -210,7 +236,7 @@ def _send_all(
             senders.health(telling)
             telling, told = (telling + 1) % given.assets, told - 1
         if now_s >= 10 * len(memory):
-            memory.append(_resident(pid))
+            memory.append(sum(map(_resident, pids)))
         if now_s > 2 * given.period_s:
             asker.start()
         time.sleep(0.02)
@@ -249,9 +275,35 @@ class Asker:
             self.took_s.append(time.monotonic() - began_s)
 
 
-def _resident(pid: int | None) -> int:
+def _resident(pid: int) -> int:
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * 4096
+
+
+def _processor_s(pid: int) -> float:
+    """Processor time of a process so far, of the system's part too [s]."""
+    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def _missing(database: str, count: int, senders: Senders) -> int:
+    """Count what was sent and is in no history."""
+    shares = [None] if count == 1 else [Share(index, count) for index in range(count)]
+    missing = 0
+    for share in shares:
+        with contextlib.closing(open_store(database, share=share)) as store:
+            for name, made in zip(senders.names, senders.made, strict=True):
+                if share is None or share.has(name[1]):
+                    missing += made - store.count(".".join(name))
+    return missing
+
+
+def _size(database: str) -> int:
+    """Bytes of the files of a SQLite database, of all shards; 0 of PostgreSQL."""
+    if is_url(database):
+        return 0
+    path = Path(database)
+    return sum(file.stat().st_size for file in path.parent.glob(f"{path.stem}*"))
 
 
 def _report(
@@ -260,13 +312,10 @@ def _report(
     senders: Senders,
     asker: Asker,
     memory: list[int],
-    healed_s: float,
+    times_s: tuple[float, float],
 ) -> int:
-    store = open_store(database)
-    missing = 0
-    for name, made in zip(senders.names, senders.made, strict=True):
-        missing += made - store.count(".".join(name))
-    store.close()
+    missing = _missing(database, given.shards, senders)
+    healed_s, used_s = times_s
     sent_s, took_s = np.array(senders.took_s).T
     middle = sent_s.min() + given.seconds / 2
     steady = took_s[sent_s < middle]
@@ -276,6 +325,7 @@ def _report(
     assets = f"{given.assets:,} of {given.sites:,} sites"
     print(f"assets                     {assets}, one feature per {given.period_s:g} s each")
     print(f"features                   {sum(senders.made):,} in {given.seconds:g} s")
+    print(f"servers                    {given.shards} of {given.assets:,} twins together")
     print(f"missing in history         {missing}")
     print(f"asked for again            {senders.again:,}")
     for what, times in (("steady", steady), ("burst", burst)):
@@ -290,6 +340,15 @@ def _report(
         f"memory of the server       {mebibytes[0]:.0f} MiB at first, from a third on "
         f"{late[0]:.0f} to {late[-1]:.0f} MiB, at most {max(mebibytes):.0f}"
     )
+    print(
+        f"twins per GB of memory     {given.assets / (max(memory) / 1e9):,.0f}, the software "
+        f"of {given.shards} process(es) included"
+    )
+    timed = len(senders.took_s)
+    print(f"processor per feature      {1e6 * used_s / max(timed, 1):.0f} us of the server")
+    if size := _size(database):
+        print(f"disk per feature           {size / sum(senders.made):.0f} bytes")
+    print(f"load of the machine        {os.getloadavg()[2]:.1f} in the last 15 minutes")
     return 1 if missing or senders.waiting else 0
 
 
@@ -301,6 +360,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--period-s", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=1800.0)
     parser.add_argument("--burst-s", type=float, default=10.0)
+    parser.add_argument("--shards", type=int, default=1, help="processes of the server")
     parser.add_argument("--database", help="file or URL; a file of its own by default")
     given = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="slowtime-load-") as folder:
