@@ -36,10 +36,12 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--jobs", type=int, default=4)
     parser.add_argument("--out", type=Path, default=Path("var/faults"))
+    parser.add_argument("--shards", type=int, default=1, help="of the twin server")
     parser.add_argument("--postgres", action="store_true", help="in place of SQLite")
     parser.add_argument("--show", action="store_true", help="print the schedules only")
     given = parser.parse_args()
-    plans = [plan(seed, given.seconds) for seed in range(given.seed, given.seed + given.cases)]
+    seeds = range(given.seed, given.seed + given.cases)
+    plans = [plan(seed, given.seconds, given.shards) for seed in seeds]
     if given.show:
         for shown in plans:
             print(f"seed {shown.seed}: {shown.time_base}, spool {shown.spool_bytes:,} bytes")
@@ -69,7 +71,10 @@ def main() -> int:
         f"in history, {sum(a.lost for a in accounts)} reported lost"
     )
     for seed in failed:
-        print(f"replay with: make faults N=1 SEED={seed} SECONDS={given.seconds:g}")
+        print(
+            f"replay with: make faults N=1 SEED={seed} SECONDS={given.seconds:g} "
+            f"SHARDS={given.shards}"
+        )
     return 1 if failed else 0
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import random
 import signal
 import socket
@@ -13,9 +14,9 @@ from urllib.parse import urlparse
 from slowtime_schemas.streams import FEATURES, HEALTH, ROOT
 from slowtime_services.bus import BusUnreachableError, ZenohBus
 
-from .history import hold
+from .history import databases, hold
 from .house import House
-from .schedule import RATE_HZ, Fault
+from .schedule import FLEET, RATE_HZ, Fault
 
 Undo = Callable[[], None]
 
@@ -41,17 +42,38 @@ def _nothing() -> None:
     pass
 
 
+def _signal(pid: int, number: signal.Signals) -> None:
+    if pid:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
+
+
 def _kill(fault: Fault, house: House) -> Undo:
+    names = house.shards if fault.who == FLEET else [fault.who]
+    for pid in map(house.shard, names):
+        _signal(pid, signal.SIGKILL)
+    if fault.who in house.shards:
+        return _nothing  # the front starts it again
+    if fault.who == FLEET:
+        house.down("twin", signal.SIGKILL)
+        return lambda: house.up("twin")
     house.down(fault.who, signal.SIGKILL)
     return lambda: house.up(fault.who)
 
 
 def _end(fault: Fault, house: House) -> Undo:
+    if fault.who in house.shards:
+        _signal(house.shard(fault.who), signal.SIGTERM)
+        return _nothing
     house.down(fault.who, signal.SIGTERM)
     return lambda: house.up(fault.who)
 
 
 def _freeze(fault: Fault, house: House) -> Undo:
+    if fault.who in house.shards:
+        pid = house.shard(fault.who)
+        _signal(pid, signal.SIGSTOP)
+        return lambda: _signal(pid, signal.SIGCONT)
     house.freeze(fault.who, True)
     return lambda: house.freeze(fault.who, False)
 
@@ -106,7 +128,8 @@ def _rot(fault: Fault, house: House) -> Undo:
 
 
 def _lock(fault: Fault, house: House) -> Undo:
-    return hold(house.database)
+    parts = databases(house.database, house.plan.shards)
+    return hold(parts[round(1000 * fault.at_s) % len(parts)])
 
 
 def _poison(fault: Fault, house: House) -> Undo:

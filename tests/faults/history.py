@@ -3,14 +3,16 @@
 import contextlib
 import json
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.bus import Sample
 from slowtime_services.clock import HandClock
+from slowtime_services.shards import Share
 from twin_server.persist import SqliteStore, Store, is_url, open_store
+from twin_server.persist.shares import database_of_share, postgres_share
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
@@ -31,10 +33,35 @@ _END_WHO_WAIT = (
 )
 
 
-def look(database: str) -> Seen:
-    """Read history and losses straight from the database."""
+def shares(count: int) -> list[Share | None]:
+    """List the shares of the shards; a single server has none."""
+    return [None] if count == 1 else [Share(index, count) for index in range(count)]
+
+
+def databases(database: str, count: int) -> list[str]:
+    """Name the database of each shard, or the one of a single server."""
+    if count == 1:
+        return [database]
+    if is_url(database):
+        return [postgres_share(database, Share(index, count)) for index in range(count)]
+    path = Path(database)
+    return [str(database_of_share(path, Share(index, count))) for index in range(count)]
+
+
+def look(databases: Sequence[str]) -> Seen:
+    """Read history and losses straight from the databases of all shards."""
     history: list[tuple[Key, bytes]] = []
     lost: list[tuple[str, str, int, int, str]] = []
+    for database in databases:
+        _look(database, history, lost)
+    return Seen(history, lost)
+
+
+def _look(
+    database: str,
+    history: list[tuple[Key, bytes]],
+    lost: list[tuple[str, str, int, int, str]],
+) -> None:
     with _asking(database) as ask:
         for asset, boot, sequence, message in ask(_HISTORY):
             history.append(((asset, boot, sequence), bytes(message)))
@@ -43,13 +70,14 @@ def look(database: str) -> Seen:
             if event["kind"] == "features_lost":
                 why = event["details"]
                 lost.append((asset, why["boot"], why["first"], why["last"], why["why"]))
-    return Seen(history, lost)
 
 
-def rivals(database: str) -> list[str]:
+def rivals(databases: Sequence[str]) -> list[str]:
     """Tell of what the server takes for two agents of one asset; there are none."""
-    with _asking(database) as ask:
-        told = [json.loads(body) for (body,) in ask("select body from events")]
+    told = []
+    for database in databases:
+        with _asking(database) as ask:
+            told += [json.loads(body) for (body,) in ask("select body from events")]
     return [event["message"] for event in told if event["kind"] == "two_agents"]
 
 
@@ -95,18 +123,30 @@ def hold(database: str) -> Callable[[], None]:
     return over
 
 
-def differences(database: str, quiet: Path) -> list[str]:
-    """Give the same features to a server that nothing ever happens to; say what differs."""
-    suffered, calm = open_store(database), SqliteStore(quiet)
+def differences(database: str, count: int, quiet: Path) -> list[str]:
+    """Give the same features to a server that nothing ever happens to; say what differs.
+
+    That server is a single one, however many shards the other had.
+    """
+    found = []
+    for share in shares(count):
+        ours = [asset for asset in ASSETS if share is None or share.has(asset)]
+        of_its_own = quiet.with_stem(f"{quiet.stem}-{share}")
+        suffered, calm = open_store(database, share=share), SqliteStore(of_its_own)
+        found += _differences(suffered, calm, ours)
+    return found
+
+
+def _differences(suffered: Store, calm: Store, assets: Sequence[str]) -> list[str]:
     try:
         pipeline = Pipeline(TwinSettings(), calm, clock=HandClock(LATER_NS))
-        for asset in ASSETS:
+        for asset in assets:
             rows = suffered.messages(f"lab.{asset}", (0, -1), 10**9)
             key = FEATURES.key("lab", asset)
             pipeline.ingest(Sample(key, row.message, None, True) for row in rows)
         pipeline.give_up()
         found = []
-        for asset in ASSETS:
+        for asset in assets:
             twin_id = f"lab.{asset}"
             for what, ours, theirs in (
                 ("states", suffered.digest(twin_id), calm.digest(twin_id)),

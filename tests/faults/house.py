@@ -19,7 +19,7 @@ from . import processes
 from .gate import Gate
 from .instruments import Dial
 from .ledger import Ledger
-from .schedule import ASSETS, RATE_HZ, Plan
+from .schedule import ASSETS, RATE_HZ, Plan, shard_names
 
 PRELOADED = ["tests.faults.processes"]
 UNLIMITED = resource.RLIM_INFINITY
@@ -33,7 +33,7 @@ def context() -> Any:
 
 
 class House:
-    """Router, twin server and two edges under one plan."""
+    """Router, twin server or fleet of shards, and two edges under one plan."""
 
     def __init__(self, plan: Plan, home: Path, database: str) -> None:
         self.plan, self.home, self.database = plan, home, database
@@ -45,6 +45,8 @@ class House:
         self.gates = {name: Gate(self._port) for name in ("twin", *ASSETS)}
         self.clocks = {name: Dial(home / f"{name}.clock", 0.0) for name in ("twin", *ASSETS)}
         self.rates = {name: Dial(home / f"{name}.rate", RATE_HZ) for name in ASSETS}
+        self.shards = shard_names(plan.shards)
+        self._pids = {name: Dial(home / f"{name}.pid", 0.0) for name in self.shards}
         self._running: dict[str, Any] = {}
         self._down: collections.Counter[str] = collections.Counter()
         self._again_s: dict[str, float] = {}
@@ -88,6 +90,10 @@ class House:
         if process is not None and process.is_alive():
             os.kill(process.pid, signal.SIGSTOP if frozen else signal.SIGCONT)
 
+    def shard(self, name: str) -> int:
+        """Return the process of a shard; 0 while there is none, and of other names."""
+        return int(self._pids[name].value) if name in self._pids else 0
+
     def fill_disk(self, name: str, by: int) -> None:
         """Let no file of a process grow any more; with `by` = -1 let them again."""
         self._limited[name] += by
@@ -122,7 +128,7 @@ class House:
             if process is not None:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(process.pid, signal.SIGTERM)
-                process.join(15.0)
+                process.join(15.0 + 30.0 * len(self.shards))
                 found[name] = process.exitcode
         return found
 
@@ -150,11 +156,14 @@ class House:
         process = self._running.get(name)
         if process is not None and process.is_alive():
             soft = 1 if self._limited[name] > 0 else UNLIMITED
-            with contextlib.suppress(ProcessLookupError):
-                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (soft, UNLIMITED))
+            shards = [pid for pid in map(self.shard, self.shards) if pid and name == "twin"]
+            for pid in (process.pid, *shards):
+                with contextlib.suppress(ProcessLookupError):
+                    resource.prlimit(pid, resource.RLIMIT_FSIZE, (soft, UNLIMITED))
 
     def _process(self, target: Callable[..., None], *given: Any) -> Any:
-        process = self._context.Process(target=target, args=(self.home, *given), daemon=True)
+        process = self._context.Process(target=target, args=(self.home, *given))
+        process.daemon = target is not processes.fleet  # which has children
         process.start()
         return process
 
@@ -170,7 +179,12 @@ class House:
             "zenoh": RETRY,
             "healing": {"max_backoff_s": 2.0},
         }
-        return self._process(processes.twin, settings)
+        if not self.shards:
+            return self._process(processes.twin, settings)
+        return self._process(processes.fleet, settings | {"shards": self._fleet()})
+
+    def _fleet(self) -> dict[str, Any]:
+        return {"count": len(self.shards), "max_backoff_s": 2.0}
 
     def _edge(self, name: str) -> Any:
         life = self._lives[name]

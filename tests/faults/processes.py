@@ -1,22 +1,29 @@
 """What runs in each process of the house: the real thing, with the harness's clock in it."""
 
 import contextlib
+import functools
 import json
 import logging
+import multiprocessing
 import os
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import edge_agent.__main__ as edge_process
 import edge_agent.publish.publisher as publisher
 import twin_server.__main__ as twin_process
+import twin_server.shards.process as shard_process
+import twin_server.shards.supervisor as supervising
 from edge_agent.settings import EdgeSettings
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, TimeBase
 from slowtime_services import router as router_process
 from slowtime_services.shutdown import ended_by_signals
 from twin_server.settings import TwinSettings
+from twin_server.shards import run as run_shards
 
 from .instruments import Dial, FaultySource, SkewedClock, ledger_spool
 
@@ -36,6 +43,45 @@ def twin(home: Path, settings: dict[str, Any]) -> None:
         (home / "twin.url").write_text(url)
 
     sys.exit(twin_process.run(TwinSettings(**settings), clock=clock, ready=ready))
+
+
+def fleet(home: Path, settings: dict[str, Any], quick: bool = True) -> None:
+    """Run the front of a fleet of shards, and tell the process of each shard.
+
+    With `quick`, shards are forked off a process that has imported everything.
+    """
+    _begin(home, "twin")
+    given = TwinSettings(**settings)
+    supervising.serve_shard = functools.partial(shard, home)  # type: ignore[attr-defined]
+    as_usual = supervising.Supervisor.__init__
+
+    def quickly(self: supervising.Supervisor, *things: Any, **named: Any) -> None:
+        as_usual(self, *things, **named)
+        if quick:
+            self._context = multiprocessing.get_context("forkserver")  # type: ignore[assignment]
+
+    supervising.Supervisor.__init__ = quickly  # type: ignore[method-assign]
+    dials = [Dial(home / f"shard-{index}.pid") for index in range(given.shards.count)]
+
+    def tell(supervisor: supervising.Supervisor) -> None:
+        while True:
+            for index, dial in enumerate(dials):
+                dial.value = float(supervisor.pid(index) or 0)
+            time.sleep(0.05)
+
+    def ready(url: str, supervisor: supervising.Supervisor) -> None:
+        (home / "twin.url").write_text(url)
+        threading.Thread(target=tell, args=(supervisor,), daemon=True).start()
+
+    sys.exit(run_shards(given, ready=ready))
+
+
+def shard(home: Path, settings: TwinSettings, *rest: Any) -> None:
+    """Run one shard of a fleet."""
+    _begin(home, f"shard-{settings.shards.index}")
+    clock = SkewedClock(Dial(home / "twin.clock"))
+    shard_process.run = functools.partial(twin_process.run, clock=clock)  # type: ignore[attr-defined]
+    shard_process.serve_shard(settings, *rest)
 
 
 def edge(

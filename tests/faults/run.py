@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .harm import Undo, inflict
-from .history import differences, look, rivals
+from .history import databases, differences, look, rivals
 from .house import House
 from .ledger import Verdict, judge
 from .schedule import ASSETS, Plan
@@ -55,17 +55,18 @@ def run(plan: Plan, home: Path, database: str | None = None) -> Outcome:
     try:
         house.open()
         _suffer(house)
-        verdict, healed_s = _heal(house)
+        parts = databases(database, plan.shards)
+        verdict, healed_s = _heal(house, parts)
         faults = verdict.faults
         if verdict.lost and not plan.may_lose:
             faults.append(f"{verdict.lost} lost, and nothing in the schedule excuses it")
-        faults += rivals(database)
+        faults += rivals(parts)
         if verdict.accepted == 0 and plan.seconds >= 5:
             faults.append("nothing arrived at all")
         statuses = house.end()
         faults += [f"{name} ended with {s}" for name, s in statuses.items() if s != 0]
         if not faults:
-            faults += differences(database, home / "quiet.sqlite")
+            faults += differences(database, plan.shards, home / "quiet.sqlite")
     except Exception as error:
         faults.append(f"the harness failed: {error!r}")
     finally:
@@ -94,7 +95,7 @@ def _suffer(house: House) -> None:
         time.sleep(max(0.01, wait_s))
 
 
-def _heal(house: House) -> tuple[Verdict, float]:
+def _heal(house: House, parts: list[str]) -> tuple[Verdict, float]:
     """Go on for a little, then wait until the account is whole, or patience ends."""
     calm_s = time.monotonic() + CALM_S
     while time.monotonic() < calm_s:
@@ -106,7 +107,7 @@ def _heal(house: House) -> tuple[Verdict, float]:
     while True:
         house.tend()
         time.sleep(0.5)
-        verdict = judge(house.ledger, look(house.database))
+        verdict = judge(house.ledger, look(parts))
         took_s = time.monotonic() - began_s
         whole = not verdict.faults and took_s > 2.0
         if (whole and all(map(house.alive, ("twin", *ASSETS)))) or took_s > PEACE_S:

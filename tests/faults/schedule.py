@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-ASSETS = ("beam", "mast")
+ASSETS = ("beam", "wing")
+"""Of different shards of two, and of four."""
+
 RATE_HZ = 4.0
 """Features a second of each asset; a burst makes ten times as many."""
 
@@ -44,6 +46,22 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[float, float], float]] = {
 }
 """All that can go wrong here."""
 
+FLEET = "fleet"
+"""The front and all shards at once."""
+
+
+def shard_names(shards: int) -> tuple[str, ...]:
+    """Name the processes of the shards; none where the twin server is a single one."""
+    return () if shards == 1 else tuple(f"shard-{index}" for index in range(shards))
+
+
+def _befalls(kind: str, shards: int) -> tuple[str, ...]:
+    """Say who a kind of fault may befall; shards are killed and frozen beside the others."""
+    names = shard_names(shards)
+    if kind == "kill" and names:
+        return (*KINDS[kind][0], *names, *names, FLEET)
+    return (*KINDS[kind][0], *names) if kind in ("end", "freeze") else KINDS[kind][0]
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Plan:
@@ -55,6 +73,8 @@ class Plan:
         ``"live"``: sensors stamp with the edge's clock, jumps and all.
     spool_bytes
         Of each edge; a small one overflows while the twin is away.
+    shards
+        Of the twin server; 1 is a single one.
     """
 
     seed: int
@@ -62,6 +82,7 @@ class Plan:
     time_base: str
     spool_bytes: int
     faults: tuple[Fault, ...]
+    shards: int = 1
 
     @property
     def may_lose(self) -> bool:
@@ -72,7 +93,7 @@ class Plan:
         return edge_disk or clock or rot or self.spool_bytes < 2**20
 
 
-def plan(seed: int, seconds: float) -> Plan:
+def plan(seed: int, seconds: float, shards: int = 1) -> Plan:
     """Draw a schedule: about a fault every three seconds, overlapping as they like."""
     rng = np.random.default_rng(seed)
     names = list(KINDS)
@@ -80,17 +101,17 @@ def plan(seed: int, seconds: float) -> Plan:
     faults = []
     for _ in range(1 + rng.poisson(seconds / 3.0)):
         kind = str(rng.choice(names, p=weights / weights.sum()))
-        whom, (least, most), _weight = KINDS[kind]
+        _, (least, most), _weight = KINDS[kind]
         for_s = min(float(rng.uniform(least, most)), 0.6 * seconds)
         at_s = float(rng.uniform(0.5, max(0.6, seconds - for_s)))
         amount = float(rng.choice([-1, 1]) * rng.uniform(1, 6)) * HOURS_S
-        faults.append(
-            Fault(at_s, for_s, kind, str(rng.choice(whom)), amount if kind == "clock" else 0.0)
-        )
+        who = str(rng.choice(_befalls(kind, shards)))
+        faults.append(Fault(at_s, for_s, kind, who, amount if kind == "clock" else 0.0))
     return Plan(
         seed,
         seconds,
         str(rng.choice(["simulated", "live"])),
         int(rng.choice([2**26, 2**26, 2**16])),
         tuple(sorted(faults)),
+        shards,
     )
