@@ -83,9 +83,11 @@ def events(given: argparse.Namespace) -> list[Event]:
 class Fleet:
     """Router, PostgreSQL and shards, each of which can be killed and come back."""
 
-    def __init__(self, home: Path, count: int, database: str, postgres: Path | None) -> None:
+    def __init__(
+        self, home: Path, given: argparse.Namespace, database: str, postgres: Path | None
+    ) -> None:
         self._home, self._postgres = home, postgres
-        self._context = context()
+        self._context, count = context(), given.shards
         self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
         self._dials = [Dial(home / f"shard-{index}.pid", 0.0) for index in range(count)]
         Dial(home / "twin.clock", 0.0)
@@ -95,7 +97,7 @@ class Fleet:
             "connect_timeout_s": 600.0, "healing": {"max_backoff_s": 2.0},
             "serve": {"workers": 1}, "shards": {"count": count, "max_backoff_s": 2.0},
         }  # fmt: skip
-        self._front = self._start(processes.fleet, settings, False)
+        self._front = self._start(processes.fleet, settings, given.quick)
         self._away: dict[str, int] = collections.Counter()
 
     def _start(self, target: Callable[..., None], *given: Any) -> Any:
@@ -194,7 +196,8 @@ def _copy(event: Event, parts: list[str], player: Player) -> str:
     )
     return (
         f"copy of {event.who}: {sum(held.values())} features, "
-        f"{out.stat().st_size / 1e6:.1f} MB in {took_s:.2f} s, {lacks} lacking of those acknowledged when it began"
+        f"{out.stat().st_size / 1e6:.1f} MB in {took_s:.2f} s, {lacks} lacking of those "
+        "acknowledged when it began"
     )
 
 
@@ -235,7 +238,7 @@ def run(given: argparse.Namespace, home: Path, database: str, postgres: Path | N
     """Run the campaign in the folder `home`, and print what was found."""
     messages = recording(given.assets, given.each, given.seed)
     expected = in_peace(messages, home / "peace.sqlite")
-    fleet = Fleet(home, given.shards, database, postgres)
+    fleet = Fleet(home, given, database, postgres)
     player = Player(fleet.endpoint, messages, given.sessions, given.shards)
     try:
         if not player.open(PATIENCE_S):
@@ -271,6 +274,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--sessions", type=int, default=4, help="of the edge agents")
     parser.add_argument("--sqlite", action="store_true", help="in place of PostgreSQL")
     parser.add_argument("--router-only", action="store_true", help="kill nothing else")
+    parser.add_argument("--quick", action="store_true", help="start shards by a fork")
     parser.add_argument("--out", type=Path, help="folder of logs and databases")
     given = parser.parse_args(words)
     with contextlib.ExitStack() as stack:

@@ -58,7 +58,9 @@ def fleet(home: Path, settings: dict[str, Any], quick: bool = True) -> None:
     def quickly(self: supervising.Supervisor, *things: Any, **named: Any) -> None:
         as_usual(self, *things, **named)
         if quick:
-            self._context = multiprocessing.get_context("forkserver")  # type: ignore[assignment]
+            made = multiprocessing.get_context("forkserver")
+            made.set_forkserver_preload(["tests.faults.processes"])
+            self._context = made  # type: ignore[assignment]
 
     supervising.Supervisor.__init__ = quickly  # type: ignore[method-assign]
     dials = [Dial(home / f"shard-{index}.pid") for index in range(given.shards.count)]

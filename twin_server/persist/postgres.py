@@ -194,6 +194,9 @@ class PostgresStore(SqlStore):
                 ) from error
             finally:
                 self._in_transaction = False
+                if not _at_rest(writer):
+                    writer.raw.close()
+                    self._writer = None
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[_Connection]:
@@ -231,7 +234,7 @@ class PostgresStore(SqlStore):
 
     def _give(self, reader: _Connection) -> None:
         with self._lock:
-            if self._closed or reader.raw.closed or reader.raw.broken:
+            if self._closed or not _at_rest(reader):
                 reader.raw.close()
             else:
                 self._idle.append(reader)
@@ -242,6 +245,20 @@ class PostgresStore(SqlStore):
             "backup into another schema or database. Edges send again what they still hold; "
             "what they do not is reported as lost."
         )
+
+
+def _at_rest(connection: _Connection) -> bool:
+    """Whether a connection can be used again.
+
+    Where the server is killed in the midst of `executemany`, libpq neither closes the
+    connection nor leaves its pipeline mode, and every later statement fails.
+    """
+    pq, at = driver().pq, connection.raw.info
+    return bool(
+        at.status == pq.ConnStatus.OK
+        and at.transaction_status == pq.TransactionStatus.IDLE
+        and at.pipeline_status == pq.PipelineStatus.OFF
+    )
 
 
 def without_secret(url: str) -> str:

@@ -48,6 +48,21 @@ def test_a_database_that_goes_away_is_written_again_once_it_is_back(url, postgre
     store.close()
 
 
+def test_a_connection_that_stays_in_its_pipeline_is_replaced(url):
+    store = PostgresStore(url)
+    store.write(WriteBatch(events=[EVENT]))
+    # So psycopg may leave it where the server is killed amid `executemany`.
+    store._writer.raw.pgconn.enter_pipeline_mode()
+    store._writer.raw.pgconn.send_query_params(b"select 1", None)
+    with contextlib.suppress(StoreError):
+        store.write(WriteBatch(events=[EVENT]))
+    before = len(store.events())
+    for _ in range(3):
+        store.write(WriteBatch(events=[EVENT]))
+    assert len(store.events()) == before + 3
+    store.close()
+
+
 @pytest.mark.long
 def test_a_second_server_on_one_schema_is_refused_until_the_first_has_ended(url):
     store = PostgresStore(url)
