@@ -48,7 +48,11 @@ from twin_server.persist import is_url, open_store
 from twin_server.settings import ShardSettings, TwinSettings
 from twin_server.shards.supervisor import Supervisor
 
+from .router_lookup import LEASE, LEASE_S, NOBODY
 from .transport import free_port
+
+DECLARED_AT_ONCE = 100
+"""Tokens that are declared before the router is waited for."""
 
 BOOT = "b1"
 PATIENCE_S = 900.0
@@ -74,7 +78,12 @@ class Senders:
             bus.answer(request_key("*", "*", "account"), self._account),
             bus.answer(request_key("*", "*", "features"), self._features),
         ]
-        self.handles += [bus.announce(alive_key(*name)) for name in self.names]
+        for name in self.names:
+            self.handles.append(bus.announce(alive_key(*name)))
+            if len(self.handles) % DECLARED_AT_ONCE == 0:
+                # Answered by the router after what was declared before: faster than that for
+                # five seconds, Zenoh would close the link, and declare all of it again.
+                bus.ask(NOBODY, timeout_s=PATIENCE_S)
 
     def send(self, number: int) -> None:
         """Make and send the next feature of one asset."""
@@ -155,15 +164,21 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     endpoint = f"tcp/127.0.0.1:{port}"
     context = multiprocessing.get_context("spawn")
     urls: Any = context.Queue()
-    routing = context.Process(target=router.run, args=([endpoint],), daemon=True)
+    routing = context.Process(
+        target=router.run, args=([endpoint],), kwargs={"options": LEASE}, daemon=True
+    )
     routing.start()
     time.sleep(3.0)
     # No daemon: those have no children, which shards are.
     serving = context.Process(target=_serve, args=(database, endpoint, given.shards, urls))
     serving.start()
     url, pids = urls.get(timeout=120)
-    with ZenohBus("client", [endpoint], open_timeout_s=30.0) as bus:
+    with ZenohBus("client", [endpoint], open_timeout_s=30.0, lease_s=LEASE_S) as bus:
+        began_s = time.monotonic()
         senders = Senders(bus, given.assets, given.sites)
+        print(
+            f"all assets announced       after {time.monotonic() - began_s:.1f} s", flush=True
+        )
         asker = Asker(url, senders.names)
         for number in range(given.assets):
             senders.send(number)

@@ -51,7 +51,7 @@ NOBODY = "slowtime/nobody"
 """A key that no process answers."""
 
 PATIENCE_S = 600.0
-"""How long a router may take for the declarations of a session [s]; a busy one takes minutes."""
+"""How long a router may take for what a session declares [s]; a busy one takes minutes."""
 
 PAYLOAD = bytes(360)
 """As long as a features message of one mode."""

@@ -2,9 +2,10 @@
 
 import pytest
 
+from . import campaign, player
 from .ledger import Ledger, Seen, judge
 from .run import Outcome, run_many
-from .schedule import KINDS, plan
+from .schedule import FLEET, KINDS, plan
 
 
 @pytest.mark.system
@@ -17,11 +18,45 @@ def test_short_seeds_of_faults_leave_a_whole_account_and_the_states_of_a_quiet_l
     assert min(accepted) > 10
 
 
+@pytest.mark.system
+@pytest.mark.slow
+def test_a_short_seed_of_faults_over_shards_leaves_the_states_of_a_quiet_life(tmp_path):
+    outcomes: list[Outcome] = []
+    run_many([plan(7, 10.0, shards=2)], tmp_path, 1, outcomes.append)
+    assert [outcome.line for outcome in outcomes if outcome.faults] == []
+
+
+@pytest.mark.system
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["kills", "rolling", "backup"])
+def test_a_recording_keeps_its_hashes_while_its_shards_are(what, tmp_path, capsys):
+    words = ["--what", what, "--events", "4", "--seconds", "20", "--quick", "--sqlite"]
+    words += ["--each", "20", "--assets", "8", "--out", str(tmp_path)]
+    assert campaign.main(words) == 0
+    told = capsys.readouterr().out
+    assert "sound: 8 of 8 hashes identical" in told
+    assert "lacking" not in told.replace(", 0 lacking", "")
+
+
+def test_a_campaign_notices_what_is_missing_or_of_another_hash(tmp_path):
+    messages = player.recording(3, 5, seed=1)
+    expected = campaign.in_peace(messages, tmp_path / "peace.sqlite")
+    part = tmp_path / "part.sqlite"
+    assert campaign.in_peace(messages[:-1], part) != expected
+    told = campaign.judge(str(part), [str(part)], messages, expected)
+    assert [line.partition(",")[0] for line in told] == [
+        "1 histories with another hash",
+        "1 readings missing",
+    ]
+
+
 def test_a_seed_gives_the_same_schedule_again_and_all_kinds_are_drawn():
     assert plan(5, 60.0) == plan(5, 60.0)
     assert plan(5, 60.0) != plan(6, 60.0)
     drawn = {fault.kind for seed in range(40) for fault in plan(seed, 60.0).faults}
     assert drawn == set(KINDS)
+    befallen = {fault.who for seed in range(40) for fault in plan(seed, 60.0, 2).faults}
+    assert befallen >= {"shard-0", "shard-1", FLEET, "twin", "router"}
 
 
 def made(*sequences):

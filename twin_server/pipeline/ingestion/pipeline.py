@@ -355,7 +355,8 @@ class Pipeline:
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
                 self._guarded(self._election.step)
-                self._guarded(self._publisher.acknowledge)
+                if not self._stale:  # else the account counts what is not durable
+                    self._guarded(self._publisher.acknowledge)
                 self._guarded(lambda: self._publisher.announce_all(self._twins))
                 self._guarded(self._sign_ledger)
             if self._inbox.closed and not samples and not self._calls:
@@ -502,7 +503,6 @@ class Pipeline:
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
-        self._publisher.owe(change.touched)
         if not (
             change.ordered or change.touched or change.lost or change.held or change.rivals
         ):
@@ -529,6 +529,7 @@ class Pipeline:
         self.routing.hear(change.ordered)
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         numbers = self.store.write(cut)
+        self._publisher.owe(change.touched)
         self._twins = twins
         self._count(change, cut)
         self._publisher.tell(change.ordered, fresh, self._units, cut.events, numbers)

@@ -28,6 +28,7 @@ from twin_server import estimate as estimators
 from twin_server.persist import SqliteStore, StoreError, open_store
 from twin_server.pipeline import Pipeline
 from twin_server.pipeline.ingestion import estimation as estimating
+from twin_server.pipeline.ingestion.state_publisher import ACK_EVERY_S
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
@@ -296,6 +297,31 @@ def test_a_disk_that_is_full_for_a_while_loses_nothing(
         assert eventually(lambda: store.count("lab.beam") == 60)
         assert eventually(lambda: not pipeline.failing)
         assert pipeline.counts["failed_batches"] > 0
+        assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
+
+
+def test_what_a_database_that_is_away_did_not_take_is_not_acknowledged(
+    open_twin, edge, ageing, sample, tmp_path, eventually, monkeypatch
+):
+    messages, acknowledged = ageing(60), []
+    with MemoryBus() as bus:
+        pipeline, store = open_twin(bus)
+        bus.subscribe(ACK.everywhere, lambda s: acknowledged.append(json.loads(s.payload)))
+        beam = edge(MemoryBus(joins=bus))
+        for message in messages[:20]:
+            beam.make(message)
+        assert eventually(lambda: acknowledged and acknowledged[-1]["sequence"] == 19)
+        with monkeypatch.context() as away:  # it can be neither written nor read
+            away.setattr(store, "write", _full)
+            away.setattr(store, "twins", lambda: _full(None))
+            for message in messages[20:40]:
+                beam.make(message)
+            assert eventually(lambda: "disk full" in pipeline.failing)
+            time.sleep(3 * ACK_EVERY_S)
+            assert max(ack["sequence"] for ack in acknowledged) == 19
+        for message in messages[40:]:
+            beam.make(message)
+        assert eventually(lambda: acknowledged[-1]["sequence"] == 59)
         assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
 
 
