@@ -91,6 +91,7 @@ class Fleet:
         self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
         self._dials = [Dial(home / f"shard-{index}.pid", 0.0) for index in range(count)]
         Dial(home / "twin.clock", 0.0)
+        Dial(home / "shards.up", 0.0)
         self._router = self._start(processes.router, self.endpoint)
         settings = {
             "port": 0, "database": database, "connect": (self.endpoint,), "zenoh": RETRY,

@@ -23,6 +23,8 @@ from .schedule import ASSETS, RATE_HZ, Plan, shard_names
 
 PRELOADED = ["tests.faults.processes"]
 UNLIMITED = resource.RLIM_INFINITY
+START_S = 300.0
+"""How long the shards of a fleet may take to answer at first; a busy machine takes minutes."""
 
 
 def context() -> Any:
@@ -46,6 +48,7 @@ class House:
         self.clocks = {name: Dial(home / f"{name}.clock", 0.0) for name in ("twin", *ASSETS)}
         self.rates = {name: Dial(home / f"{name}.rate", RATE_HZ) for name in ASSETS}
         self.shards = shard_names(plan.shards)
+        self._up = Dial(home / "shards.up", 0.0)
         self._pids = {name: Dial(home / f"{name}.pid", 0.0) for name in self.shards}
         self._running: dict[str, Any] = {}
         self._down: collections.Counter[str] = collections.Counter()
@@ -64,6 +67,9 @@ class House:
         """Start everybody."""
         for name in self._start:
             self._begin(name)
+        until_s = time.monotonic() + START_S
+        while self._up.value < len(self.shards) and time.monotonic() < until_s:
+            time.sleep(0.1)
 
     def down(self, name: str, by: signal.Signals) -> None:
         """End a process now, and start no other in its place until `up`."""

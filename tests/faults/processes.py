@@ -64,11 +64,15 @@ def fleet(home: Path, settings: dict[str, Any], quick: bool = True) -> None:
 
     supervising.Supervisor.__init__ = quickly  # type: ignore[method-assign]
     dials = [Dial(home / f"shard-{index}.pid") for index in range(given.shards.count)]
+    up = Dial(home / "shards.up")
 
     def tell(supervisor: supervising.Supervisor) -> None:
         while True:
             for index, dial in enumerate(dials):
                 dial.value = float(supervisor.pid(index) or 0)
+            up.value = float(
+                sum(supervisor.url(index) is not None for index in range(len(dials)))
+            )
             time.sleep(0.05)
 
     def ready(url: str, supervisor: supervising.Supervisor) -> None:

@@ -110,7 +110,8 @@ def _heal(house: House, parts: list[str]) -> tuple[Verdict, float]:
         verdict = judge(house.ledger, look(parts))
         took_s = time.monotonic() - began_s
         whole = not verdict.faults and took_s > 2.0
-        if (whole and all(map(house.alive, ("twin", *ASSETS)))) or took_s > PEACE_S:
+        peace_s = PEACE_S * (1 + len(house.shards))  # each of which may have to start again
+        if (whole and all(map(house.alive, ("twin", *ASSETS)))) or took_s > peace_s:
             return verdict, took_s
 
 
