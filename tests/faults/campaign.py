@@ -219,7 +219,8 @@ def judge(
             for asset in expected:
                 if share is None or share.has(asset):
                     found[asset] = store.digest(f"{SITE}.{asset}")
-    counted = collections.Counter(key for key, _ in look(parts).history)
+    seen = look(parts)
+    counted = collections.Counter(key for key, _ in seen.history)
     made = {(message.asset, BOOT, message.sequence) for message in messages}
     wrong = [asset for asset in expected if found[asset] != expected[asset]]
     twice = [key for key, count in counted.items() if count > 1]
@@ -230,6 +231,7 @@ def judge(
             ("readings there twice", twice),
             ("readings missing", list(made - set(counted))),
             ("readings that nobody made", list(set(counted) - made)),
+            ("ranges reported lost", seen.lost),
         )
         if these
     ]

@@ -223,9 +223,10 @@ class Account:
             self._conclude_account(line, listing, certain, now_s, change)
         run = self._runs.get((want.site, want.asset, want.boot))
         if run is not None and run.number:
-            conclude_hole(
-                line, run, want, listing or (), certain, now_s, self._settings, change
-            )
+            # Of an agent that keeps an account, no answer at all says nothing about a hole: its
+            # token may be back a moment before its answers are, after the router was away.
+            told = certain and (bool(listing) or not line.spooled)
+            conclude_hole(line, run, want, listing or (), told, now_s, self._settings, change)
         self._close_finished(line, change)
 
     def still_missing(self, want: EdgeQuery) -> bool:

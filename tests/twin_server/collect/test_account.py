@@ -438,6 +438,21 @@ def test_how_far_a_boot_got_is_durable_together_with_the_boot_after_it(world):
     assert {run.boot: run.told for run in change.touched} == {"b1": 8, "b2": 0}
 
 
+def test_an_agent_that_is_alive_and_whose_answers_are_not_back_yet_loses_nothing(world):
+    world.alive()
+    world.spool = {"b1": {0, 1}}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal()
+    world.spool = {}  # nobody answers, and nothing says that anything failed
+    world.arrive(("b1", 9))
+    world.heal(20)
+    assert world.asked > HEALING.tries
+    assert world.lost == []
+    world.spool = {"b1": set(range(10))}
+    world.heal(20)
+    assert world.order == [("b1", sequence) for sequence in range(10)]
+
+
 def test_what_an_edge_still_has_of_a_boot_that_was_closed_without_it_is_reported(world):
     world.spool = {"b1": {0, 1}}
     world.arrive(("b1", 0), ("b1", 1))
