@@ -52,8 +52,9 @@ def test_a_connection_that_stays_in_its_pipeline_is_replaced(url):
     store = PostgresStore(url)
     store.write(WriteBatch(events=[EVENT]))
     # So psycopg may leave it where the server is killed amid `executemany`.
-    store._writer.raw.pgconn.enter_pipeline_mode()
-    store._writer.raw.pgconn.send_query_params(b"select 1", None)
+    writer = store._open_writer().raw.pgconn
+    writer.enter_pipeline_mode()
+    writer.send_query_params(b"select 1", None)
     with contextlib.suppress(StoreError):
         store.write(WriteBatch(events=[EVENT]))
     before = len(store.events())
