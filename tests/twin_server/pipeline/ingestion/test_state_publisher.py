@@ -2,13 +2,14 @@
 
 import collections
 import types
+from typing import Any
 
 import pytest
 
 from slowtime_schemas.streams import REGISTRATION
 from slowtime_services.clock import SystemClock
 from twin_server.pipeline.ingestion import state_publisher
-from twin_server.pipeline.ingestion.pipeline import new_twin
+from twin_server.pipeline.ingestion.estimation import new_twin
 from twin_server.pipeline.ingestion.state_publisher import StatePublisher
 from twin_server.registration.twin import Registration
 
@@ -31,8 +32,10 @@ def announced(monkeypatch):
     """Return the keys announced in each half second of some time, of so many twins."""
 
     def announce(twins, seconds, election=ELECTED):
-        bus, counts = Kept(), collections.Counter()
-        publisher = StatePublisher(bus, SystemClock(), counts, 100, election, lambda run: None)
+        bus: Any = Kept()
+        nothing_owed: Any = None
+        counts = collections.Counter[str]()
+        publisher = StatePublisher(bus, SystemClock(), counts, 100, election, nothing_owed)
         twin = new_twin(Registration())
         fleet = {("lab", f"a{number}"): twin for number in range(twins)}
         steps = []
