@@ -216,7 +216,7 @@ def _serve(database: str, endpoint: str, count: int, urls: Any) -> None:
     if count == 1:
         sys.exit(twin_process.run(settings, ready=lambda url: urls.put((url, [os.getpid()]))))
 
-    def ready(url: str, supervisor: Supervisor) -> None:
+    def ready(url: str, supervisor: Any) -> None:
         threading.Thread(target=_when_up, args=(url, supervisor, urls)).start()
 
     divided = settings.model_copy(update={"shards": ShardSettings(count=count)})

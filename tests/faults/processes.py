@@ -75,7 +75,7 @@ def fleet(home: Path, settings: dict[str, Any], quick: bool = True) -> None:
             )
             time.sleep(0.05)
 
-    def ready(url: str, supervisor: supervising.Supervisor) -> None:
+    def ready(url: str, supervisor: Any) -> None:
         (home / "twin.url").write_text(url)
         threading.Thread(target=tell, args=(supervisor,), daemon=True).start()
 
