@@ -19,6 +19,7 @@ from .likelihood import (
 )
 from .model import BandModel
 from .score_test import AddedModeTest
+from .shape_complement import ShapeComplement, shape_complement
 from .window_data import WindowData, WindowUnits, prepare_window
 from .windows import Spectrum, Window, group_close_poles, shared_windows
 
@@ -52,7 +53,8 @@ class FittedMode:
     covariance
         Of the log decay rate and the angular frequency.
     shape, shape_sd
-        In the channels of the spectrum; the shape of unit norm.
+        In the channels of the spectrum; the shape of unit norm. Of a selection, only in the
+        combinations of channels that were fitted.
     evidence
         Log-likelihood that would be lost without the mode, over what it must be worth.
     prominence
@@ -103,7 +105,7 @@ def select_modes(
     -------
     Modes, each with the index of its start.
     """
-    return _in_windows(spectrum, starts, (low_hz, high_hz), SELECTING, 0, _selected)
+    return _in_windows(spectrum, starts, (low_hz, high_hz), _SELECTION)
 
 
 def fit_modes(
@@ -127,16 +129,14 @@ def fit_modes(
     -------
     Modes, each with the index of its start.
     """
-    return _in_windows(spectrum, starts, (low_hz, high_hz), FITTING, MOST_BESIDE, _kept)
+    return _in_windows(spectrum, starts, (low_hz, high_hz), _FINAL)
 
 
 def _in_windows(
     spectrum: Spectrum,
     starts: list[InitialMode],
     edges: tuple[float, float],
-    wide: float,
-    beside: int,
-    choose: "_Choice",
+    stage: "_Stage",
 ) -> list[tuple[int, FittedMode]]:
     least = 0.25 * spectrum.spacing_hz * 2 * np.pi
     order = sorted(range(len(starts)), key=lambda k: starts[k].pole.imag)
@@ -145,18 +145,25 @@ def _in_windows(
     found: list[tuple[int, FittedMode]] = []
 
     def about(group: list[int]) -> Window:
-        return Window.about(spectrum, poles, group, edges, wide, beside)
+        return Window.about(spectrum, poles, group, edges, stage.wide, stage.beside)
 
     for group, window in shared_windows(group_close_poles(poles), about):
         modes = window.modes + window.beside
         shapes = np.stack([starts[order[k]].shape for k in modes], axis=1)
-        for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
+        for k, sharp in _fitted(spectrum, window, poles[modes], shapes, stage):
             if modes[k] in group:
                 found.append((order[modes[k]], sharp))
     return sorted(found, key=lambda pair: abs(pair[1].pole))
 
 
-_Choice = Callable[[WindowData], tuple[list[int], BandFit]]
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Stage:
+    """How windows are fitted: half-width, modes beside, choice of modes, and whole shapes."""
+
+    wide: float
+    beside: int
+    choose: Callable[[WindowData], tuple[list[int], BandFit]]
+    whole: bool
 
 
 def _fitted(
@@ -164,12 +171,12 @@ def _fitted(
     window: Window,
     poles: np.ndarray,
     shapes: np.ndarray,
-    choose: _Choice,
+    stage: _Stage,
 ) -> list[tuple[int, FittedMode]]:
     """Fit a window, dropping what it can do without; (index into poles, mode) of the rest."""
     frame, case = prepare_window(spectrum, window, poles, shapes)
     data = case.data
-    left, best = choose(case)
+    left, best = stage.choose(case)
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
         losses = [
@@ -177,8 +184,11 @@ def _fitted(
         ]
         worst = int(np.argmin(losses))
         if losses[worst] >= WORTH * case.price:
+            rest = None
+            if stage.whole:
+                rest = shape_complement(case.ordinates, frame.directions, data, best.model)
             return [
-                (left[k], _sharp(frame, best, k, loss / case.price))
+                (left[k], _sharp(frame, best, k, loss / case.price, rest))
                 for k, loss in enumerate(losses)
             ]
         left.pop(worst)
@@ -221,6 +231,10 @@ def _selected(case: WindowData) -> tuple[list[int], BandFit]:
     return left, fit_band_model(case.data, best, roughly=True)
 
 
+_SELECTION = _Stage(SELECTING, 0, _selected, whole=False)
+_FINAL = _Stage(FITTING, MOST_BESIDE, _kept, whole=True)
+
+
 def _without(case: WindowData, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
     rest = expectation_maximisation(case.data, whole.model.without(mode))
@@ -228,17 +242,27 @@ def _without(case: WindowData, whole: BandFit, mode: int) -> BandModel:
     return rest if loss > CLEAR * case.price else fit_band_model(case.data, rest).model
 
 
-def _sharp(frame: WindowUnits, found: BandFit, mode: int, evidence: float) -> FittedMode:
+def _sharp(
+    frame: WindowUnits,
+    found: BandFit,
+    mode: int,
+    evidence: float,
+    rest: ShapeComplement | None,
+) -> FittedMode:
     model = found.model
     units = np.array([1.0, frame.unit])
     covariance = found.pole_covariance(mode) * units[:, None] * units
-    expand = frame.scale[:, None] * frame.directions
-    shape = expand @ model.shape[:, mode]
+    scale, inside = frame.scale[:, None], frame.scale[:, None] * frame.directions
+    shape = inside @ model.shape[:, mode]
+    moved = inside @ found.shape_covariance(mode) @ inside.conj().T
+    if rest is not None:
+        outside = scale * rest.outside
+        shape = shape + outside @ rest.component[:, mode]
+        moved = moved + outside @ rest.covariance[mode] @ outside.conj().T
     size = float(np.linalg.norm(shape))
-    moved = expand @ found.shape_covariance(mode) @ expand.conj().T / size**2
     shape = shape / size
     across = np.eye(len(shape)) - np.outer(shape, shape.conj())
-    variance = np.real(np.diag(across @ moved @ across.conj().T))
+    variance = np.real(np.diag(across @ moved @ across.conj().T)) / size**2
     return FittedMode(
         frame.back(model.pole[mode]),
         covariance,
@@ -246,7 +270,7 @@ def _sharp(frame: WindowUnits, found: BandFit, mode: int, evidence: float) -> Fi
         np.sqrt(np.maximum(variance, 0.0)),
         evidence,
         model.prominence(mode),
-        _strength(model, mode, expand),
+        _strength(model, mode, inside),
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from .likelihood import initial_model
 from .model import BandData, BandModel
+from .shape_complement import Ordinates
 from .windows import Spectrum, Window
 
 SPARE = 1
@@ -67,6 +68,7 @@ class WindowData:
     poles: np.ndarray
     shapes: np.ndarray
     held: int
+    ordinates: Ordinates
 
     @property
     def price(self) -> float:
@@ -122,13 +124,14 @@ def prepare_window(
     frame = _frame(coefficients, omega, poles, shapes, len(window.modes))
     projected = (coefficients / frame.scale) @ frame.directions.conj()
     guess = frame.pole(poles)
-    data = _grouped(projected, (omega - frame.middle) / frame.unit, guess)
+    data, group = _grouped(projected, (omega - frame.middle) / frame.unit, guess)
     seconds = 1.0 / spectrum.spacing_hz
     turn = complex(np.exp(1j * frame.middle * seconds))
     data = dataclasses.replace(data, length=frame.unit * seconds, turn=turn)
     start = frame.directions.conj().T @ (shapes / frame.scale[:, None])
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
-    return frame, WindowData(data, guess, start, len(window.beside))
+    ordinates = Ordinates(coefficients / frame.scale, group)
+    return frame, WindowData(data, guess, start, len(window.beside), ordinates)
 
 
 def _frame(
@@ -159,13 +162,15 @@ def _frame(
     return WindowUnits(unit, middle, scale, directions)
 
 
-def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> BandData:
-    """Average neighbouring ordinates where the density hardly changes between them."""
+def _grouped(
+    projected: np.ndarray, omega: np.ndarray, poles: np.ndarray
+) -> tuple[BandData, np.ndarray]:
+    """Average neighbouring ordinates where the density hardly changes; group of each."""
     distance = np.abs(1j * omega[:, None] - poles).min(axis=1)
     spacing = float(omega[1] - omega[0])
     size = np.maximum(GROUPED * distance / spacing, 1.0)
     group = np.floor(np.cumsum(1.0 / size)).astype(int)
-    _, starts = np.unique(group, return_index=True)
+    _, starts, group = np.unique(group, return_index=True, return_inverse=True)
     number = np.diff([*starts, len(omega)]).astype(float)
     outer = projected[:, :, None] * projected[:, None, :].conj()
     density = np.add.reduceat(outer, starts, axis=0) / number[:, None, None]
@@ -173,4 +178,4 @@ def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> Ban
     density = density + QUIET * np.median(power) * np.eye(density.shape[1])
     first, last = omega[starts], omega[np.append(starts[1:], len(omega)) - 1]
     width = np.where(number > 1, last - first + spacing, 0.0)
-    return BandData((first + last) / 2, density, number, width=width)
+    return BandData((first + last) / 2, density, number, width=width), group
