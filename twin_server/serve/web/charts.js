@@ -94,8 +94,9 @@ function layoutOf(twin, quantity, { width, range, assumed, empty, wide, zoomed }
     fixedrange: touched.matches,
   };
   const said = t(assumed ? "chart.note_assumed" : "chart.note_empty");
+  const text = width < NARROW_PX ? said.replaceAll(", ", ",<br>") : said;
   const note = {
-    text: width < NARROW_PX ? said.replaceAll(", ", ",<br>") : said, showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
+    text, showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
     font: { color: colour("faint") },
   };
   return {

@@ -110,7 +110,7 @@ def fit_force_surface(
         Catalogue of effects by name.
     max_work
         Budget [units of work]; as much again where that fit ends in a wrong minimum, or leaves
-        more than noise with the demanded shape.
+        more than noise with the shape that was demanded or chosen.
     demand
         Shape that the surface is to have, where the records allow it.
 
@@ -132,23 +132,28 @@ def fit_force_surface(
     if shaped is None:
         return None
     found = _fit_terms(shaped, before, space, trials, kinds, max_work)
-    if demand.is_any or shaped.shape == FREE:
+    if shaped.shape == FREE:
         return found
     if found is not None and found.fit.chi2_in_band < 1 + 3 * found.fit.in_band_sd:
         return found
     free = _chosen_terms(kinds, scales, space, ANY_SHAPE)
     assert free is not None
     other = _fit_terms(free, before, space, trials, kinds, max_work)
-    return _undemanded(found, other, shaped, trials)
+    return _better_of(found, other, shaped, trials, demanded=not demand.is_any)
 
 
-def _undemanded(
+def _better_of(
     found: SurfaceFit | None,
     other: SurfaceFit | None,
     shaped: ShapedRegression,
     trials: Sequence[Trial],
+    *,
+    demanded: bool,
 ) -> SurfaceFit | None:
-    """Give up the demanded shape where the free run of a surface without it fits far better."""
+    """Give up a shape where the free run of a surface without it fits far better.
+
+    That the records contradict a shape is told where somebody demanded it.
+    """
     if other is None:
         return found
     loss = np.inf
@@ -161,6 +166,8 @@ def _undemanded(
         more = max(len(other.free) - len(found.free), 1)
         if loss <= max(MAX_LOSS, float(scipy.stats.chi2.isf(MIN_P_VALUE, more)) / 2):
             return found
+    if not demanded:
+        return other
     refused = (*shaped.refused, (shaped.shape.words, loss))
     return dataclasses.replace(other, shaped=dataclasses.replace(other.shaped, refused=refused))
 

@@ -9,8 +9,12 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.dynamics.effects.library.measured_force import COARSE, FINE, MIXED, SPEED
 
-ODD, NEITHER, EVEN = -1, 0, 1
-"""Parities of a surface [1]: its force at (-e, -v) over that at (e, v), where there is one."""
+ODD = -1
+"""[1] Parity of a surface, its force at (-e, -v) over that at (e, v). Source: definition."""
+NEITHER = 0
+"""[1] Parity of a surface without symmetry. Source: convention."""
+EVEN = 1
+"""[1] Parity of a surface that is the same on both sides. Source: definition."""
 WORDS = ("auto", "free", "odd", "even", "monotone")
 """What a user may ask for."""
 _SPLINES = {"g": FINE + 3, "h": SPEED + 3, "mu": COARSE + 3, "ga": COARSE + 3}

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 SEED = 20
-"""[1] Of the random velocities, so that the same fit has the same band."""
+"""[1] Of the random velocities, so that the same fit has the same band. Source: arbitrary."""
 WARM_UP = 50
 """[samples] Dropped at the beginning, which is on a bound. Source: successive samples of this
 method hardly depend on each other."""

@@ -92,7 +92,8 @@ def test_a_band_widens_outside_the_measured_range(closed):
     seen = Motion(e=e, v=np.zeros(4), a=np.zeros(4), times=np.arange(4.0))
     force, sd = surface_band(found.fit, seen)
     assert np.isfinite(force).all()
-    assert 0 < sd[0] < sd[1] < sd[2] < sd[3]
+    # An odd surface is chosen here, which has no force in the middle.
+    assert 0 <= sd[0] < sd[1] < sd[2] < sd[3]
     truth = 400.0 * e[:1] * (1 - 1.08 / np.sqrt(1 + (e[:1] / 0.01) ** 2))
     assert abs(force[0] - truth[0]) < 0.2 * own["spread_n"]
 

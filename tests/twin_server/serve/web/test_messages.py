@@ -185,7 +185,7 @@ NAMES = {
     # Elements, classes and attributes.
     "col", "row", "td", "th", "polygon", "polyline", "title", "facts", "limit", "line",
     "line {}",
-    "interval", "severity", "band", "rest", "shape", "card", "off",
+    "interval", "severity", "band", "rest", "shape", "card", "off", "faint",
     # What Plotly and the REST interface call things.
     "left", "top", "bottom", "paper", "%{text}<extra></extra>", "damping_ratio", "frequency_hz",
     "amplitude", "psd", "{}/{}.json: {} {}",
