@@ -1,10 +1,11 @@
 """A tower of six parameter groups under 24 channels, one of which loses stiffness.
 
-Run `python -m benchmarks.methods.monitored_tower [--seeds 50]`. Features are drawn from the
-full model of `docs/examples/lattice_tower.yaml`, whose groups differ from the file by some 5 %,
-and go through the estimation of the twin server: it learns the structure, a group loses 10 %,
-and the suspects of the last epoch are compared with the truth. Prints how often the group was
-named alone or among those that cannot be told apart, how often another was, and chi-square per
+Run `python -m benchmarks.methods.monitored_tower [--seeds 50] [--samples]`. Features are drawn
+from the full model of `docs/examples/lattice_tower.yaml`, whose groups differ from the file by
+some 5 %, or identified from simulated samples of its modes as an edge agent does. They go
+through the estimation of the twin server: it learns the structure, a group loses 10 %, and the
+suspects of the last epoch are compared with the truth. Prints how often the group was named
+alone or among those that cannot be told apart, how often another was, and chi-square per
 parameter.
 """
 
@@ -109,12 +110,15 @@ class Monitored:
         Number of modes that are identified.
     window_s
         Length of the windows [s].
+    sampled
+        Whether features are identified from simulated samples, as an edge agent does.
     """
 
     full: MatrixModel
     twin: Model
     modes: int = MODES
     window_s: float = WINDOW_S
+    sampled: bool = False
 
     @classmethod
     def read(
@@ -190,6 +194,33 @@ class Monitored:
             quality=Quality(samples=1000), truth=None,
         )  # fmt: skip
 
+    def features(
+        self, whole: SensedModes, softer: SensedModes, later: int, rng: np.random.Generator
+    ) -> tuple[list[Features], list[Features]]:
+        """Make the features before and after the loss.
+
+        Parameters
+        ----------
+        whole, softer
+            Modes before and after it.
+        later
+            Number of epochs after it.
+        rng
+            Of the errors.
+
+        Returns
+        -------
+        Messages of the epochs that are learnt from, and of the later ones.
+        """
+        if self.sampled:
+            from .sampled_tower import SampledTower
+
+            agent = SampledTower(self)
+            before = [agent.epoch(whole, rng) for _ in range(LEARN)]
+            return before, [agent.epoch(softer, rng) for _ in range(later)]
+        before = [self.epoch(k, whole, rng) for k in range(LEARN)]
+        return before, [self.epoch(LEARN + k, softer, rng) for k in range(later)]
+
     def run(self, seed: int, later: int = LATER) -> Outcome:
         """Let one group lose stiffness, and see what the twin says.
 
@@ -212,8 +243,7 @@ class Monitored:
         change[which] = LOSS
         lost = (1.0 + built) * (1.0 + change) - 1.0
         whole, softer = self.at(built), self.at(lost)
-        before = [self.epoch(k, whole, rng) for k in range(LEARN)]
-        after = [self.epoch(LEARN + k, softer, rng) for k in range(later)]
+        before, after = self.features(whole, softer, later, rng)
         memory = track_epochs(Memory(), self.twin, before, LEARN).memory
         begin = time.process_time()
         reading = track_epochs(memory, self.twin, after, LEARN).readings[-1]
@@ -304,8 +334,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the figures; return 1 where one lies outside what it is held to."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--samples", action="store_true", help="identify from samples")
     given = parser.parse_args(arguments)
-    tower = Monitored.read()
+    tower = dataclasses.replace(Monitored.read(), sampled=given.samples)
     found = [tower.run(seed) for seed in range(given.seeds)]
     return 0 if show(found, tower.twin.free) else 1
 

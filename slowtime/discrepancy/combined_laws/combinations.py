@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.discrepancy.candidates.library_fit import is_applicable
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
 from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
 STIFFNESSES = ("pendulum_sine", "cubic_softening", "cubic_hardening", "saturating_stiffness")
@@ -73,6 +75,19 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
     return iter(sorted((one for one in several if one), key=len))
 
 
+def applicable_laws(kinds: Mapping[str, Kind], description: Description) -> tuple[str, ...]:
+    """Return the kinds that may act in a structure: laws of angles need a model of angles.
+
+    Parameters
+    ----------
+    kinds
+        Catalogue of effects by name.
+    description
+        Model of the structure.
+    """
+    return tuple(name for name, kind in kinds.items() if is_applicable(kind, description))
+
+
 def fit_combinations(
     first: Fit,
     trials: Sequence[Trial],
@@ -99,7 +114,7 @@ def fit_combinations(
     """
     found = {frozenset[str](): Combination((), place, (first,))}
     located: dict[Laws, Localization] = {}
-    for laws in law_sets(tuple(kinds)):
+    for laws in law_sets(applicable_laws(kinds, first.plant.description)):
         parents = [found[laws - {law}] for law in laws if laws - {law} in found]
         for parent in sorted(parents, key=lambda one: one.last.cost)[:1]:
             if monitor.is_late:

@@ -33,7 +33,14 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Kind, Place
 
-from .combinations import STIFFNESSES, Combination, Laws, fit_combinations, law_sets
+from .combinations import (
+    STIFFNESSES,
+    Combination,
+    Laws,
+    applicable_laws,
+    fit_combinations,
+    law_sets,
+)
 
 MAX_ELEMENTS = 3
 """[elements] Of a structure whose combinations are all tried. Source: a bound on computing
@@ -112,7 +119,9 @@ def explain_together(
         if isinstance(element, Spring)
         for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
     ]
-    planned = len(description.elements) * sum(1 for _ in law_sets(tuple(kinds)))
+    planned = len(description.elements) * sum(
+        1 for _ in law_sets(applicable_laws(kinds, description))
+    )
     exhausted = monitor.is_late and len(found) < planned
     ranked = _ranked(first, found, trials, kinds)
     gained = bool(ranked) and _falls(first, ranked[0].combination.last, trials)

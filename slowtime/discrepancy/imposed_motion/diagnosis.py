@@ -132,7 +132,8 @@ def diagnose_imposed_motion(
     judged = [force_record(rig, trial) for trial in tests]
     findings = without_standstills(findings, [force_record(rig, trial) for trial in trials])
     regression = ForceRegression(rig, campaign.description.tolerance, records, kinds)
-    found = _chosen(regression, compare(regression, kinds, monitor), judged, kinds)
+    comparison = compare(regression, campaign.description, kinds, monitor)
+    found = _chosen(regression, comparison, judged, kinds)
     return _answer(campaign, rig, found, judged, findings, kinds)
 
 

@@ -18,7 +18,8 @@ import scipy.interpolate
 import scipy.optimize
 from jaxtyping import Bool, Float
 
-from slowtime.dynamics.description import Tolerance
+from slowtime.discrepancy.candidates.library_fit import is_applicable
+from slowtime.dynamics.description import Description, Tolerance
 from slowtime.dynamics.effects import (
     Effect,
     Friction,
@@ -580,12 +581,21 @@ def _finer(motion: Motion, step_m: float) -> tuple[int, Motion]:
     return many, finer
 
 
-def applicable_kinds(kinds: Mapping[str, Kind]) -> list[Kind]:
-    """List laws of elements that depend on motion alone, neither on time nor on tones."""
+def applicable_kinds(kinds: Mapping[str, Kind], description: Description) -> list[Kind]:
+    """List laws of elements that depend on motion alone, neither on time nor on tones.
+
+    Parameters
+    ----------
+    kinds
+        Catalogue of effects by name.
+    description
+        Model of the campaign: laws of angles need one of angles.
+    """
     return [
         kind
         for kind in kinds.values()
         if kind.where == "element"
+        and is_applicable(kind, description)
         and isinstance(kind.action, Law | Friction)
         and not kind.is_surface
         and not kind.is_by_record

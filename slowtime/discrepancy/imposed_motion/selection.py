@@ -15,6 +15,7 @@ from jaxtyping import Int
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.selection.probabilities import probabilities
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind
 from slowtime.dynamics.effects.library.friction import fallen
 
@@ -179,7 +180,10 @@ def group_of(kind: Kind) -> str:
 
 
 def compare(
-    regression: ForceRegression, kinds: Mapping[str, Kind], monitor: Monitor
+    regression: ForceRegression,
+    description: Description,
+    kinds: Mapping[str, Kind],
+    monitor: Monitor,
 ) -> Comparison:
     """Fit laws alone and in pairs, and cross-validate the likeliest.
 
@@ -187,6 +191,8 @@ def compare(
     ----------
     regression
         Of the records that are learnt from.
+    description
+        Model of the campaign.
     kinds
         Catalogue of effects by name.
     monitor
@@ -196,7 +202,7 @@ def compare(
     bare = selection.validated(regression.bare())
     assert bare is not None
     monitor("fitting laws to the force", 0.1)
-    laws = applicable_kinds(kinds)
+    laws = applicable_kinds(kinds, description)
     singles = selection.extended(bare, laws, ALONE, STARTS)
     best: dict[str, ForceModel] = {}
     for one in sorted(singles, key=lambda one: one.rms):

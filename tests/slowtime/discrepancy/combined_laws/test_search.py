@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from slowtime.discrepancy.combined_laws.combinations import STIFFNESSES, law_sets
+from slowtime.discrepancy.combined_laws.combinations import (
+    STIFFNESSES,
+    applicable_laws,
+    law_sets,
+)
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.imposed_motion.regression import applicable_kinds
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.report.assembly import HURRIED, LITTLE
+from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
+from slowtime.dynamics.effects import catalogue
 
 RATE = 50.0
 STIFFNESS = 40.0
@@ -195,3 +202,13 @@ def test_sets_hold_one_law_of_stiffness_at_most_and_the_smaller_come_first():
     assert all(len(one & set(STIFFNESSES)) <= 1 for one in sets)
     assert [len(one) for one in sets] == sorted(len(one) for one in sets)
     assert set().union(*law_sets(("coulomb",))) == {"coulomb"}
+
+
+@pytest.mark.parametrize(
+    ("described", "known"), [(chain([1.0], [100.0]), False), (swing(), True)]
+)
+def test_a_pendulum_is_a_law_of_angles(described, known):
+    assert ("pendulum_sine" in applicable_laws(catalogue(), described)) == known
+    force_laws = {kind.name for kind in applicable_kinds(catalogue(), described)}
+    assert ("pendulum_sine" in force_laws) == known
+    assert {"cubic_hardening", "coulomb"} <= force_laws

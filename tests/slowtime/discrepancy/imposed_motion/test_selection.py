@@ -85,7 +85,7 @@ def test_memory_that_is_shorter_than_a_sample_of_motion_is_fitted_without_explod
 def comparison():
     e, v = cycles(8)
     trial = recorded(e, K * e + C * v + dahl_force(e, 3.0, 0.03))
-    return compare(regression_of(trial), catalogue(), Monitor(None, None, None, None))
+    return compare(regression_of(trial), RIG, catalogue(), Monitor(None, None, None, None))
 
 
 def test_an_element_has_one_law_of_friction_and_probabilities_sum_to_one(comparison):
