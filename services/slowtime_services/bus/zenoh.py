@@ -70,6 +70,9 @@ class _Declared:
 
 
 WATCH_DELAY_S = 1.0
+SOUND_CHECKS = 12
+"""Checks in which a new link must have a socket [1]: a minute with the usual lease. Source: on
+a machine at load 20, a router that closed kept a socket open for some seconds."""
 
 
 class ZenohBus:
@@ -269,17 +272,10 @@ class ZenohBus:
             )
         )
 
-    def dead_links(self) -> set[tuple[int, int]]:
-        """Return local and remote port of links that Zenoh lists, but whose socket is closed.
-
-        Zenoh (seen in 1.10.2) keeps a link for ever where the other side closes within about
-        a millisecond of its opening: it is shown as connected, nothing passes, and no other
-        connection is tried. Empty where the system has no table of sockets.
-        """
-        if (there := established_ports()) is None:
-            return set()
+    def link_ports(self) -> set[tuple[int, int]]:
+        """Return local and remote port of each link over TCP that Zenoh lists."""
         links = [ports_of(link.src, link.dst) for link in self._session.info.links()]
-        return {ports for ports in links if ports is not None and ports not in there}
+        return {ports for ports in links if ports is not None}
 
     def reconnect(self) -> None:
         """Open a new session and declare all in it again; the old one is closed.
@@ -426,21 +422,32 @@ def _as_query(query: zenoh.Query) -> Query:
 def _reconnect_dead(
     reference: "weakref.ref[ZenohBus]", ending: threading.Event, interval_s: float
 ) -> None:
-    """Reconnect a bus whenever one of its links is found dead twice in succession."""
-    before: set[tuple[int, int]] = set()
+    """Reconnect a bus whose new link has no socket.
+
+    Zenoh (seen in 1.10.2) keeps a link for ever where the other side closes within about a
+    millisecond of its opening: it is shown as connected, nothing passes, and no other
+    connection is tried. Links are compared with the kernel's table until they were in it for
+    some time, or twice not; what happens to them later, Zenoh notices by itself.
+    """
+    alive: dict[tuple[int, int], int] = {}
+    dead: set[tuple[int, int]] = set()
     while not ending.wait(interval_s):
         if (bus := reference()) is None:
             return
         try:
-            dead = bus.dead_links()
-            if dead & before:
+            links = bus.link_ports()
+            fresh = {link for link in links if alive.get(link, 0) < SOUND_CHECKS}
+            there = established_ports() if fresh else None
+            if there is not None and (fresh - there) & dead:
                 logger.warning(
                     "The connection to %s is dead, though Zenoh lists it; reconnecting.",
                     ", ".join(bus.connect),
                 )
                 bus.reconnect()
-                dead = set()
-            before = dead
+                alive, dead = {}, set()
+            elif there is not None:
+                dead = fresh - there
+                alive = {one: alive.get(one, 0) + 1 for one in links & (there | alive.keys())}
         except BusClosedError:
             return
         except Exception as error:
