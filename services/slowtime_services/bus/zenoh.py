@@ -332,7 +332,12 @@ class ZenohBus:
         declared = _Declared(self, declare)
         while True:
             session = self._session
-            declared.entity = declare(session)
+            try:
+                declared.entity = declare(session)
+            except zenoh.ZError:
+                if self._session is session:
+                    raise
+                continue  # `reconnect` has closed it since
             with self._lock:
                 if self._session is session:
                     self._declared.add(declared)

@@ -21,9 +21,7 @@ from .updatable_models import SensedModes, SparseStructure
 _LARGE = 300  # degrees of freedom from which sparse solutions of few modes are the faster ones
 _CHAIN = 20  # likewise where each part acts on few of them
 _FEW = 0.1  # share of the entries of all parts that are not zero, below which they act on few
-_BEYOND = (
-    2  # modes at least over modes needed, so that measured ones may be paired across others
-)
+_SPARE = 2  # modes over modes needed, so that measured ones may be paired across others
 _REPEATED = 1e-9  # relative distance of two eigenvalues whose vectors may turn freely
 _RIGID = 1e-10  # eigenvalue over the largest, of a motion that strains nothing
 
@@ -243,7 +241,7 @@ class ParametricStructure:
         """
         if self.size > _LARGE or (self.size > _CHAIN and self._acts_on_few):
             return self._sparse.sensed_modes(theta, sensors, count, added_mass)
-        return self._seen(theta, sensors, _BEYOND * count, added_mass)
+        return self._seen(theta, sensors, _SPARE * count, added_mass)
 
     @functools.cached_property
     def _acts_on_few(self) -> bool:

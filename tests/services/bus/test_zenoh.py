@@ -18,9 +18,9 @@ from slowtime_services.bus.zenoh import pack_attachment, unpack_attachment
 KEY = "slowtime/v1/lab/beam/features"
 
 
-def heard(bus, payload, got):
+def heard(bus, payload, got, key=KEY):
     """Say it once more, and whether anything has been heard."""
-    bus.publish(KEY, payload, encoding="application/json")
+    bus.publish(key, payload, encoding="application/json")
     return bool(got)
 
 
@@ -122,6 +122,28 @@ def test_all_that_was_declared_is_there_after_a_reconnection(endpoint, eventuall
     assert withdrawn == []
     with pytest.raises(BusClosedError):
         bus.reconnect()
+
+
+def test_what_is_declared_while_a_bus_reconnects_is_in_the_new_session(endpoint, eventually):
+    other = "slowtime/v1/lab/tower/features"
+    late: list[Sample] = []
+    with (
+        ZenohBus("client", connect=[endpoint]) as bus,
+        ZenohBus("client", connect=[endpoint]) as far,
+    ):
+        first = bus.subscribe(KEY, lambda sample: None)
+        declare = first.declare
+        meanwhile: list[object] = []
+
+        def slowly(session):
+            if not meanwhile:
+                meanwhile.append(bus.subscribe(other, late.append))
+            return declare(session)
+
+        first.declare = slowly
+        bus.reconnect()
+        assert len(meanwhile) == 1
+        assert eventually(lambda: heard(far, b"x", late, other))
 
 
 def test_a_link_whose_socket_is_closed_is_replaced(free_port, eventually, monkeypatch):
