@@ -10,6 +10,7 @@ from slowtime.discrepancy.estimation.candidate_fit import undetermined_parameter
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place
+from slowtime.dynamics.units import unit_of_parameter
 
 OF_SENSOR = "unit of the sensor"
 """In place of a unit, in kinds that sit on a sensor."""
@@ -33,8 +34,9 @@ def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
 
 def unit_at(given: Description, place: Place, unit: str) -> str:
     """Give a unit, that of the sensor where an effect sits on one and takes its unit."""
-    told = [s.unit for s in given.sensors if s.channel == place.id]
-    return told[0] if unit == OF_SENSOR and told else unit
+    if unit != OF_SENSOR:
+        return unit_of_parameter(unit, given.unit_of_coordinate)
+    return next((s.unit for s in given.sensors if s.channel == place.id), unit)
 
 
 def moved_of(fit: Fit) -> dict[str, Number]:

@@ -23,7 +23,7 @@ from slowtime.discrepancy.diagnosis import (
 )
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import sentence_of
+from slowtime.discrepancy.quoting import sentence_of, unit_at
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import (
     doubts_about,
@@ -148,7 +148,7 @@ def diagnose_ambient(
     bare = fit_spectra(problem)
     compared = compare_effects(problem, bare, kinds, monitor or Monitor())
     unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
-    found = _chosen(compared, unseen, kinds)
+    found = _chosen(compared, unseen, campaign.description, kinds)
     return _answer(campaign, plant, found, tests, findings, kinds)
 
 
@@ -157,7 +157,9 @@ def _part(trial: Trial, begin: float, end: float) -> Trial:
     return trial.part(round(begin * count), round(end * count))
 
 
-def _chosen(compared: Compared, unseen: AmbientFit, kinds: Mapping[str, Kind]) -> _Found:
+def _chosen(
+    compared: Compared, unseen: AmbientFit, given: Description, kinds: Mapping[str, Kind]
+) -> _Found:
     """Name the most probable effect, where it brings enough evidence."""
     candidates, bare = compared.candidates, compared.bare
     if not candidates or candidates[0].gain < LIMITS.least_log_evidence:
@@ -168,7 +170,11 @@ def _chosen(compared: Compared, unseen: AmbientFit, kinds: Mapping[str, Kind]) -
     shares = probabilities([*(one.gain for one in candidates), 0.0], best.fit.misfit)
     kind = kinds[best.effect.kind]
     numbers = {
-        name: Number(value, best.sds.get(name, 0.0), kind.parameter(name).unit)
+        name: Number(
+            value,
+            best.sds.get(name, 0.0),
+            unit_at(given, best.effect.place, kind.parameter(name).unit),
+        )
         for name, value in best.effect.parameters.items()
     }
     named = NamedEffect(

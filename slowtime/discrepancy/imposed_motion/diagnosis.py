@@ -23,7 +23,7 @@ from slowtime.discrepancy.diagnosis import (
     When,
 )
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import sentence_of
+from slowtime.discrepancy.quoting import sentence_of, unit_at
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import doubts_about, fault_of
 from slowtime.discrepancy.thresholds import LIMITS
@@ -187,7 +187,7 @@ def _answer(
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
     given, last, regression = campaign.description, found.last, found.regression
-    effects = [_named(found, number, kinds) for number in range(len(last.effects))]
+    effects = [_named(found, number, given, kinds) for number in range(len(last.effects))]
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     moved = _moved(regression, last)
     verdict, rivals = _verdict(effects, found, moved)
@@ -337,12 +337,18 @@ def _rms(series: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(series)) ** 2)))
 
 
-def _named(found: _Found, number: int, kinds: Mapping[str, Kind]) -> NamedEffect:
+def _named(
+    found: _Found, number: int, given: Description, kinds: Mapping[str, Kind]
+) -> NamedEffect:
     """Name one law with its numbers, its probability in all models, and what may be instead."""
     last, place = found.last, found.regression.place
     effect, kind = last.effects[number], kinds[last.effects[number].kind]
     numbers = {
-        name: Number(value, last.sds[number].get(name, 0.0), kind.parameter(name).unit)
+        name: Number(
+            value,
+            last.sds[number].get(name, 0.0),
+            unit_at(given, effect.place, kind.parameter(name).unit),
+        )
         for name, value in effect.parameters.items()
     }
     instead: dict[str, float] = {}

@@ -15,7 +15,7 @@ from slowtime.discrepancy.localization import (
     Localization,
     characterise,
 )
-from slowtime.discrepancy.quoting import sentence_of
+from slowtime.discrepancy.quoting import sentence_of, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.channels import BASE_KINDS
@@ -93,7 +93,8 @@ def base_motion(
         return None
     kind = unmeasured[0]
     assert kind.strength is not None
-    size = _size(located, place, kind.parameter(kind.strength).unit)
+    unit = unit_at(located.linear.description, place, kind.parameter(kind.strength).unit)
+    size = _size(located, place, unit)
     numbers = {kind.strength: size}
     return NamedEffect(
         effect=Effect(kind.name, place, {kind.strength: size.value}),

@@ -8,6 +8,7 @@ import numpy as np
 
 from slowtime.dynamics.description import Beam, Description, Matrix, Spring
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
+from slowtime.dynamics.units import unit_of_parameter
 
 FARTHEST = 100.0
 """Factor by which a factor may move: nothing at all explains whatever masses may vanish."""
@@ -98,7 +99,7 @@ def names_of(
                 low, high = sorted((value / FARTHEST, value * FARTHEST))
             found["effect", i, parameter.name] = Entry(
                 value,
-                parameter.unit,
+                unit_of_parameter(parameter.unit, description.unit_of_coordinate),
                 known.get(parameter.spread, math.inf),
                 low,
                 high,
