@@ -14,7 +14,7 @@ from slowtime.discrepancy.combined_laws.combinations import (
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.imposed_motion.regression import applicable_kinds
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.report.assembly import HURRIED, LITTLE
+from slowtime.discrepancy.report.notes import HURRIED, LITTLE
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import catalogue

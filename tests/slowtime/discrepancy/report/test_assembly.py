@@ -15,7 +15,8 @@ from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.report.assembly import HURRIED, LOUD, NOT_KEPT, report
+from slowtime.discrepancy.report.assembly import report
+from slowtime.discrepancy.report.notes import HURRIED, LOUD, NOT_KEPT
 from slowtime.discrepancy.selection.probabilities import (
     answer_of,
     fault_of,
@@ -95,6 +96,30 @@ def test_a_parameter_of_a_given_effect_that_is_off_is_reported(given, told):
         assert abs(answer.moved[name].value - 6e4) < 4 * answer.moved[name].sd
         assert name in answer.sentence
         assert answer.augmented.inputs[0].hold == "band_limited"
+
+
+@pytest.mark.parametrize(("damping", "told"), [(1.6, False), (-0.3, True)])
+def test_a_damper_that_feeds_energy_is_noted(damping, told):
+    rng = np.random.default_rng(3)
+    model = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.02, damping=2.0),
+    )
+    plant = Plant.of(model)
+    spring, push = model.elements[0].id, rng.standard_normal((800, 1))
+    values = plant.values.copy()
+    values[plant.parameters.index(("damping", spring))] = damping
+    clean = plant.simulate(values, push, 64.0)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+    fit = refit(plant, (trial,))
+    found = Hypothesis((fit,), (trial,), localized=locate(fit, (trial,)))
+    answer = report(Campaign(description=model, trials=(trial,)), (trial,), (), found, KINDS)
+    notes = [note for note in answer.notes if f"damping of {spring} is negative" in note]
+    assert len(notes) == told
+    assert all("N s/m" in note for note in notes)
 
 
 @pytest.mark.parametrize(("off", "told"), [(0.0, False), (1.5, False), (2.8, True)])

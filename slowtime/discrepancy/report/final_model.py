@@ -1,0 +1,163 @@
+"""The model that is adopted: fitted, refitted to free runs, or with a force surface."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.diagnosis import (
+    Number,
+)
+from slowtime.discrepancy.hypothesis import Hypothesis
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.quoting import moved_of, renumbered, requoted_by_place
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
+from slowtime.discrepancy.refinement.free_run_refit import (
+    FreeRunRefit,
+    refit_plainly_on_heads,
+    refit_to_free_runs,
+)
+from slowtime.discrepancy.validation.free_run import (
+    FreeRunResult,
+    evaluate_free_run,
+)
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Kind
+
+from .evaluation import Evaluation, described
+from .explanation import nearest_effects
+from .gap_closure import ClosedGap, close_gap
+from .judgement import Judgement
+from .sentences import verdict_and_sentence
+
+NO_SURFACE = (
+    "No force surface was fitted: what is missing is a link or an unmeasured motion, not a "
+    "force in an element of the model."
+)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class KeptModel:
+    """The model that is adopted, and its free run on what was not fitted.
+
+    Parameters
+    ----------
+    closed
+        A force surface that closes the gap, where the effect is unknown and one does.
+    why_open
+        Why none does.
+    useless
+        Whether the model as given does better than the fitted one, and is kept.
+    refitted
+        The refit of its constants to the plain error of free runs, where that is adopted.
+    """
+
+    fit: Fit
+    result: FreeRunResult
+    closed: ClosedGap | None
+    why_open: str | None
+    useless: bool
+    refitted: FreeRunRefit | None = None
+
+
+def kept_model(
+    judged: Judgement,
+    evaluation: Evaluation,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    monitor: Monitor | None,
+    surface: SurfaceDemand,
+) -> KeptModel:
+    """Close the gap by a force surface where the effect is unknown, or keep what there is."""
+    found, unknown = judged.found, judged.unknown
+    # Constants that were distorted to imitate an unknown effect do not make a better model.
+    useless = unknown and evaluation.last_is_worse
+    result = evaluation.nominal if useless else evaluation.steps[-1]
+    closed = (
+        _closed(found, trials, evaluation, result, kinds, monitor, surface)
+        if unknown and monitor
+        else None
+    )
+    if isinstance(closed, ClosedGap):
+        return KeptModel(
+            fit=closed.fit, result=closed.result, closed=closed, why_open=None, useless=False
+        )
+    kept = KeptModel(
+        fit=found.last, result=result, closed=None, why_open=closed, useless=useless
+    )
+    if useless or monitor is None:
+        return kept
+    return _refitted_to_free_runs(kept, found, evaluation, trials, monitor)
+
+
+def requoted(
+    judged: Judgement,
+    kept: KeptModel,
+    given: Description,
+    evaluation: Evaluation,
+    kinds: Mapping[str, Kind],
+) -> Judgement:
+    """Quote the parameters of the model that is kept, the verdict being what it is."""
+    if kept.refitted is None:
+        return judged
+    effects = requoted_by_place(judged.found.effects, kept.fit, kinds)
+    found = dataclasses.replace(judged.found, effects=tuple(effects))
+    answers = requoted_by_place(judged.answers, kept.fit, kinds)
+    nearest = nearest_effects(found, evaluation, kinds)
+    _, sentence = verdict_and_sentence(
+        given, found, answers, nearest, kinds, unknown=judged.unknown
+    )
+    return dataclasses.replace(judged, found=found, answers=tuple(answers), sentence=sentence)
+
+
+def _refitted_to_free_runs(
+    kept: KeptModel,
+    found: Hypothesis,
+    evaluation: Evaluation,
+    trials: tuple[Trial, ...],
+    monitor: Monitor,
+) -> KeptModel:
+    """Refit the constants of a model with effects to free runs, where that predicts better."""
+    if not found.effects or found.final or not found.last_fits_whole_records:
+        return kept
+
+    def tell() -> None:
+        monitor("refitting constants to free runs", 0.97)
+
+    refitted = refit_to_free_runs(found.last, trials, tell)
+    if refitted is None:
+        return kept
+    fit = refitted.fit
+    ahead = fit if evaluation.held_out else refit_plainly_on_heads(fit, trials)
+    result = evaluate_free_run(described(ahead), ahead, evaluation.tests)
+    return dataclasses.replace(kept, fit=fit, result=result, refitted=refitted)
+
+
+def _closed(
+    found: Hypothesis,
+    trials: tuple[Trial, ...],
+    evaluation: Evaluation,
+    kept: FreeRunResult,
+    kinds: Mapping[str, Kind],
+    monitor: Monitor,
+    surface: SurfaceDemand,
+) -> ClosedGap | str:
+    """Close the gap by a force surface, where that does better on what was not fitted."""
+    if found.final or found.link is not None:
+        return NO_SURFACE
+    monitor("measuring the force surface", 0.94)
+    return close_gap(
+        found,
+        trials,
+        evaluation.tests,
+        kinds,
+        held_out=evaluation.held_out,
+        error=float(kept.error.mean()),
+        demand=surface,
+    )
+
+
+def moved_constants(kept: KeptModel, last: Fit, given: Description) -> dict[str, Number]:
+    """Give constants of the model that left their tolerance, with the values that are kept."""
+    fit = last if kept.refitted is None else kept.refitted.fit
+    return moved_of(fit) | renumbered(fit, given)
