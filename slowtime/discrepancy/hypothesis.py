@@ -8,8 +8,8 @@ from slowtime.dynamics.effects import Kind, Place
 from .calibration import Fit
 from .candidates.library_fit import Candidate
 from .diagnosis import NamedEffect, Rival
-from .estimation.candidate_fit import FittedCandidate
 from .estimation.input_hold import Hold
+from .estimation.model_evidence import FittedCandidate
 from .localization import Localization
 from .quoting import requote_all
 from .records import Trial

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from slowtime.discrepancy.calibration import DEFAULT_RELATIVE_SD, Fit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
-from slowtime.discrepancy.estimation.candidate_fit import undetermined_parameters
+from slowtime.discrepancy.estimation.model_evidence import undetermined_parameters
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place

@@ -8,7 +8,8 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import is_applicable
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial

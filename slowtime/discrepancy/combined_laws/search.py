@@ -14,14 +14,10 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.diagnosis import NamedEffect, Rival
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
-    evidence,
-    is_significant,
-    misfit,
-    with_noise_of_best,
-)
+from slowtime.discrepancy.estimation.candidate_fit import with_noise_of_best
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, misfit
 from slowtime.discrepancy.estimation.occam_factor import leniency
+from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.noise import Noise

@@ -14,24 +14,20 @@ from slowtime.discrepancy.calibration import (
     FitControl,
     refit,
     shooting_fit,
-    spectral_weights,
 )
 from slowtime.discrepancy.calibration.augmentation import (
     FitStart,
     augmented_start,
     carry_effect,
-    fitted_effects,
 )
 from slowtime.discrepancy.calibration.fit import referred_to
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.levenberg_marquardt import DEFAULT_CONTROL, Comparison
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
-from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.workers import current_workers
-from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import (
     Effect,
     Friction,
@@ -41,12 +37,12 @@ from slowtime.dynamics.effects import (
     Law,
     SensorChange,
     Unmeasured,
-    always,
 )
 from slowtime.dynamics.effects.kind import no_shapes
-from slowtime.dynamics.plant import Name
 
 from .fits_ahead import Attempt, FitsAhead
+from .model_evidence import FittedCandidate, evidence, misfit, rescored
+from .significance import is_idle, is_shown
 from .switching_instant import refine_switching_instant
 
 NESTED = {"stribeck": "coulomb"}
@@ -62,7 +58,6 @@ recorded."""
 FEW_PLACES = 4
 """[places] Up to which none of the refits is reserved for other places. Source:
 docs/decisions/0019 for the rule; the value is judgement."""
-
 RIVAL_COST_RATIO = 5.0
 """[1] Times the chi squared along the force of a candidate that explains all, up to which
 others are still refitted. Source: judgement; no study is recorded."""
@@ -82,8 +77,6 @@ Source: docs/decisions/0021."""
 NOISE_UPDATE_SDS = 4.0
 """[standard deviations of chi squared] Of the mean square in band from 1, from which the noise
 is estimated again. Source: judgement; no study is recorded."""
-
-
 COARSE_HORIZONS = (0.4, 1.0)
 """[share of each record] Fitted one after the other from the motion recovered along the force,
 which is close to the minimum. Source: docs/decisions/0017 for the rule; the value is
@@ -94,44 +87,14 @@ docs/decisions/0026."""
 STICK_SLIP_HORIZONS = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
 """[share of each record] Fitted one after the other for friction, from one sticking phase to
 the next. Source: docs/decisions/0030 for the rule; the value is judgement."""
-
 GIVE_UP_MARGIN = 40.0
 """[nats; of chi squared 1] Log evidence behind the best from which a candidate is not refitted;
 also chi squared that any rival may leave more. Source: judgement; no study is recorded."""
 GIVE_UP_SHARE = 0.3
 """[share of the range of log evidence] Behind the best, up to which a candidate is refitted in
 any case. Source: judgement; no study is recorded."""
-
-NEGLIGIBLE_MASS_SHARE = 1e-3
-"""[share of the node's mass] Of a hidden mass, below which it changes no response of a damped
-structure noticeably. Source: a decision: it then shifts frequencies by less than 0.05 %."""
-
 Tick = Callable[[Effect, int], bool | None]
 """Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
-
-KIND_PENALTIES = {"extra_dof": 6.0}
-"""[nats] Log odds against kinds that explain almost anything weakly. Source: judgement; no
-study is recorded."""
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class FittedCandidate:
-    """A model with one more effect, refitted.
-
-    Parameters
-    ----------
-    score
-        Log evidence, but for what all share: half of chi squared and priors, half a log of
-        the data for each parameter of its effects.
-    shot
-        The same fitted to short pieces of the records, where that was tried.
-    """
-
-    effect: Effect
-    description: Description
-    fit: Fit
-    score: float
-    shot: Fit | None = None
 
 
 def best_of_each_place(
@@ -164,109 +127,6 @@ def best_of_each_place(
         if len(kept) == most:
             break
     return kept
-
-
-def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
-    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
-
-    Instants that fall between records are not charged for, because the records do not narrow
-    them down.
-
-    Parameters
-    ----------
-    fit
-        Of the model; its `cost` is chi squared with priors [1].
-    kinds
-        Catalogue of effects by name.
-    noise_scale
-        Factor on the variance of the noise [1].
-
-    Returns
-    -------
-    Log evidence up to a constant that is the same for all models of the same records [nats].
-    """
-    numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
-        undetermined_parameters(fit)
-    )
-    against = sum(KIND_PENALTIES.get(effect.kind, 0.0) for effect in fit.plant.effects)
-    against += numbers / 2 * math.log(fit.data)
-    for number, effect in enumerate(fit.plant.effects):
-        if is_constant_change(kinds[effect.kind]):
-            against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
-    against -= sum(_at_natural_value(fit, name) for name in fit.prior.names)
-    return -fit.cost / (2 * noise_scale) - against
-
-
-def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:
-    """Value that a parameter of an effect has in the simplest form of its law, and its sd.
-
-    Returns
-    -------
-    In the unit of the parameter; None where no value is simpler than others.
-    """
-    if len(name) != 3:
-        return None
-    effect = fit.plant.effects[int(name[1])]
-    natural = fit.plant.kinds[effect.kind].parameter(str(name[2])).natural
-    if natural != "stiffness":
-        return None if natural is None else (natural, 0.0)
-    own = ("stiffness", effect.place.id)
-    if own not in fit.plant.entries:
-        return None
-    sd = fit.sd[fit.prior.names.index(own)] if own in fit.prior.names else 0.0
-    return float(fit.values[list(fit.plant.entries).index(own)]), float(sd)
-
-
-def sds_from_natural_value(fit: Fit, name: Name) -> float:
-    """Deviation of a parameter from the simplest form of its law [standard deviations].
-
-    Infinite where there is no such form.
-    """
-    natural = natural_value(fit, name)
-    if natural is None or name not in fit.prior.names:
-        return math.inf
-    at = fit.prior.names.index(name)
-    return abs(float(fit.free[at]) - natural[0]) / max(
-        math.hypot(float(fit.sd[at]), natural[1]), 1e-300
-    )
-
-
-def _at_natural_value(fit: Fit, name: Name) -> float:
-    """Log evidence that a parameter does not cost where it stands at its natural value.
-
-    Held there, it would be none; half its squared deviation is what that would leave.
-    """
-    return max(math.log(fit.data) / 2 - sds_from_natural_value(fit, name) ** 2 / 2, 0.0)
-
-
-def _spared(fit: Fit, name: Name) -> float:
-    """Log evidence that Schwarz takes from a number which no record can narrow down further.
-
-    A constant and an effect like it share one sum; the effect is known as well as the constant
-    is claimed, from anything up to its own size, and that narrowing is all it has cost.
-    """
-    if name not in fit.prior.names:
-        return 0.0
-    at = fit.prior.names.index(name)
-    narrowed = math.log(max(abs(float(fit.free[at])) / float(fit.sd[at]), 1.0))
-    return max(math.log(fit.data) / 2 - narrowed, 0.0)
-
-
-def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
-    """Instants of switches that no record determines, because they fall between two.
-
-    Returns
-    -------
-    Names of these parameters in the plant of the fit.
-    """
-    found: list[Name] = []
-    for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
-        if len(name) != 3:
-            continue
-        action = fit.plant.kinds[fit.plant.effects[name[1]].kind].action
-        if isinstance(action, Law) and name[2] in action.switches and not sd < abs(value):
-            found.append(name)
-    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -526,8 +386,8 @@ class Fitting:
             return seen
         if seen.noise is None:
             seen = dataclasses.replace(seen, noise=named.fit.noise)
-        shown = _shown(named, self.trials, self.kinds)
-        if shown and not _idle(named, self.kinds):
+        shown = is_shown(named, self.trials, self.kinds)
+        if shown and not is_idle(named, self.kinds):
             return seen._with(candidate, named)
         if len(kind.names) == 1:
             return seen
@@ -623,97 +483,6 @@ def _straight(kind: Kind) -> bool:
     return linear and sum(p.fitted for p in kind.parameters) == 1 and kind.shapes is no_shapes
 
 
-def _idle(named: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
-    """Whether a law does nothing, to within its error: its other numbers fit.
-
-    Where it has but one number, what it gained has to show in that. Where it has several, it is
-    near the end of its range where a simpler law does the same.
-    """
-    kind = kinds[named.effect.kind]
-    least = LIMITS.clear_sds if len(kind.parameters) == 1 else LIMITS.seen_sds
-    which = kind.strength or _only(kind)
-    name = ("effect", len(named.description.effects) - 1, which)
-    return sds_of(named.fit, name, nothing_of(kind)) < least or _is_negligible_rider(
-        named, kind
-    )
-
-
-def _is_negligible_rider(named: FittedCandidate, kind: Kind) -> bool:
-    """Whether a hidden mass is negligible beside its node, and swings without damping.
-
-    It does what a tone does, which any regular motion that is left looks like.
-    """
-    if not isinstance(kind.action, Hidden) or not kind.action.coordinates or not kind.scales:
-        return False
-    number = len(named.description.effects) - 1
-    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
-    host = values.get(("mass", named.effect.place.id), 0.0)
-    assert kind.strength is not None
-    light = values["effect", number, kind.strength] < NEGLIGIBLE_MASS_SHARE * host
-    return light and sds_of_strength(named.fit, number, kind) < LIMITS.seen_sds
-
-
-def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
-    """How many standard deviations an effect is from nothing; endless where none is known.
-
-    Of its strength, or of what goes with that, the least.
-    """
-    which = [kind.strength or _only(kind), *kind.scales]
-    return min(sds_of(fit, ("effect", number, one), nothing_of(kind)) for one in which)
-
-
-def sds_of(fit: Fit, name: Name, nothing: float) -> float:
-    """How many standard deviations a parameter is from another value.
-
-    Parameters
-    ----------
-    fit
-        Of the model.
-    name
-        Of the parameter in its plant.
-    nothing
-        The other value, in the unit of the parameter.
-
-    Returns
-    -------
-    Distance [standard deviations], those of `inflated_sd`; infinite where it is not free.
-    """
-    if name not in fit.prior.names:
-        return math.inf
-    at = fit.prior.names.index(name)
-    apart, sd = abs(float(fit.free[at]) - nothing), float(fit.inflated_sd[at])
-    return apart / sd if sd > 0 else (math.inf if apart else 0.0)
-
-
-def _only(kind: Kind) -> str:
-    """Name of the only number; none is called nothing."""
-    return kind.names[0] if len(kind.names) == 1 else ""
-
-
-def nothing_of(kind: Kind) -> float:
-    """Value at which a kind of one number does nothing: 1 for factors, 0 for all else."""
-    return 1.0 if kind.is_factor else 0.0
-
-
-def _shown(named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
-    """Whether the motion of the fit shows what sets the law apart from simpler ones."""
-    kind, fit = kinds[named.effect.kind], named.fit
-    if kind.shown is always:
-        return True
-    which = len(fit.plant.effects) - 1
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    numbers = {name: values["effect", which, name] for name in kind.names}
-    return any(
-        kind.shown(
-            numbers,
-            fit.plant.states(
-                fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
-            )[named.effect.place],
-        )
-        for trial, state in zip(trials, fit.states, strict=True)
-    )
-
-
 def with_noise_of_best(
     before: Fit,
     found: list[FittedCandidate],
@@ -753,7 +522,7 @@ def with_noise_of_best(
     except (FloatingPointError, FitAbandoned):
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
-    if not _shown(heard, trials, kinds):
+    if not is_shown(heard, trials, kinds):
         return with_noise_of_best(before, found[1:], trials, kinds, anew=anew, over=over)
     again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
@@ -767,77 +536,3 @@ def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit
         return fit
     better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
     return other if better else fit
-
-
-def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
-    """Chi squared of the residual of a fit under another noise.
-
-    Parameters
-    ----------
-    fit
-        Whose residuals are weighted.
-    noise
-        Of the same trials.
-    trials
-        Records that were fitted.
-
-    Returns
-    -------
-    Sum over trials and sensors [1].
-    """
-    return sum(
-        spectral_weights(trial, noise, i).chi2(left)
-        for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
-    )
-
-
-def rescored(
-    named: FittedCandidate, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
-) -> FittedCandidate:
-    """Give the same law its score under the noise of another."""
-    again = with_noise(named.fit, best.noise, trials)
-    return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
-
-
-def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
-    """Give the same fit its cost under another noise.
-
-    Parameters
-    ----------
-    fit, trials
-        The fit, and the records that were fitted.
-    noise
-        Of the same trials.
-
-    Returns
-    -------
-    The fit with that noise, its cost and its chi squared per datum and in band [1]; its
-    parameters are unchanged.
-    """
-    before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
-    share = after / max(before, 1e-300)
-    return dataclasses.replace(
-        fit,
-        noise=noise,
-        cost=fit.cost - before + after,
-        chi2_per_datum=fit.chi2_per_datum * share,
-        chi2_in_band=fit.chi2_in_band * share,
-    )
-
-
-def is_significant(
-    named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, Kind]
-) -> bool:
-    """Whether what happened at an instant happened while somebody looked, or between."""
-    which = len(named.fit.plant.effects) - 1
-    action = kinds[named.effect.kind].action
-    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
-    switches = action.switches if isinstance(action, Law) else ()
-    first = min(trial.start_s for trial in trials)
-    last = max(trial.start_s + trial.duration_s for trial in trials)
-    return all(first < values["effect", which, name] < last for name in switches)
-
-
-def fitted_effect(named: FittedCandidate) -> Effect:
-    """Give the effect as it was fitted last."""
-    return fitted_effects(named.fit)[-1]

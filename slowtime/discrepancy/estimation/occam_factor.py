@@ -22,7 +22,8 @@ from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
-from .candidate_fit import FittedCandidate, nothing_of, undetermined_parameters
+from .model_evidence import FittedCandidate, undetermined_parameters
+from .significance import nothing_of
 
 TOLERANCE_FACTOR = 5.0
 """[1] By which a tolerance may have been stated too small. Source: docs/decisions/0024."""

@@ -16,7 +16,8 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
-from .candidate_fit import FittedCandidate, Tick, evidence, fit_candidates, misfit, rescored
+from .candidate_fit import Tick, fit_candidates
+from .model_evidence import FittedCandidate, evidence, misfit, rescored
 
 SHOT_CANDIDATES = 2
 """[candidates] Of each ranking that are fitted to segments. Source: docs/decisions/0029."""

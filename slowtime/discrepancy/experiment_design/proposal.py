@@ -26,7 +26,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.diagnosis import Experiment
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant

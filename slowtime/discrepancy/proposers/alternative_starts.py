@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.dynamics.effects import Effect, Kind

@@ -8,7 +8,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, refit
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.localization import (
     PLACE_MARGIN,
     Character,

@@ -11,10 +11,9 @@ from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, lib
 from slowtime.discrepancy.estimation.candidate_fit import (
     GROWING_HORIZONS,
     FitSchedule,
-    FittedCandidate,
     fit_candidate,
-    fitted_effect,
 )
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, fitted_effect
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Place

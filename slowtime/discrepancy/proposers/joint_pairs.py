@@ -13,15 +13,14 @@ from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.diagnosis import Rival
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FitSchedule,
+from slowtime.discrepancy.estimation.candidate_fit import FitSchedule, fit_candidate
+from slowtime.discrepancy.estimation.input_hold import Hold
+from slowtime.discrepancy.estimation.model_evidence import (
     FittedCandidate,
     evidence,
-    fit_candidate,
     fitted_effect,
     misfit,
 )
-from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.quoting import moved_of

@@ -20,7 +20,7 @@ from slowtime.discrepancy.calibration.augmentation import free_run_chi2
 from slowtime.discrepancy.candidates.constant_equivalents import equivalent_laws
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_possible, scale_to_strength
-from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.effects import Effect, Unmeasured

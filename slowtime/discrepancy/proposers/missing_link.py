@@ -15,12 +15,8 @@ from slowtime.discrepancy.calibration import Fit, FitControl
 from slowtime.discrepancy.calibration.augmentation import free_run_chi2, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
-    evidence,
-    fit_candidate,
-    rescored,
-)
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, rescored
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis, Link, Pair
 from slowtime.discrepancy.progress import Monitor

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor

@@ -13,11 +13,8 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, lowest_frequency_hz
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FitSchedule,
-    FittedCandidate,
-    fit_candidate,
-)
+from slowtime.discrepancy.estimation.candidate_fit import FitSchedule, fit_candidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.records import Trial

@@ -17,7 +17,7 @@ from slowtime.discrepancy.calibration.fit import referred_to
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.calibration.tolerances import LEFT_TOLERANCES
 from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, misfit
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS

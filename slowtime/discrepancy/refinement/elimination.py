@@ -17,11 +17,9 @@ from slowtime.discrepancy.calibration.augmentation import (
 )
 from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import (
-    GROWING_HORIZONS,
-    evidence,
-    sds_of_strength,
-)
+from slowtime.discrepancy.estimation.candidate_fit import GROWING_HORIZONS
+from slowtime.discrepancy.estimation.model_evidence import evidence
+from slowtime.discrepancy.estimation.significance import sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial

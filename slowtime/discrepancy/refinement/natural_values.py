@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slowtime.discrepancy.calibration import try_refit
-from slowtime.discrepancy.estimation.candidate_fit import natural_value, sds_from_natural_value
+from slowtime.discrepancy.estimation.model_evidence import natural_value, sds_from_natural_value
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.dynamics.effects import Kind
 

@@ -14,13 +14,10 @@ from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
-from slowtime.discrepancy.estimation.candidate_fit import (
-    best_of_each_place,
-    fit_candidates,
-    fitted_effect,
-    sds_of_strength,
-)
+from slowtime.discrepancy.estimation.candidate_fit import best_of_each_place, fit_candidates
 from slowtime.discrepancy.estimation.input_hold import Hold
+from slowtime.discrepancy.estimation.model_evidence import fitted_effect
+from slowtime.discrepancy.estimation.significance import sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor

@@ -6,14 +6,7 @@ import numpy as np
 
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import Finding
-from slowtime.discrepancy.diagnosis import (
-    Diagnosis,
-    Gap,
-    Step,
-    Surface,
-    Suspect,
-    When,
-)
+from slowtime.discrepancy.diagnosis import Diagnosis, Gap, Step, Surface, Suspect, When
 from slowtime.discrepancy.estimation.input_hold import saying_holds
 from slowtime.discrepancy.experiment_design.proposal import propose_experiment
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -22,11 +15,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import (
-    FreeRunResult,
-    spectra_of,
-    traces_of,
-)
+from slowtime.discrepancy.validation.free_run import FreeRunResult, spectra_of, traces_of
 from slowtime.dynamics.effects import Kind, force_along
 
 from .evaluation import Evaluation, described, evaluate

@@ -4,17 +4,11 @@ from collections.abc import Mapping
 
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.diagnosis import (
-    NamedEffect,
-)
-from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.selection.inadequacy import (
-    law_probability,
-)
-from slowtime.discrepancy.selection.probabilities import (
-    MAX_LOCAL_MINIMUM_REST,
-)
+from slowtime.discrepancy.selection.inadequacy import law_probability
+from slowtime.discrepancy.selection.probabilities import MAX_LOCAL_MINIMUM_REST
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Friction, Kind
 

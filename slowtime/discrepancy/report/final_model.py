@@ -4,9 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.diagnosis import (
-    Number,
-)
+from slowtime.discrepancy.diagnosis import Number
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of, renumbered, requoted_by_place
@@ -17,10 +15,7 @@ from slowtime.discrepancy.refinement.free_run_refit import (
     refit_plainly_on_heads,
     refit_to_free_runs,
 )
-from slowtime.discrepancy.validation.free_run import (
-    FreeRunResult,
-    evaluate_free_run,
-)
+from slowtime.discrepancy.validation.free_run import FreeRunResult, evaluate_free_run
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 

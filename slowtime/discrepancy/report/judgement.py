@@ -5,11 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import Finding
-from slowtime.discrepancy.diagnosis import (
-    NamedEffect,
-    Rival,
-    Verdict,
-)
+from slowtime.discrepancy.diagnosis import NamedEffect, Rival, Verdict
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
 from slowtime.discrepancy.selection.inadequacy import (
@@ -18,9 +14,7 @@ from slowtime.discrepancy.selection.inadequacy import (
     temper_unexplained,
 )
 from slowtime.discrepancy.selection.many_laws import temper_many_laws
-from slowtime.discrepancy.selection.probabilities import (
-    fault_of,
-)
+from slowtime.discrepancy.selection.probabilities import fault_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.holdout import is_confirmed_on_holdout
 from slowtime.dynamics.description import Description

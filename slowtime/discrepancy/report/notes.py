@@ -8,13 +8,11 @@ import scipy.stats
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.diagnosis import Number
-from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.estimation.input_hold import told_of_holds
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.noise import has_rigid_motion
-from slowtime.discrepancy.refinement.free_run_refit import (
-    FreeRunRefit,
-)
+from slowtime.discrepancy.refinement.free_run_refit import FreeRunRefit
 from slowtime.discrepancy.selection.many_laws import pieces_of_one
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description

@@ -2,19 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from slowtime.discrepancy.diagnosis import (
-    NamedEffect,
-    Verdict,
-)
+from slowtime.discrepancy.diagnosis import NamedEffect, Verdict
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import moved_of, renumbered
-from slowtime.discrepancy.selection.probabilities import (
-    verdict_of,
-)
+from slowtime.discrepancy.selection.probabilities import verdict_of
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import (
-    FreeRunResult,
-)
+from slowtime.discrepancy.validation.free_run import FreeRunResult
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 

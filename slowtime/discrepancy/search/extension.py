@@ -15,12 +15,12 @@ from slowtime.discrepancy.candidates.library_fit import (
 from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
     Fitting,
     best_of_each_place,
     fit_candidates,
     limit_of,
 )
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.estimation.shooting_fit import (
     first_of_each,
     merge_fits,

@@ -16,13 +16,7 @@ from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
-    is_significant,
-    limit_of,
-    misfit,
-    with_noise,
-)
+from slowtime.discrepancy.estimation.candidate_fit import limit_of
 from slowtime.discrepancy.estimation.input_hold import (
     NOTICEABLE_POWER,
     Hold,
@@ -30,8 +24,10 @@ from slowtime.discrepancy.estimation.input_hold import (
     held_instead,
     with_holds,
 )
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, misfit, with_noise
 from slowtime.discrepancy.estimation.occam_factor import relief
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces
+from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.estimation.candidate_fit import (
+from slowtime.discrepancy.estimation.model_evidence import (
     FittedCandidate,
     evidence,
     misfit,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.thresholds import LIMITS
 

@@ -9,10 +9,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import NamedEffect, Number, Rival, Verdict
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FittedCandidate,
-    fitted_effect,
-)
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, fitted_effect
 from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.quoting import numbers_of, sentence_of, unit_at
 from slowtime.discrepancy.thresholds import LIMITS

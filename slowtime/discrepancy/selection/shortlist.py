@@ -10,11 +10,8 @@ from slowtime.discrepancy.candidates.library_fit import (
     label_of,
     mirrored_factor,
 )
-from slowtime.discrepancy.estimation.candidate_fit import (
-    MAX_CANDIDATES,
-    FittedCandidate,
-    best_of_each_place,
-)
+from slowtime.discrepancy.estimation.candidate_fit import MAX_CANDIDATES, best_of_each_place
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.thresholds import LIMITS

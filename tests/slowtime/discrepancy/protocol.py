@@ -10,7 +10,8 @@ from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2, with_effect
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor

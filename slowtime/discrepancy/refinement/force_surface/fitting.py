@@ -17,7 +17,7 @@ from slowtime.discrepancy.calibration import (
 from slowtime.discrepancy.calibration.augmentation import augmented_start
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import start_with_force
-from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial

@@ -8,13 +8,10 @@ import pytest
 
 from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit, shooting_fit
 from slowtime.discrepancy.estimation import candidate_fit as naming
-from slowtime.discrepancy.estimation.candidate_fit import (
-    FitSchedule,
-    FittedCandidate,
-    fit_candidate,
-    is_significant,
-)
+from slowtime.discrepancy.estimation.candidate_fit import FitSchedule, fit_candidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces
+from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Sensor

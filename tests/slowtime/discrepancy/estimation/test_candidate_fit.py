@@ -15,8 +15,8 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     Fitting,
     best_of_each_place,
     fit_candidates,
-    misfit,
 )
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.localization import locate
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance

@@ -8,7 +8,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import with_effect
-from slowtime.discrepancy.estimation import candidate_fit as naming
+from slowtime.discrepancy.estimation import model_evidence
 from slowtime.discrepancy.estimation.input_hold import (
     HOLD_ERROR_CHI2,
     describe_holds,
@@ -161,7 +161,7 @@ def straight():
 
 def test_another_hold_comes_before_an_effect_that_brings_no_more(straight):
     trial, wrong, right = straight
-    gain = (wrong.cost - naming.misfit(right, wrong.noise, [trial])) / 2
+    gain = (wrong.cost - model_evidence.misfit(right, wrong.noise, [trial])) / 2
     asked = functools.partial(held_as_well, wrong, right.noise, trials=[trial], kinds=KINDS)
     assert asked(gain / 10, stated=[None]) == ("first",)
     assert asked(100 * gain, stated=[None]) is None

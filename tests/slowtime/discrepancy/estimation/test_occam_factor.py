@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence
 from slowtime.discrepancy.estimation.occam_factor import (
     MISSTATED_PROBABILITY,
     TOLERANCE_FACTOR,

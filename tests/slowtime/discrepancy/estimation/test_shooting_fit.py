@@ -8,7 +8,8 @@ import pytest
 from slowtime.discrepancy.calibration import cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import FitStart
 from slowtime.discrepancy.candidates.library_fit import Candidate
-from slowtime.discrepancy.estimation.candidate_fit import fit_candidates, rescored
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
+from slowtime.discrepancy.estimation.model_evidence import rescored
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces, shooting_fits
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial

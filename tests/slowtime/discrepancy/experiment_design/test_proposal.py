@@ -8,7 +8,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnosis import Number
-from slowtime.discrepancy.estimation.candidate_fit import (
+from slowtime.discrepancy.estimation.model_evidence import (
     FittedCandidate,
     evidence,
     undetermined_parameters,

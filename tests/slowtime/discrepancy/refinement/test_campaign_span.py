@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.campaign_span import span_campaign, spanning

@@ -15,7 +15,7 @@ from slowtime.discrepancy.calibration import (
 )
 from slowtime.discrepancy.calibration.initial_states import best_initial_state
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.progress import Monitor

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.estimation.candidate_fit import evidence, sds_from_natural_value
+from slowtime.discrepancy.estimation.model_evidence import evidence, sds_from_natural_value
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.natural_values import hold_natural_values

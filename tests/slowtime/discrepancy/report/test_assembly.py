@@ -10,7 +10,7 @@ from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence, misfit
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, misfit
 from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate

@@ -8,8 +8,8 @@ import pytest
 from slowtime.discrepancy.calibration import cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.input_hold import NOTICEABLE_POWER
+from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.selection.doubts import (
