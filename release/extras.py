@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -30,6 +31,9 @@ PATIENCE_S = 180.0
 """Longest time that one line may take [s]: ten times what the slowest takes on a free core."""
 ENDLESS_S = 15.0
 """After so long, a command that runs until Ctrl-C has started [s]."""
+TERMINATION_S = 20.0
+"""Longest time in which what a line has started ends when asked [s]: the demo ends its
+processes one after the other, and kills them after 8 s."""
 NAMED = re.compile(r"slowtime\[\w+\]|pip install \w+")
 """How a message names what to install."""
 FAULTY = re.compile(r"Traceback \(most recent call last\)|Internal error|ModuleNotFoundError")
@@ -154,12 +158,33 @@ def type_line(line: str, programs: Path, folder: Path, patience_s: float) -> tup
             status = started.wait(patience_s)
         except subprocess.TimeoutExpired:
             status = 124
-        # What the line has started in the background ends with it.
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(started.pid, signal.SIGKILL)
-        started.wait()
+        end_group(started)
         said.seek(0)
         return status, said.read()
+
+
+def end_group(started: "subprocess.Popen[bytes]", patience_s: float = TERMINATION_S) -> None:
+    """End a line and what it has started in the background.
+
+    Processes of `slowtime demo` are in groups of their own. Only `slowtime demo` can end them,
+    so it is asked first, and killed if it has not ended in time.
+
+    Parameters
+    ----------
+    started
+        Shell of the line, the first of its group.
+    patience_s
+        How long the group may take to end by itself [s].
+    """
+    until_s = time.monotonic() + patience_s
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(started.pid, signal.SIGTERM)
+        while time.monotonic() < until_s:
+            started.poll()  # else the ended shell stays in its group
+            os.killpg(started.pid, 0)
+            time.sleep(0.05)
+        os.killpg(started.pid, signal.SIGKILL)
+    started.wait()
 
 
 def sample_files(folder: Path) -> None:

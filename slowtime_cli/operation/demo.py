@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.demo_structures import EPOCHS_PER_S, STRUCTURES, registration
+from slowtime_cli.shared.extras import require
 from slowtime_cli.shared.terminal import INTERRUPTED, Stop, plural, until_signalled
 from slowtime_services.client import Client
 from slowtime_services.credentials import make_key
@@ -54,6 +55,7 @@ def demo(
     folder: Path | None,
 ) -> int:
     """Run router, edge agents, twin server and page on this machine."""
+    require("fastapi", "uvicorn", "mcap")
     if _port_in_use(port):
         raise click.UsageError(
             f"Port {port} is in use on this computer. Give another, such as --port "

@@ -1,5 +1,6 @@
 """Extras of the distribution that bring a missing library."""
 
+import importlib.util
 from collections.abc import Mapping
 
 LIBRARIES: Mapping[str, tuple[str, ...]] = {
@@ -46,3 +47,16 @@ def missing_extra(verb: str, extra: str | None, error: ModuleNotFoundError) -> s
         f"`{verb}` needs the parts that `pip install 'slowtime[{named}]'` installs: "
         f"{library} is missing."
     )
+
+
+def require(*libraries: str) -> None:
+    """Check for libraries that only a process of its own will import.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Naming the first that is not installed.
+    """
+    for library in libraries:
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(f"No module named {library!r}", name=library)

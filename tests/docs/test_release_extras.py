@@ -1,11 +1,15 @@
 """The trial of extras knows every extra, and judges lines as users would."""
 
 import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from release.extras import FOR_DEVELOPERS, LARGE, LINES, extras_of, verdict_of
+from release.extras import FOR_DEVELOPERS, LARGE, LINES, end_group, extras_of, verdict_of
 from slowtime_cli.shared.extras import missing_extra
 
 ROOT = Path(__file__).parents[2]
@@ -38,3 +42,40 @@ def test_lines_of_single_extras_name_extras_that_exist():
 )  # fmt: skip
 def test_a_line_answers_or_names_what_to_install(status, output, verdict):
     assert verdict_of(status, output) == verdict
+
+
+POLITE = """
+import signal, sys, time
+def end(*_):
+    open(sys.argv[1], "w").write("ended")
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+def test_what_a_line_started_in_the_background_is_asked_before_it_is_killed(tmp_path):
+    mark = tmp_path / "mark"
+    line = f"{sys.executable} -c '{POLITE}' {mark} & sleep 60"
+    with subprocess.Popen(
+        ["bash", "-c", line], start_new_session=True, stdout=subprocess.PIPE
+    ) as shell:
+        assert shell.stdout is not None
+        shell.stdout.readline()
+        end_group(shell)
+        assert mark.read_text() == "ended"
+        assert shell.returncode == -signal.SIGTERM
+
+
+def test_what_does_not_end_when_asked_is_killed():
+    line = "trap '' TERM; echo ready; while true; do sleep 0.1; done"
+    with subprocess.Popen(
+        ["bash", "-c", line], start_new_session=True, stdout=subprocess.PIPE
+    ) as shell:
+        assert shell.stdout is not None
+        shell.stdout.readline()
+        began = time.monotonic()
+        end_group(shell, patience_s=0.3)
+        assert shell.returncode == -signal.SIGKILL
+        assert time.monotonic() - began < 20

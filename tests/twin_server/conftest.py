@@ -40,6 +40,7 @@ def _features(
     truth=None,
     t_ns=None,
     slow_time=None,
+    slow_time_unit="s",
     time_base="simulated",
     modes=None,
 ):
@@ -57,6 +58,7 @@ def _features(
         t_ns=t_ns,
         start_ns=t_ns,
         slow_time=float(sequence) if slow_time is None else slow_time,
+        slow_time_unit=slow_time_unit,
         time_base=time_base,
         method="ambient" if modes is None else "none",
         modes=(mode,) if modes is None else modes,

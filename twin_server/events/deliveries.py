@@ -48,7 +48,7 @@ class Delivery(NamedTuple):
     error
         Why the last attempt failed, in a sentence.
     body
-        The event as it travels on the bus, JSON.
+        The event as it travels on the bus and its unit of slow time, JSON.
     """
 
     id: str

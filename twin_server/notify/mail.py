@@ -1,8 +1,11 @@
 """Sends events by mail, one message each, with a Message-ID that identifies duplicates."""
 
 import smtplib
+from collections.abc import Mapping
 from email.message import EmailMessage
+from typing import Any
 
+from slowtime_schemas.slow_times import time_in_words
 from twin_server.events.receivers import EmailReceiver
 
 from .deadlines import DEADLINES
@@ -88,7 +91,7 @@ def mail_of(message: Message, receiver: EmailReceiver) -> EmailMessage:
         "",
         f"Twin: {told['twin']}",
         f"Kind: {told['kind']} ({told['severity']})",
-        f"Slow time: {told['slow_time']}",
+        *_times(told),
         f"Event: {message.event}",
     ]
     if told["test"]:
@@ -97,3 +100,14 @@ def mail_of(message: Message, receiver: EmailReceiver) -> EmailMessage:
         lines += ["", f"See it, and say that you have: {message.page}"]
     mail.set_content("\n".join(lines) + "\n")
     return mail
+
+
+def _times(content: Mapping[str, Any]) -> list[str]:
+    """Write the sensor time and, where it differs, the slow time with its unit."""
+    sensor_time = time_in_words(content["t_ns"] / 1e9, "s")
+    lines = [f"Time: {sensor_time}"] if sensor_time.endswith("UTC") else []
+    if content["slow_time"] is not None:
+        slow_time = time_in_words(content["slow_time"], content["slow_time_unit"])
+        if slow_time != sensor_time:
+            lines.append(f"Slow time: {slow_time.removeprefix('slow time ')}")
+    return lines

@@ -59,7 +59,10 @@ def message_of(delivery: Delivery, settings: AlarmSettings) -> Message:
     page = None
     if settings.page_url is not None:
         page = f"{settings.page_url.rstrip('/')}/#{delivery.twin}"
-    told = ("t_ns", "slow_time", "boot", "sequence", "kind", "severity", "message", "details")
+    told = (
+        "t_ns", "slow_time", "slow_time_unit", "boot", "sequence", "kind", "severity",
+        "message", "details",
+    )  # fmt: skip
     content = {
         "slowtime_event": 1,
         "id": delivery.key,

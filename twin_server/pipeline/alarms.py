@@ -213,7 +213,7 @@ class Alarms:
         details = {"receivers": names, "by": by}
         event = self._event(twin_id, TEST, "info", message, details)
         now_ns, body = self._clock.now_ns(), json.loads(event.body)
-        rows = [new_delivery(route, event.body, body, "waiting", now_ns) for route in routes]
+        rows = [new_delivery(route, body, "waiting", now_ns) for route in routes]
         self._pipeline.keep(event, rows)
         return {"event_id": identity(body), "receivers": names}
 

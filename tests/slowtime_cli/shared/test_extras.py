@@ -59,6 +59,7 @@ def test_every_verb_but_those_of_the_edge_names_an_extra(name):
     ("arguments", "library", "extra"),
     [
         (["twin", "--port", "0"], "fastapi", "twin"),
+        (["demo", "--duration", "1"], "uvicorn", "twin"),
         pytest.param(["record", "--out", "a.mcap"], "mcap", "analysis", marks=pytest.mark.long),
         pytest.param(
             ["edge", "--recording", __file__], "mcap", "analysis", marks=pytest.mark.long

@@ -3,6 +3,7 @@
 import email
 import hashlib
 import hmac
+import json
 import socket
 import ssl
 import threading
@@ -18,18 +19,22 @@ from twin_server.events.deliveries import Delivery, identity
 from twin_server.events.receivers import AlarmSettings, Receiver
 from twin_server.history.rendering import event_body
 from twin_server.notify import NotDeliveredError, WrongReceiverError, message_of, senders_of
+from twin_server.notify.mail import mail_of
 
 
-def message(text="Stiffness change below -3 %.", reminder=0, **of_settings):
+def message(
+    text="Stiffness change below -3 %.", reminder=0, *, t_ns=5, slow_time=7.0, unit="T0",
+    **of_settings,
+):  # fmt: skip
     event = Event(
-        site="lab", asset="beam", boot="b1", sequence=7, t_ns=5, kind="alarm",
-        severity="alarm", slow_time=7.0, message=text,
+        site="lab", asset="beam", boot="b1", sequence=7, t_ns=t_ns, kind="alarm",
+        severity="alarm", slow_time=slow_time, message=text,
         details={"quantity": "stiffness_change", "side": "below", "limit": -0.03},
     )  # fmt: skip
     event_id = identity(event.model_dump())
     delivery = Delivery(
         "x@ops", "lab.beam", "ops", event_id, "alarm", "alarm", reminder, 0.0, "waiting", 0, 0,
-        0, 0, "", event_body(event),
+        0, 0, "", json.dumps(json.loads(event_body(event)) | {"slow_time_unit": unit}),
     )  # fmt: skip
     return message_of(delivery, AlarmSettings(**of_settings))
 
@@ -136,6 +141,35 @@ def test_a_mail_tells_who_what_and_where_and_can_be_told_from_its_double(mail_se
     assert email.message_from_string(again)["Message-ID"] == mail["Message-ID"]
     assert mail["X-Slowtime-Event"] == sent.event
     assert "https://twin.example/#lab.beam" in mail.get_payload()
+
+
+@pytest.mark.parametrize(
+    ("t_ns", "slow_time", "unit", "lines"),
+    [
+        (5, 7.0, "T0", ["Slow time: 7 natural periods"]),
+        (5, 7.0, None, ["Slow time: 7"]),
+        (5, None, None, []),
+        (
+            1_700_000_000 * 10**9, 12.5, "d",
+            ["Time: 2023-11-14 22:13:20 UTC", "Slow time: 12.5 days"],
+        ),
+        (1_700_000_000 * 10**9, 1.7e9, "s", ["Time: 2023-11-14 22:13:20 UTC"]),
+        (1_700_000_000 * 10**9, None, None, ["Time: 2023-11-14 22:13:20 UTC"]),
+    ],
+)  # fmt: skip
+def test_a_mail_gives_slow_time_with_its_unit_and_a_clock_as_a_date(
+    t_ns, slow_time, unit, lines
+):
+    receiver = AlarmSettings(
+        receivers={
+            "ops": {
+                "kind": "email", "host": "127.0.0.1", "security": "none",
+                "sender": "twin@house.example", "to": ["ann@house.example"],
+            }
+        }
+    ).receivers["ops"]  # fmt: skip
+    text = mail_of(message(t_ns=t_ns, slow_time=slow_time, unit=unit), receiver).get_payload()
+    assert [line for line in text.splitlines() if "ime: " in line] == lines
 
 
 def test_of_several_recipients_those_that_are_refused_are_named(mail_server):

@@ -146,12 +146,13 @@ def telling(features, eventually, settings, tmp_path, monkeypatch):
 def test_an_alarm_reaches_its_receiver_once_and_is_acknowledged_by_somebody(telling, database):
     route = {"receiver": "ops", "acknowledgements": True}
     house = telling(routes=[route], database=database())
-    house.hear(0.0, 0.2, 0.3, 0.3)
+    house.hear(0.0, 0.2, 0.3, 0.3, slow_time_unit="d")
     house.until(lambda: house.told() == [("alarm", 1)])
     (alarm,) = house.listed()
     assert (alarm["raised"], alarm["acknowledged"]) == (True, None)
     (sent,) = house.hooks["ops"].told
     assert sent["event_id"] == alarm["event_id"] == sent["id"]
+    assert (sent["slow_time"], sent["slow_time_unit"]) == (1.0, "d")
     (event,) = house.events("alarm")
     assert event["event_id"] == alarm["event_id"]
 

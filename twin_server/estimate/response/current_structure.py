@@ -301,11 +301,11 @@ def _settled(
             )
         return now, []
     if now is None:
-        return latest, ["There are few readings: the last one alone is used."]
+        return latest, ["There are few readings, so only the last one is used."]
     if abs(latest[0] - now[0]) > FAR * math.hypot(latest[1], now[1]):
         return latest, [
-            f"The last reading of {name} is far from what those before it say: it alone is "
-            "used. Wait for more readings."
+            f"The last reading of {name} differs strongly from those before it, so only the "
+            "last one is used and none are averaged. Wait for more readings."
         ]
     return now, []
 

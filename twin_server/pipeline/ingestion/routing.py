@@ -48,10 +48,15 @@ class Routing:
         self._listening = listening
         self._live: dict[tuple[str, str], bool] = {}
         self._newest_ns: dict[tuple[str, str], int | None] = {}
+        self._units: dict[tuple[str, str, str], str] = {}
 
     def hear(self, ordered: Iterable[Ordered]) -> None:
-        """Note which twins sent readings, whether these are live, and their times."""
+        """Note which twins sent readings, whether these are live, their times and units."""
+        # Of this batch only: an event that has a slow time follows from a reading beside it.
+        self._units = {}
         for one in ordered:
+            boot = one.features.site, one.features.asset, one.features.boot
+            self._units[boot] = one.features.slow_time_unit
             key = one.features.site, one.features.asset
             base = one.features.time_base
             simulated = base == "simulated" and self.settings.simulated
@@ -84,8 +89,9 @@ class Routing:
                     continue
                 state = "late"
             routes = self.routes(event.site, twin.registration)
+            body["slow_time_unit"] = self._units.get((*key, body["boot"]))
             found += [
-                new_delivery(route, event.body, body, state, now_ns)
+                new_delivery(route, body, state, now_ns)
                 for route in routes
                 if route.takes(body["kind"], body["severity"])
                 and not _is_about(body, route.receiver)
@@ -124,9 +130,15 @@ class Routing:
 
 
 def new_delivery(
-    route: AlarmRoute, text: str, body: Mapping[str, Any], state: State, now_ns: int
+    route: AlarmRoute, body: Mapping[str, Any], state: State, now_ns: int
 ) -> Delivery:
-    """Begin the delivery of an event by a route."""
+    """Begin the delivery of an event by a route.
+
+    Parameters
+    ----------
+    body
+        The event as it travels on the bus, and `slow_time_unit` beside it where it is known.
+    """
     event = identity(body)
     remind_s = route.remind_s if body["kind"] in LASTING and route.remind_s else 0.0
     return Delivery(
@@ -144,7 +156,7 @@ def new_delivery(
         due_ns=now_ns,
         ended_ns=0,
         error="",
-        body=text,
+        body=json.dumps(body, separators=(",", ":")),
     )
 
 

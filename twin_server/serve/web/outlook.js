@@ -1,7 +1,7 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
 import { isNear, stepOf } from "./buckets.js";
 import { t } from "./language.js";
-import { atTime, describeRow, digits, english, make, number, slowTime, titleOf } from "./words.js";
+import { atTime, describeRow, digits, english, make, number, slowTime, titleOf, unitOf } from "./words.js";
 
 const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
@@ -106,7 +106,7 @@ export class Outlook {
     const at = (slow_time) => slowTime(atTime(latest, slow_time));
     this.body.replaceChildren(...forecast.crossings.map((crossing) => row(crossing, forecast.since, at)));
     const period = Object.entries(forecast.periods).filter(([, length]) => length)
-      .map(([name, length]) => t("outlook.repeats", { quantity: titleOf(name), period: digits(length, 4) }));
+      .map(([name, length]) => t("outlook.repeats", { quantity: titleOf(name), period: `${digits(length, 4)}${NARROW}${unitOf(latest)}` }));
     const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
     const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);

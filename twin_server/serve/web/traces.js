@@ -198,13 +198,24 @@ export function rangeOf(points, quantity, { fine, buckets, readings, apart }) {
   return [low - margin, high + margin];
 }
 
-/** What is foretold may widen an axis by half; what leaves it then is cut off. */
+/** A threshold farther beyond the readings than this many times their range would flatten them. */
+const FARTHEST = 2;
+
+/** What is foretold may widen an axis by half, a threshold that is likely reached within the horizon more; what leaves it then is cut off. */
 export function widened([low, high], { points, forecast }, quantity) {
   const { scale } = QUANTITIES[quantity], last = points.at(-1), room = 0.5 * (high - low);
   const coming = (forecast?.points ?? []).filter((point) => point[quantity] && point.slow_time >= last.slow_time);
   if (coming.length < 2 || last.assumed.includes(quantity)) return [low, high];
   const [least, most] = [Math.min(...coming.map((point) => point[quantity].lo)), Math.max(...coming.map((point) => point[quantity].hi))];
-  return [Math.max(low - room, Math.min(low, scale * least)), Math.min(high + room, Math.max(high, scale * most))];
+  const wide = [Math.max(low - room, Math.min(low, scale * least)), Math.min(high + room, Math.max(high, scale * most))];
+  const limits = (forecast.crossings ?? []).filter(({ quantity: of, times }) => of === quantity && (times[1] ?? times[0]).slow_time !== null);
+  const margin = 0.08 * (high - low), farthest = FARTHEST * (high - low);
+  for (const { threshold } of limits) {
+    const at = scale * threshold;
+    if (at < wide[0] && at > low - farthest) wide[0] = at - margin;
+    if (at > wide[1] && at < high + farthest) wide[1] = at + margin;
+  }
+  return wide;
 }
 
 /** One range of slow time for all charts of a twin, so that they can be read across. */

@@ -125,7 +125,9 @@ export class WhatIf {
       make("span", ` ${interval95(`${around}${NARROW}${unit}`)} \u00b7 ${t("load.rms", { value: `${rms}${NARROW}${unit}` })}`, "interval"),
     );
     const said = [...answer.reasons.map((each) => [english(make("span", each))]), ...answer.assumed.map((each) => parts("load.assumed", { what: english(make("span", each)) }))];
-    this.assumed.replaceChildren(...said.flatMap((words, i) => i ? [". ", ...words] : words));
+    // Reasons are whole sentences, assumptions are not.
+    const closed = [...answer.reasons, ...answer.assumed].map((each) => each.endsWith(".") ? " " : ". ");
+    this.assumed.replaceChildren(...said.flatMap((words, i) => [...words, i < said.length - 1 ? closed[i] : closed[i].trimEnd()]));
     this.plot.setAttribute("aria-label", t("load.chart", { quantity: t(`response.${answer.quantity}`), node: this.node.value, n: answer.t_s.at(-1), peak: `${peak} ${unit}`, interval: around }));
     const times = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
     const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };
