@@ -10,9 +10,11 @@ from slowtime.discrepancy.search import SearchOptions
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.diagnose import Source, diagnose_records, read_any, write_results
 from slowtime_services.diagnose.labels import number
+from slowtime_services.files import RecordError
 from slowtime_services.plugins.effect_kinds import known
 
-from .models import Model
+from .arguments import positive, with_arguments
+from .models import Model, checked_model
 from .plotting import Figure, new_figure, save
 from .signals import Signals
 
@@ -229,28 +231,64 @@ def diagnose(
     ValueError
         If signals do not fit the model, or there is no such shape of a surface; the message
         says what is missing.
+    TypeError
+        If model, signals or channels are of another type.
     """
-    known_model = model if isinstance(model, Model) else Model.from_file(model)
+    known_model = model if isinstance(model, Model) else _read_model(model)
+    learnt = _sources(signals, "signals")
+    if not learnt:
+        raise ValueError("No signals were given. Give those to learn from.")
+    if channels is not None and not isinstance(channels, Mapping):
+        raise TypeError(
+            f"channels={channels!r} was given. Give {{channel of the model: name}}."
+        )
+    if patience_s is not None:
+        patience_s = positive(patience_s, "patience_s", "seconds of a reference machine")
+    if not isinstance(surface, str):
+        raise TypeError(f"surface={surface!r} was given. Give a word, such as 'auto'.")
     if not known_model.description.sensors:
         raise ValueError("The model has no sensors. List them, with the channel of each.")
     from slowtime_services.diagnose import roles_of
 
-    found, document = diagnose_records(
-        known_model.description,
-        _sources(signals, "signals"),
-        _sources(holdout, "holdout"),
-        roles=roles_of([f"{name}={there}" for name, there in (channels or {}).items()]),
-        kinds=known(()),
-        options=SearchOptions(surface=SurfaceDemand.of(surface.split(","))),
-        progress=progress,
-        patience_s=patience_s,
-    )
+    try:
+        found, document = diagnose_records(
+            known_model.description,
+            learnt,
+            _sources(holdout, "holdout"),
+            roles=roles_of([f"{name}={there}" for name, there in (channels or {}).items()]),
+            kinds=known(()),
+            options=SearchOptions(surface=SurfaceDemand.of(surface.split(","))),
+            progress=progress,
+            patience_s=patience_s,
+        )
+    except RecordError as error:
+        raise RecordError(with_arguments(str(error))) from error
     return DiagnosisResult(found, document)
+
+
+def _read_model(model: Any) -> Model:
+    return (
+        Model.from_file(model)
+        if isinstance(model, str | Path)
+        else checked_model(model, "diagnose")
+    )
 
 
 def _sources(given: Given | Sequence[Given], name: str) -> list[Source]:
     """Read files, and name signals that have no file."""
-    many = [given] if isinstance(given, Signals | str | Path) else list(given)
+    many: list[Any] = [given] if isinstance(given, Signals | str | Path) else []
+    if not many and isinstance(given, Sequence):
+        many = list(given)
+    elif not many:
+        raise TypeError(
+            f"{name} of type {type(given).__name__} was given. Give Signals or the path of a "
+            "file, or a list of them; slowtime.Signals(samples, rate_hz=...) takes arrays."
+        )
+    for one in many:
+        if not isinstance(one, Signals | str | Path):
+            raise TypeError(
+                f"{name} holds a {type(one).__name__}. Give Signals and paths of files only."
+            )
     return [
         Source(f"{name} {i + 1}", one.record) if isinstance(one, Signals) else read_any(one)
         for i, one in enumerate(many)

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -18,9 +18,10 @@ from slowtime_services.modal import read_geometry, write_modes
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import Method, identify_part, stretches
 
+from .arguments import pair
 from .optional import optional
 from .plotting import Figure, new_figure, save
-from .signals import Signals
+from .signals import Signals, checked_signals
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -297,8 +298,17 @@ def identify(
     Raises
     ------
     ValueError
-        If the record is too short for the band, or the band is outside the measured range.
+        If the record is too short for the band, the band is outside the measured range, or
+        there is no such method.
+    TypeError
+        If `signals` are no `Signals`, or the band is no pair of numbers.
     """
+    signals = checked_signals(signals, "identify")
+    if method not in get_args(Method):
+        allowed = ", ".join(get_args(Method))
+        raise ValueError(f"method={method!r} was given. Allowed: {allowed}.")
+    if band_hz is not None:
+        band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
     record = signals.record
     chosen = accelerations(record.channels, record.units)
     notes = list(signals.notes)

@@ -19,7 +19,11 @@ from slowtime_services.models import (
 )
 from slowtime_services.plugins.effect_kinds import known
 
+from .arguments import existing_file, finite, pair, positive, real_samples, whole
 from .signals import Signals
+
+HOLDS = ("first", "zero", "band_limited")
+"""How inputs go on between samples, as `simulate` takes it."""
 
 
 class Model:
@@ -59,7 +63,7 @@ class Model:
         ValueError
             If the file contradicts itself; the message names line and key.
         """
-        return cls(read_description(Path(path), known(())))
+        return cls(read_description(existing_file(path), known(())))
 
     @classmethod
     def chain(
@@ -88,12 +92,16 @@ class Model:
         -------
         Model with an accelerometer on each mass.
         """
+        masses = finite(masses_kg, "masses_kg", "masses [kg]")
+        springs = finite(stiffnesses_n_per_m, "stiffnesses_n_per_m", "stiffnesses [N/m]")
+        dampers = dampings_n_s_per_m
+        if dampers is not None:
+            dampers = finite(dampers, "dampings_n_s_per_m", "dampings [N s/m]")
         return cls(
             builders.chain(
-                masses_kg, stiffnesses_n_per_m, dampings_n_s_per_m=dampings_n_s_per_m,
-                rayleigh=rayleigh,
+                masses, springs, dampings_n_s_per_m=dampers, rayleigh=_rayleigh(rayleigh)
             )
-        )  # fmt: skip
+        )
 
     @classmethod
     def shear_frame(
@@ -118,7 +126,9 @@ class Model:
         -------
         Model with an accelerometer on each floor.
         """
-        return cls(builders.shear_frame(floors_kg, storeys_n_per_m, rayleigh=rayleigh))
+        floors = finite(floors_kg, "floors_kg", "masses [kg]")
+        storeys = finite(storeys_n_per_m, "storeys_n_per_m", "stiffnesses [N/m]")
+        return cls(builders.shear_frame(floors, storeys, rayleigh=_rayleigh(rayleigh)))
 
     @classmethod
     def beam(
@@ -150,12 +160,11 @@ class Model:
         -------
         The model.
         """
-        return cls(
-            builders.beam(
-                length_m, bending_stiffness_n_m2, mass_kg_per_m, elements=elements,
-                supports=supports,
-            )
-        )  # fmt: skip
+        length = positive(length_m, "length_m", "m")
+        bending = positive(bending_stiffness_n_m2, "bending_stiffness_n_m2", "EI [N m^2]")
+        mass = positive(mass_kg_per_m, "mass_kg_per_m", "kg/m")
+        count = whole(elements, "elements", 2)
+        return cls(builders.beam(length, bending, mass, elements=count, supports=supports))
 
     @property
     def name(self) -> str:
@@ -210,6 +219,12 @@ class Model:
         return model_text(self.description)
 
 
+def _rayleigh(rayleigh: Sequence[float]) -> tuple[float, float]:
+    name, meaning = "rayleigh", "coefficients of mass [1/s] and stiffness [s]"
+    of_mass, of_stiffness = finite(pair(rayleigh, name, meaning), name, meaning)
+    return of_mass, of_stiffness
+
+
 def simulate(
     model: Model,
     inputs: Signals | Mapping[str, Any] | None = None,
@@ -249,7 +264,9 @@ def simulate(
     Raises
     ------
     ValueError
-        If an input, the rate, the duration or the seed is missing.
+        If an input, the rate, the duration or the seed is missing or not possible.
+    TypeError
+        If the model is no `Model`, or the inputs are no series by channel.
 
     Examples
     --------
@@ -257,17 +274,18 @@ def simulate(
     >>> simulate(model, rate_hz=50.0, duration_s=10.0, seed=1)
     Signals: 1 channel (a_m1), 500 samples at 50 Hz (10 s)
     """
-    description, kinds = model.description, known(())
+    description, kinds = checked_model(model, "simulate").description, known(())
+    if hold not in HOLDS:
+        raise ValueError(f"hold={hold!r} was given. Allowed: {', '.join(HOLDS)}.")
+    seed = None if seed is None else whole(seed, "seed", 0)
     if noise and seed is None:
         raise ValueError("Noise is random. Give a seed, so that it can be made again.")
-    given: dict[str, np.ndarray[Any, Any]] = {}
-    if isinstance(inputs, Signals):
-        rate_hz = inputs.rate_hz if rate_hz is None else rate_hz
-        given = {name: inputs.samples[:, i] for i, name in enumerate(inputs.channels)}
-    elif inputs is not None:
-        given = {name: np.asarray(values, dtype=float) for name, values in inputs.items()}
+    if isinstance(inputs, Signals) and rate_hz is None:
+        rate_hz = inputs.rate_hz
     if rate_hz is None:
         raise ValueError("The sampling rate is not known. Give rate_hz.")
+    rate_hz = positive(rate_hz, "rate_hz", "samples per second")
+    given = _series(inputs, [entry.channel for entry in description.inputs])
     rng = None if seed is None else np.random.default_rng([seed, 2])
     if description.inputs:
         if not given:
@@ -275,9 +293,14 @@ def simulate(
             raise ValueError(f"The model has inputs: {names}. Give them as `inputs`.")
         found = run_model(description, given, rate_hz, hold=hold, kinds=kinds, rng=rng)
     else:
-        if duration_s is None or not duration_s > 0:
+        if duration_s is None:
             raise ValueError("The model has no inputs. Give duration_s, in seconds.")
-        samples = round(duration_s * rate_hz)
+        samples = round(positive(duration_s, "duration_s", "seconds") * rate_hz)
+        if samples < 2:
+            raise ValueError(
+                f"duration_s={duration_s:g} at {rate_hz:g} Hz is {samples} sample(s). Give at "
+                f"least {2 / rate_hz:g} s."
+            )
         if description.initial:
             found = run_model(description, {}, rate_hz, kinds=kinds, rng=rng, samples=samples)
         elif seed is None:
@@ -291,3 +314,51 @@ def simulate(
         columns = columns + sd * white.standard_normal(columns.shape)
     units = [sensor.unit for sensor in description.sensors]
     return Signals(columns, rate_hz, channels=model.channels, units=units)
+
+
+def checked_model(model: Any, function: str) -> Model:
+    """Return a model as it is, or say how to make one.
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    """
+    if not isinstance(model, Model):
+        raise TypeError(
+            f"slowtime.{function} takes a Model; {type(model).__name__} was given. Make one "
+            "with Model.from_file(path), Model.chain(...), .shear_frame(...) or .beam(...)."
+        )
+    return model
+
+
+def _series(inputs: Any, channels: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the inputs of a model by channel, all of one length."""
+    if inputs is None:
+        return {}
+    if isinstance(inputs, Signals):
+        given = {name: inputs.samples[:, i] for i, name in enumerate(inputs.channels)}
+    elif hasattr(inputs, "items") and np.ndim(inputs) != 1:
+        given = {str(name): real_samples(values) for name, values in inputs.items()}
+    else:
+        raise TypeError(
+            f"inputs of type {type(inputs).__name__} were given. Give Signals, or series by "
+            f"channel, such as inputs={{{(channels or ['force'])[0]!r}: values}}."
+        )
+    if given and not channels:
+        raise ValueError(
+            f"The model has no inputs; {', '.join(given)} was given. List the inputs in the "
+            "model, or leave them out here."
+        )
+    used = {name: given[name] for name in channels if name in given}
+    for name, values in used.items():
+        if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all():
+            raise ValueError(
+                f"Input {name!r} has shape {values.shape} and "
+                f"{int((~np.isfinite(values)).sum())} values that are not finite. Give a "
+                "series of at least two finite numbers."
+            )
+    if len({len(values) for values in used.values()}) > 1:
+        lengths = ", ".join(f"{name}: {len(values)}" for name, values in used.items())
+        raise ValueError(f"The inputs differ in length ({lengths}). Give series of one length.")
+    return given

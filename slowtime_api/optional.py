@@ -7,6 +7,7 @@ INSTALL = {
     "matplotlib.pyplot": "plots",
     "pandas": "tables",
     "xarray": "tables",
+    "mcap": "analysis",
     "numba": "analysis",
     "plotly": "analysis",
     "yaml": "analysis",

@@ -41,7 +41,16 @@ def save(figure: Figure, path: str | Path | None) -> Figure:
     Returns
     -------
     The same figure.
+
+    Raises
+    ------
+    IsADirectoryError
+        If the path is a folder.
     """
     if path is not None:
-        figure.savefig(path, dpi=150)
+        if Path(path).is_dir():
+            raise IsADirectoryError(
+                f"{path} is a folder. Give a file, such as {path}/plot.png."
+            )
+        figure.savefig(Path(path), dpi=150)
     return figure

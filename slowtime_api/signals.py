@@ -10,16 +10,35 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from scipy import signal
 
-from slowtime_services.diagnose.sources import part_of
-from slowtime_services.files import DateOrder, Record, RecordError, find_column, read_record
+from slowtime_services.files import (
+    DateOrder,
+    Record,
+    RecordError,
+    find_column,
+    part_of,
+    read_record,
+)
 from slowtime_services.files.channels.si_conversion import in_si
 
+from .arguments import (
+    existing_file,
+    names_of,
+    number,
+    real_samples,
+    texts,
+    with_arguments,
+)
 from .optional import optional
 from .plotting import Figure, new_figure, save
 
 SEGMENTS = 16
 """[1] Segments without overlap that a density is averaged over, where none is given. Source:
 its relative standard deviation is then about 20 % with half overlap (Welch 1967)."""
+
+
+SHORTEST_SEGMENT = 8
+"""[1] Least number of samples of a segment: a Hann window of fewer has no main lobe between
+zero and half the sampling rate (it is four lines wide)."""
 
 
 class Signals:
@@ -34,14 +53,17 @@ class Signals:
     rate_hz
         Sampling rate [Hz].
     channels
-        Names of the channels; ``"ch0"``, ``"ch1"`` and so on where not given.
+        Names of the channels. Where not given, those of the columns of a pandas object, else
+        ``"ch0"``, ``"ch1"`` and so on.
     units
         Unit of each channel, or one for all. Motion is converted to SI.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, the rate is not positive, or a value is not finite.
+        If shapes do not fit, the rate is not positive, or a value is not a finite real number.
+    TypeError
+        If the rate is no number, or names or units are no texts.
 
     Examples
     --------
@@ -60,9 +82,9 @@ class Signals:
         channels: Sequence[str] | None = None,
         units: str | Sequence[str] = "",
     ) -> None:
-        values = np.asarray(samples, dtype=float)
+        values = real_samples(samples)
         values = values[:, None] if values.ndim == 1 else values
-        if values.ndim != 2 or len(values) < 2:
+        if values.ndim != 2 or len(values) < 2 or not values.shape[1]:
             raise ValueError(
                 f"The samples have shape {np.shape(samples)}. Give one row per instant and one "
                 "column per channel, and at least two rows."
@@ -72,13 +94,13 @@ class Signals:
                 f"{int((~np.isfinite(values)).sum())} samples are not finite. Fill them, or "
                 "leave these rows out."
             )
-        if not rate_hz > 0 or not np.isfinite(rate_hz):
-            raise ValueError(f"A sampling rate of {rate_hz} Hz is not possible. Give Hz > 0.")
+        rate = number(rate_hz, "rate_hz", "samples per second, more than 0")
+        if not rate > 0 or not np.isfinite(rate):
+            raise ValueError(f"A sampling rate of {rate} Hz is not possible. Give Hz > 0.")
         count = values.shape[1]
-        names = (
-            tuple(channels) if channels is not None else tuple(f"ch{i}" for i in range(count))
-        )
-        given = (units,) * count if isinstance(units, str) else tuple(units)
+        names = names_of(samples) if channels is None else texts(channels, "channels")
+        names = names or tuple(f"ch{i}" for i in range(count))
+        given = (units,) * count if isinstance(units, str) else texts(units, "units")
         for what, found in (("channels", names), ("units", given)):
             if len(found) != count:
                 raise ValueError(
@@ -87,7 +109,7 @@ class Signals:
         if len(set(names)) != count:
             raise ValueError(f"Names of channels repeat: {', '.join(names)}.")
         self._record = in_si(
-            Record(samples=values, rate_hz=float(rate_hz), channels=names, units=given), (), ()
+            Record(samples=values, rate_hz=rate, channels=names, units=given), (), ()
         )
 
     @classmethod
@@ -161,19 +183,35 @@ class Signals:
     def __len__(self) -> int:
         return len(self._record.samples)
 
+    __iter__ = None
+    """Neither over samples nor over channels: `samples` and `channels` say which."""
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
     @overload
     def __getitem__(self, chosen: str) -> "Signals": ...
     @overload
     def __getitem__(self, chosen: Sequence[str]) -> "Signals": ...
     def __getitem__(self, chosen: str | Sequence[str]) -> "Signals":
-        """Select channels by name.
+        """Select channels by name, or by number from 0.
 
         Raises
         ------
         KeyError
-            If no channel has that name.
+            If no channel has that name, or none is named.
+        TypeError
+            If it is no name; `between` cuts out a span of time.
         """
-        names = [chosen] if isinstance(chosen, str) else list(chosen)
+        if isinstance(chosen, slice):
+            raise TypeError(
+                "A slice was given. Signals are selected by names of channels; "
+                "between(first_s, last_s) cuts out a span of time."
+            )
+        given = [chosen] if isinstance(chosen, int | np.integer) else chosen
+        names = texts(given, "the channels")
+        if not names:
+            raise KeyError(f"No channel was named. There are: {', '.join(self.channels)}.")
         try:
             columns = [find_column(name, self.channels) for name in names]
         except RecordError as error:
@@ -204,7 +242,22 @@ class Signals:
         ValueError
             If the span holds fewer than two samples.
         """
-        return Signals.from_record(part_of(self._record, first_s, last_s, name="the record"))
+        first, last = (
+            number(value, name, "seconds since the first sample")
+            for value, name in ((first_s, "first_s"), (last_s, "last_s"))
+        )
+        if not first < last:
+            raise ValueError(
+                f"The span from {first:g} to {last:g} s was given. Give a beginning and a "
+                f"later end between 0 and {self.duration_s:g} s."
+            )
+        try:
+            return Signals.from_record(part_of(self._record, first, last, name="The record"))
+        except RecordError as error:
+            raise ValueError(
+                f"The span from {first:g} to {last:g} s holds fewer than two samples. The "
+                f"record has {self.duration_s:g} s at {self.rate_hz:g} Hz."
+            ) from error
 
     def psd(
         self, segment_s: float | None = None
@@ -225,13 +278,20 @@ class Signals:
         ValueError
             If a segment is longer than the record or has fewer than 8 samples.
         """
-        count = len(self) if segment_s is None else round(segment_s * self.rate_hz)
-        count = max(count // SEGMENTS, 8) if segment_s is None else count
-        if not 8 <= count <= len(self):
+        if len(self) < SHORTEST_SEGMENT:
             raise ValueError(
-                f"A segment of {segment_s:g} s has {count} samples. Give between "
-                f"{8 / self.rate_hz:g} and {len(self) / self.rate_hz:g} s."
+                f"The signals have {len(self)} samples. A density needs {SHORTEST_SEGMENT}."
             )
+        if segment_s is None:
+            count = max(len(self) // SEGMENTS, SHORTEST_SEGMENT)
+        else:
+            length = number(segment_s, "segment_s", "seconds, more than 0") * self.rate_hz
+            if not SHORTEST_SEGMENT - 0.5 < length < len(self) + 0.5:
+                raise ValueError(
+                    f"A segment of {segment_s:g} s was given. Give between "
+                    f"{SHORTEST_SEGMENT / self.rate_hz:g} and {len(self) / self.rate_hz:g} s."
+                )
+            count = min(max(round(length), SHORTEST_SEGMENT), len(self))
         frequency, density = signal.welch(
             np.asarray(self.samples, dtype=float), self.rate_hz, nperseg=count, axis=0
         )
@@ -285,6 +345,11 @@ class Signals:
         One variable per channel over ``time_s`` [s], with its unit in ``attrs["units"]``.
         """
         xarray = optional("xarray")
+        if "time_s" in self.channels:
+            raise ValueError(
+                "A channel is called 'time_s', as the axis is. Give the signals other names: "
+                "Signals(signals.samples, signals.rate_hz, channels=[...])."
+            )
         return xarray.Dataset(
             {
                 name: ("time_s", self.samples[:, i], {"units": self.units[i]})
@@ -301,6 +366,22 @@ class Signals:
             f"Signals: {count} {'channel' if count == 1 else 'channels'} ({names}), "
             f"{len(self)} samples at {self.rate_hz:g} Hz ({self.duration_s:g} s)"
         )
+
+
+def checked_signals(signals: Any, function: str) -> Signals:
+    """Return signals as they are, or say how to make them.
+
+    Raises
+    ------
+    TypeError
+        If they are something else, such as an array or a path.
+    """
+    if not isinstance(signals, Signals):
+        raise TypeError(
+            f"slowtime.{function} takes Signals; {type(signals).__name__} was given. Make them "
+            "with slowtime.read(path) or slowtime.Signals(samples, rate_hz=...)."
+        )
+    return signals
 
 
 def read(
@@ -355,21 +436,42 @@ def read(
     FileNotFoundError
         If there is no such file.
     """
-    path = Path(path)
-    of_units = (units,) if isinstance(units, str) else tuple(units)
-    scales = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
-    if path.suffix.lower() == ".mcap":
-        from slowtime_services.replay import record_or_foreign
+    path = existing_file(path)
+    of_units, scales = texts(units, "units"), texts(sensitivities, "sensitivities")
+    chosen = None if channels is None else texts(channels, "channels")
+    names = None if columns is None else texts(columns, "columns")
+    clock = None if time_column is None else texts([time_column], "time_column")[0]
+    rate = None if rate_hz is None else number(rate_hz, "rate_hz", "samples per second")
+    if chosen == ():
+        raise ValueError("channels=[] was given. Name at least one, or leave it out for all.")
+    if date_order not in (None, "dmy", "mdy"):
+        raise ValueError(f"date_order={date_order!r} was given. Allowed: 'dmy' and 'mdy'.")
+    if skip_lines is not None and not (
+        isinstance(skip_lines, int | np.integer) and skip_lines >= 0
+    ):
+        raise ValueError(f"skip_lines={skip_lines!r} was given. Give a whole number from 0.")
+    try:
+        if path.suffix.lower() == ".mcap":
+            found = _read_recording(path, rate, of_units, scales)
+            return found if chosen is None else found[chosen]
+        return Signals.from_record(
+            read_record(
+                path, rate_hz=rate, channels=chosen, skip_lines=skip_lines, columns=names,
+                time_column=clock, time_unit=time_unit, date_order=date_order,
+                units=of_units, sensitivities=scales,
+            )
+        )  # fmt: skip
+    except RecordError as error:
+        raise RecordError(with_arguments(str(error))) from error
 
-        record = in_si(record_or_foreign(path), of_units, scales)
-        if rate_hz is not None:
-            record = dataclasses.replace(record, rate_hz=rate_hz)
-        found = Signals.from_record(record)
-        return found if channels is None else found[list(channels)]
-    return Signals.from_record(
-        read_record(
-            path, rate_hz=rate_hz, channels=channels, skip_lines=skip_lines, columns=columns,
-            time_column=time_column, time_unit=time_unit, date_order=date_order,
-            units=of_units, sensitivities=scales,
-        )
-    )  # fmt: skip
+
+def _read_recording(
+    path: Path, rate_hz: float | None, units: Sequence[str], sensitivities: Sequence[str]
+) -> Signals:
+    optional("mcap")
+    from slowtime_services.replay import record_or_foreign
+
+    record = in_si(record_or_foreign(path), units, sensitivities)
+    if rate_hz is not None:
+        record = dataclasses.replace(record, rate_hz=rate_hz)
+    return Signals.from_record(record)

@@ -24,10 +24,17 @@ from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError, foretell
 from twin_server.settings import TwinSettings
 
+from .arguments import existing_file, fields_named, finite, number, positive, whole
 from .optional import optional
 from .plotting import Figure, new_figure, save
 
 SITE, ASSET = "offline", "twin"
+_ARGUMENTS = {
+    "frequency_hz": "nominal_hz",
+    "damping_ratio": "nominal_damping",
+    "learn_epochs": "learn_readings",
+}
+"""Field of a registration → argument of `Twin`."""
 EPOCH_NS = 946_684_800_000_000_000
 """2000-01-01 UTC [ns]: sensor time of slow time 0, for which nothing but the order counts."""
 
@@ -68,14 +75,19 @@ class Twin:
         changes: Literal["stiffness", "mass", "both"] = "stiffness",
         learn_readings: int = 20,
     ) -> None:
-        nominal = (
-            None
-            if nominal_hz is None
-            else Nominal(frequency_hz=nominal_hz, damping_ratio=nominal_damping)
-        )
-        self.registration = Registration(
-            changes=changes, nominal=nominal, learn_epochs=learn_readings
-        )
+        if nominal_hz is None and nominal_damping is not None:
+            raise ValueError("nominal_damping was given without nominal_hz. Give both.")
+        if changes not in ("stiffness", "mass", "both"):
+            raise ValueError(f"changes={changes!r} was given. Allowed: stiffness, mass, both.")
+        with fields_named(_ARGUMENTS):
+            nominal = (
+                None
+                if nominal_hz is None
+                else Nominal(frequency_hz=nominal_hz, damping_ratio=nominal_damping)
+            )
+            self.registration = Registration(
+                changes=changes, nominal=nominal, learn_epochs=learn_readings
+            )
         self._id, self._count, self._last = f"{SITE}.{ASSET}", 0, -math.inf
         with contextlib.ExitStack() as stack:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="slowtime-"))
@@ -120,14 +132,21 @@ class Twin:
         ValueError
             If slow time does not ascend, or a number is not possible.
         """
-        if not slow_time > self._last:
+        self._check_open()
+        slow_time = number(slow_time, "slow_time", "a time in any unit, ascending")
+        if not self._last < slow_time < math.inf:
             raise ValueError(
-                f"Slow time {slow_time:g} comes after {self._last:g}. Give readings in order."
+                f"Slow time {slow_time:g} was given after {self._last:g}. Give readings in "
+                "ascending order of time."
             )
-        ratio = {"value": damping_ratio or 0.0, "sd": damping_sd or 0.0}
+        if (damping_ratio is None) != (damping_sd is None):
+            raise ValueError(
+                "Of damping_ratio and damping_sd one was given. Give both or none."
+            )
+        ratio = damping_ratio or 0.0, damping_sd or 0.0
         mode = Mode(
-            frequency_hz=Quantity(value=frequency_hz, sd=frequency_sd),
-            damping_ratio=Quantity(**ratio), correlation=0.0, flags=(),
+            frequency_hz=_quantity("frequency", frequency_hz, frequency_sd, "Hz"),
+            damping_ratio=_quantity("damping", *ratio, "1"), correlation=0.0, flags=(),
         )  # fmt: skip
         t_ns = EPOCH_NS + self._count * 1_000_000_000
         features = Features(
@@ -148,7 +167,12 @@ class Twin:
         -------
         States as `update` returns them, oldest first.
         """
+        self._check_open()
         return self._states(None)
+
+    def _check_open(self) -> None:
+        if not self._close.alive:
+            raise ValueError("The twin was closed. Make another with slowtime.Twin(...).")
 
     def _states(self, last: int | None) -> list[dict[str, Any]]:
         """Return the states after the last readings, oldest first; None for all."""
@@ -188,8 +212,14 @@ class Twin:
         ValueError
             If there are no readings yet, or the threshold is of nothing that is estimated.
         """
+        self._check_open()
         if not self._count:
             raise ValueError("The twin has no readings yet. Call `update` first.")
+        if horizon is not None:
+            horizon = positive(horizon, "horizon", "units of slow time")
+        if threshold is not None:
+            (threshold,) = finite([threshold], "threshold", "a change, such as -0.2")
+        points = whole(points, "points", 1)
         try:
             return foretell(
                 TwinKnowledge(self._pipeline, self._store), self._id, self.registration,
@@ -256,6 +286,17 @@ class Twin:
         return f"Twin: {self._count} readings, changes of {self.registration.changes}"
 
 
+def _quantity(name: str, value: Any, sd: Any, unit: str) -> Quantity:
+    """Return a measured quantity, of which neither number can be negative."""
+    numbers = [number(one, name, f"[{unit}]") for one in (value, sd)]
+    if not all(0 <= one < math.inf for one in numbers):
+        raise ValueError(
+            f"A {name} of {numbers[0]:g} with a standard deviation of {numbers[1]:g} [{unit}] "
+            "was given. Give finite numbers from 0."
+        )
+    return Quantity(value=numbers[0], sd=numbers[1])
+
+
 def connect(
     url: str = "http://127.0.0.1:8000", *, token: str | None = None, ca: Path | None = None
 ) -> Client:
@@ -285,4 +326,4 @@ def connect(
     >>> connect("http://127.0.0.1:8000").url
     'http://127.0.0.1:8000'
     """
-    return Client(url, token=token, ca=ca)
+    return Client(str(url), token=token, ca=None if ca is None else existing_file(ca))

@@ -6,6 +6,10 @@ from jaxtyping import Bool, Float
 SHORTEST = 32
 """Least number of samples."""
 
+SMALLEST, LARGEST = 1e-100, 1e100
+"""Range of the largest absolute sample, in its unit: its square times any number of samples
+then stays within double precision (2.2e-308 to 1.8e308)."""
+
 
 def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time channel"]:
     """Check a record and return it as float columns.
@@ -54,8 +58,30 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
             f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite "
             "samples: cut the record at the gap, or fill it, before identification."
         )
+    check_magnitude(columns)
     varies = moving(columns)
     return columns if varies.all() else columns[:, varies]
+
+
+def check_magnitude(columns: Float[np.ndarray, "time channel"]) -> None:
+    """Check that the squares of the samples are within double precision.
+
+    Parameters
+    ----------
+    columns
+        Finite samples of all channels, in any unit.
+
+    Raises
+    ------
+    ValueError
+        If the largest is beyond `SMALLEST` to `LARGEST`, and is not 0.
+    """
+    largest = max(float(columns.max()), -float(columns.min()))
+    if largest and not SMALLEST < largest < LARGEST:
+        raise ValueError(
+            f"The largest sample is {largest:.3g}. Its square is beyond double precision; "
+            f"scale the samples to between {SMALLEST:g} and {LARGEST:g}."
+        )
 
 
 def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " channel"]:

@@ -97,7 +97,7 @@ def test_a_twin_follows_a_stiffness_that_falls(tmp_path):
     assert 30 < crossing["median"] < 70
     twin.plot(tmp_path / "twin.png")
     assert len(twin.to_dataframe()) == 25
-    with pytest.raises(ValueError, match="comes after"):
+    with pytest.raises(ValueError, match="was given after 24"):
         twin.update(3.0, 3.0, 0.01)
     twin.close()
 

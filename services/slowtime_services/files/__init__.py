@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .channels.si_conversion import Scaling, in_si, mixed_units, scaling_of
     from .reading_options import ALL
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
+    from .record_part import part_of
     from .record_reader import MAX_BYTES, read_record
     from .record_streams.record_stream import RecordStream, open_record, streams
     from .times.stamps import DateOrder
@@ -20,6 +21,7 @@ _MODULES = {
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
+    "record_part": ("part_of",),
     "reading_options": ("ALL",),
     "times.stamps": ("DateOrder",),
     "record_streams.record_stream": ("RecordStream", "open_record", "streams"),
@@ -45,6 +47,7 @@ __all__ = [
     "in_si",
     "mixed_units",
     "open_record",
+    "part_of",
     "read_record",
     "scaling_of",
     "streams",

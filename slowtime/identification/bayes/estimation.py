@@ -76,6 +76,11 @@ def bayesian_modes(
     of the modes have something in common, as those of a single shaker; errors, which then hang
     on the exact interference of many tails, are told too small by up to a half).
 
+    Raises
+    ------
+    ValueError
+        If a channel is a copy of others, or a candidate is outside the measured range.
+
     Examples
     --------
     >>> from slowtime.dynamics.sdof.oscillator import Oscillator
@@ -95,7 +100,15 @@ def bayesian_modes(
     if lines:
         columns = remove_lines(columns, rate_hz, lines)
     record, scale = _record(columns, rate_hz, orders)
-    fits = fit_record(record, candidates, lines)
+    try:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fits = fit_record(record, candidates, lines)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "The likelihood of the modes has no maximum: a channel is a copy or a sum of "
+            "others, so that no noise tells them apart. Leave out such channels, or identify "
+            "by another method."
+        ) from error
     modes = [
         _mode(fit, i, record, scale, moving, orders)
         for fit in fits

@@ -21,6 +21,7 @@ import scipy.fft as fft
 import scipy.linalg as la
 from jaxtyping import Float
 
+from slowtime.identification.checks import check_magnitude
 from slowtime.signals.spectra import detrended
 
 PARTS = 32
@@ -105,7 +106,10 @@ def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Ex
     -------
     Duration of an event [s], whether the force sets in, and its period [s].
     """
-    columns = detrended(np.asarray(samples, dtype=float))
+    columns = np.asarray(samples, dtype=float)
+    if columns.size:
+        check_magnitude(columns)
+    columns = detrended(columns)
     scale = columns.std(axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     if len(columns) < 4 * PARTS or columns.shape[1] == 0:

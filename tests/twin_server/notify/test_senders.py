@@ -168,7 +168,8 @@ def test_a_mail_gives_slow_time_with_its_unit_and_a_clock_as_a_date(
             }
         }
     ).receivers["ops"]  # fmt: skip
-    text = mail_of(message(t_ns=t_ns, slow_time=slow_time, unit=unit), receiver).get_payload()
+    mail = mail_of(message(t_ns=t_ns, slow_time=slow_time, unit=unit), receiver)
+    text = mail.get_content()
     assert [line for line in text.splitlines() if "ime: " in line] == lines
 
 

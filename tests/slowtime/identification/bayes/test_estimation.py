@@ -290,3 +290,10 @@ def test_derivatives_that_do_not_fit_the_channels_are_refused(short):
     case, samples, _ = short
     with pytest.raises(ValueError, match="for all or one a channel"):
         bayesian_modes(samples, case.rate_hz, np.array([1.0]), derivatives=(2, 1))
+
+
+def test_a_copy_of_a_channel_is_refused_with_what_to_do(short):
+    case, samples, _ = short
+    twice = np.column_stack([samples[:, 0], samples[:, 0]])
+    with pytest.raises(ValueError, match=r"a copy or a sum of others.*Leave out"):
+        bayesian_modes(twice, case.rate_hz, np.array([1.0]))

@@ -1,0 +1,282 @@
+"""Checks of arguments: what was given, what is allowed, what to do."""
+
+import contextlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import ValidationError
+
+_FLAG = re.compile(r"(?<!slowtime diagnose )--[a-z][a-z-]*")
+_CHANNEL = re.compile(r"--channel ([^\s=]+)=NAME")
+_ARGUMENTS = {"--unit": "units", "--sensitivity": "sensitivities", "--channel": "channels"}
+"""Option of the command line → argument of `slowtime.read`, where the names differ."""
+
+
+def number(value: Any, name: str, allowed: str) -> float:
+    """Return one real number.
+
+    Parameters
+    ----------
+    value
+        What was given.
+    name
+        Name of the argument.
+    allowed
+        What is allowed, for the message.
+
+    Returns
+    -------
+    The number; infinite and NaN ones too.
+
+    Raises
+    ------
+    TypeError
+        If it is no single real number.
+
+    Examples
+    --------
+    >>> number(np.float32(2.5), "rate_hz", "Hz > 0")
+    2.5
+    """
+    if not isinstance(value, str | bytes | complex) and np.ndim(value) == 0:
+        try:
+            return float(value)
+        except (TypeError, ValueError, OverflowError):
+            pass
+    raise TypeError(f"{name}={value!r} was given. Give one number: {allowed}.")
+
+
+def pair(value: Any, name: str, meaning: str) -> tuple[float, float]:
+    """Return two real numbers.
+
+    Raises
+    ------
+    TypeError
+        If they are not two numbers.
+
+    Examples
+    --------
+    >>> pair([1, 5], "band_hz", "lowest and highest frequency")
+    (1.0, 5.0)
+    """
+    if np.ndim(value) == 1 and len(value) == 2:
+        first, second = (number(one, name, meaning) for one in value)
+        return first, second
+    raise TypeError(f"{name}={value!r} was given. Give two numbers: {meaning}.")
+
+
+def finite(values: Any, name: str, meaning: str) -> list[float]:
+    """Return a list of finite numbers.
+
+    Parameters
+    ----------
+    values
+        Sequence, array or column of numbers.
+    name
+        Name of the argument.
+    meaning
+        What they are, for the message.
+
+    Raises
+    ------
+    TypeError
+        If they are no list of numbers.
+    ValueError
+        If one is infinite or NaN.
+
+    Examples
+    --------
+    >>> finite(np.array([1, 2]), "masses_kg", "kg")
+    [1.0, 2.0]
+    """
+    if isinstance(values, str | bytes) or np.ndim(values) != 1:
+        raise TypeError(f"{name}={values!r} was given. Give a list of numbers: {meaning}.")
+    found = [number(one, name, meaning) for one in values]
+    if not np.isfinite(found).all():
+        raise ValueError(f"{name}={found} was given. Give finite numbers: {meaning}.")
+    return found
+
+
+def positive(value: Any, name: str, meaning: str) -> float:
+    """Return one finite number above 0.
+
+    Raises
+    ------
+    TypeError
+        If it is no number.
+    ValueError
+        If it is not above 0, or infinite.
+
+    Examples
+    --------
+    >>> positive(2, "length_m", "m")
+    2.0
+    """
+    found = number(value, name, meaning)
+    if not 0 < found < np.inf:
+        raise ValueError(f"{name}={found:g} was given. Give more than 0: {meaning}.")
+    return found
+
+
+def whole(value: Any, name: str, least: int) -> int:
+    """Return a whole number.
+
+    Raises
+    ------
+    TypeError
+        If it is no number.
+    ValueError
+        If it is not whole, or less than `least`.
+
+    Examples
+    --------
+    >>> whole(2.0, "elements", 2)
+    2
+    """
+    found = number(value, name, f"a whole number from {least}")
+    if not (np.isfinite(found) and found == int(found) >= least):
+        raise ValueError(f"{name}={value!r} was given. Give a whole number from {least}.")
+    return int(found)
+
+
+@contextlib.contextmanager
+def fields_named(names: Mapping[str, str]) -> Iterator[None]:
+    """Say in a sentence which argument a message model refuses.
+
+    Parameters
+    ----------
+    names
+        Field of the model → argument of the function, where they differ.
+
+    Raises
+    ------
+    ValueError
+        In place of a validation error.
+    """
+    try:
+        yield
+    except ValidationError as error:
+        said = []
+        for one in error.errors(include_url=False):
+            place = ".".join(str(part) for part in one["loc"])
+            given = f"{names.get(place, place)}={one['input']!r} was given. " if place else ""
+            said.append(f"{given}{one['msg'].removeprefix('Value error, ').rstrip('.')}.")
+        raise ValueError(" ".join(said)) from error
+
+
+def real_samples(samples: Any) -> Float[np.ndarray, "..."]:
+    """Convert what is like an array to real numbers.
+
+    Parameters
+    ----------
+    samples
+        Array, nested sequences, or columns of pandas or xarray. Masked values become NaN.
+
+    Returns
+    -------
+    The same numbers in double precision, in the shape given.
+
+    Raises
+    ------
+    ValueError
+        If they are no real numbers, or rows differ in length.
+    """
+    advice = "Give real numbers: one row per instant and one column per channel"
+    if isinstance(samples, np.ma.MaskedArray):
+        samples = samples.astype(float).filled(np.nan)
+    try:
+        values = np.asarray(samples)
+        if values.dtype.kind == "O":
+            values = values.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"The samples, of type {type(samples).__name__}, are no array of numbers: "
+            f"{str(error).rstrip('.')}. {advice}."
+        ) from error
+    if values.dtype.kind not in "biuf":
+        raise ValueError(
+            f"The samples are of type {values.dtype}. {advice}, and the measured signal "
+            "itself, not its transform."
+        )
+    return values.astype(float, copy=False)
+
+
+def names_of(samples: Any) -> tuple[str, ...] | None:
+    """Return the names that a DataFrame or Series of pandas gives its columns; None if none."""
+    if hasattr(samples, "columns"):
+        return tuple(str(name) for name in samples.columns)
+    if hasattr(samples, "index") and getattr(samples, "name", None) is not None:
+        return (str(samples.name),)
+    return None
+
+
+def texts(value: Any, name: str) -> tuple[str, ...]:
+    """Return one text or several as a tuple; numbers of columns become text.
+
+    Parameters
+    ----------
+    value
+        A text, or a sequence of texts and whole numbers.
+    name
+        Name of the argument.
+
+    Raises
+    ------
+    TypeError
+        If it is anything else.
+
+    Examples
+    --------
+    >>> texts("acc", "channels"), texts(["x", 1], "channels")
+    (('acc',), ('x', '1'))
+    """
+    many = [value] if isinstance(value, str) else value
+    if isinstance(many, Sequence | np.ndarray) or hasattr(many, "tolist"):
+        found = list(many)
+        if all(
+            isinstance(one, str | int | np.integer) and not isinstance(one, bool)
+            for one in found
+        ):
+            return tuple(str(one) for one in found)
+    raise TypeError(f"{name}={value!r} was given. Give a text, or a list of texts.")
+
+
+def with_arguments(message: str) -> str:
+    """Write the arguments of Python where a message names options of the command line.
+
+    Examples
+    --------
+    >>> with_arguments("Map it with --channel x=NAME.")
+    "Map it with channels={'x': 'NAME'}."
+    >>> with_arguments("Give --rate-hz, or name the clock with --time-column.")
+    'Give rate_hz, or name the clock with time_column.'
+    """
+    message = _CHANNEL.sub(r"channels={'\1': 'NAME'}", message)
+    message = message.replace("--unchecked", "`slowtime diagnose --unchecked`")
+    return _FLAG.sub(
+        lambda flag: _ARGUMENTS.get(flag[0], flag[0][2:].replace("-", "_")), message
+    )
+
+
+def existing_file(path: Any) -> Path:
+    """Return the path of a file that exists.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    IsADirectoryError
+        If it is a folder.
+    """
+    found = Path(path)
+    if found.is_dir():
+        raise IsADirectoryError(f"{found} is a folder. Give a file.")
+    if not found.exists():
+        raise FileNotFoundError(
+            f"There is no file {found.absolute()}. Give the path of a file that exists."
+        )
+    return found
