@@ -187,7 +187,7 @@ def real_samples(samples: Any) -> Float[np.ndarray, "..."]:
     """
     advice = "Give real numbers: one row per instant and one column per channel"
     if isinstance(samples, np.ma.MaskedArray):
-        samples = samples.astype(float).filled(np.nan)
+        samples = np.ma.filled(samples.astype(float), np.nan)
     try:
         values = np.asarray(samples)
         if values.dtype.kind == "O":

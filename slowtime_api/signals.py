@@ -203,13 +203,14 @@ class Signals:
         TypeError
             If it is no name; `between` cuts out a span of time.
         """
-        if isinstance(chosen, slice):
+        given: Any = chosen
+        if isinstance(given, slice):
             raise TypeError(
                 "A slice was given. Signals are selected by names of channels; "
                 "between(first_s, last_s) cuts out a span of time."
             )
-        given = [chosen] if isinstance(chosen, int | np.integer) else chosen
-        names = texts(given, "the channels")
+        given = [given] if isinstance(given, int | np.integer) else given
+        names = texts(given, "channels")
         if not names:
             raise KeyError(f"No channel was named. There are: {', '.join(self.channels)}.")
         try:

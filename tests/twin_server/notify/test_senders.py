@@ -16,7 +16,7 @@ from slowtime_schemas.messages import Event
 from slowtime_services.credentials import Authority
 from tests.twin_server.notify.conftest import SECRET
 from twin_server.events.deliveries import Delivery, identity
-from twin_server.events.receivers import AlarmSettings, Receiver
+from twin_server.events.receivers import AlarmSettings, EmailReceiver, Receiver
 from twin_server.history.rendering import event_body
 from twin_server.notify import NotDeliveredError, WrongReceiverError, message_of, senders_of
 from twin_server.notify.mail import mail_of
@@ -160,14 +160,10 @@ def test_a_mail_tells_who_what_and_where_and_can_be_told_from_its_double(mail_se
 def test_a_mail_gives_slow_time_with_its_unit_and_a_clock_as_a_date(
     t_ns, slow_time, unit, lines
 ):
-    receiver = AlarmSettings(
-        receivers={
-            "ops": {
-                "kind": "email", "host": "127.0.0.1", "security": "none",
-                "sender": "twin@house.example", "to": ["ann@house.example"],
-            }
-        }
-    ).receivers["ops"]  # fmt: skip
+    receiver = EmailReceiver(
+        kind="email", host="127.0.0.1", security="none", sender="twin@house.example",
+        to=("ann@house.example",),
+    )  # fmt: skip
     mail = mail_of(message(t_ns=t_ns, slow_time=slow_time, unit=unit), receiver)
     text = mail.get_content()
     assert [line for line in text.splitlines() if "ime: " in line] == lines

@@ -243,6 +243,8 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     assert drawn[1] == ["response", response["value"]]
     assert drawn[0] == ["95 % band", response["lo"] + response["hi"][::-1]]
     assert answer.locator(".ytitle").text_content() == "displacement [m]"
+    assumed = answer.locator("p").last
+    expect(assumed).to_have_text(re.compile(r"^(Assumed: [^.]+\. ?)+$"))
     form.get_by_label("duration").fill("100000")
     form.get_by_role("button", name="Simulate").click()
     expect(part(page, ".whatif [role=alert]")).to_contain_text("samples")
@@ -463,3 +465,46 @@ def test_the_language_is_chosen_by_the_menu_and_remembered(house, visit):
     expect(page.locator("#language")).to_have_value("en")
     expect(page.locator("nav a").first).to_have_text("Fleet")
     assert page.complaints == []
+
+
+SPARK = """async (points) => {
+  const { sparkline } = await import('/assets/sparkline.js');
+  const svg = sparkline(points, '');
+  const heights = (name) => svg.querySelector(name).getAttribute('points')
+    .split(' ').map((xy) => +xy.split(',')[1]);
+  return [heights('polygon'), heights('polyline')];
+}"""
+
+
+def test_a_small_picture_holds_wide_bands_but_for_single_ones(house, visit):
+    # Bands ten times as wide as the line moves, and one of a thousand times.
+    values = [0.1 * (i % 2) for i in range(40)]
+    points = [{"x": i, "value": v, "lo": v - 1, "hi": v + 1} for i, v in enumerate(values)]
+    points[20] |= {"lo": -100.0, "hi": 100.0}
+    band, line = visit(house).evaluate(SPARK, points)
+    bottom, top = 53.0, 3.0  # edges of the picture [px]
+    cut = [y for y in band if y >= bottom or y <= top]
+    assert len(cut) == 2, "only the single wide reading is cut off"
+    assert max(line) - min(line) > 1.0, "the line is not flattened"
+
+
+WIDENED = """async ([crossing]) => {
+  const { widened } = await import('/assets/traces.js');
+  const stiffness_change = { lo: -0.2, hi: -0.1 };
+  const point = (slow_time) => ({ slow_time, assumed: [], stiffness_change });
+  const times = [{ slow_time: 5 }, { slow_time: crossing.median }, { slow_time: null }];
+  const crossings = [{ quantity: 'stiffness_change', threshold: crossing.threshold, times }];
+  const forecast = { points: [point(2), point(3)], crossings };
+  return widened([-16, 0], { points: [point(0), point(1)], forecast }, 'stiffness_change');
+}"""
+
+
+def test_a_chart_shows_a_threshold_that_is_likely_reached_and_near(house, visit):
+    page = visit(house)
+
+    def low(threshold, median):
+        return page.evaluate(WIDENED, [{"threshold": threshold, "median": median}])[0]
+
+    assert low(-0.3, 9.0) < -30.0
+    assert low(-0.3, None) == -20.0, "not within the horizon: as far as the forecast"
+    assert low(-0.9, 9.0) == -20.0, "too far: readings would be flattened"
