@@ -27,6 +27,8 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
         Where `database` is not there or damaged, or `out` exists.
     """
     _must_exist(database)
+    if database.stat().st_size == 0:
+        raise WrongStoreError(f"{database} is empty. Give the database of a twin server.")
     with _made_whole(out) as part:
         try:
             with (
@@ -41,7 +43,7 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
                 f"{database} cannot be copied: {error}. Look at it with `slowtime check`, and "
                 "at the room on the disk."
             ) from error
-        verify_file(part, tell)
+        verify_file(part, tell, source=database)
 
 
 def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None:

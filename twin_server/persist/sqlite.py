@@ -200,8 +200,24 @@ def open_reader(path: Path, lock_s: float = LOCK_S) -> sqlite3.Connection:
     )
 
 
-def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> None:
-    """Verify a database that a server may be writing; raise where anything is damaged."""
+def verify_file(
+    path: Path, tell: Callable[[str, int], None] | None = None, *, source: Path | None = None
+) -> None:
+    """Verify a database that a server may be writing.
+
+    Parameters
+    ----------
+    source
+        Database of which `path` is a copy; messages name it.
+
+    Raises
+    ------
+    WrongStoreError
+        If anything is damaged, or it is no database of this version.
+    """
+    name = source or path
+    if path.stat().st_size == 0:
+        raise WrongStoreError(f"{name} is empty. Give the database of a twin server.")
     with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
         application, version = (
             reader.execute(f"pragma {name}").fetchone()[0]
@@ -209,14 +225,13 @@ def verify_file(path: Path, tell: Callable[[str, int], None] | None = None) -> N
         )
         if (application, version) != (APPLICATION, VERSION):
             raise WrongStoreError(
-                f"{path} is not a database of this version of slowtime. Start the "
-                "twin server on "
-                "it once, which brings an older one up to date."
+                f"{name} is not a database of this version of slowtime. Start the twin server "
+                "on it once, which brings an older one up to date."
             )
         reader.execute("begin")
         found, _ = damages(reader, tell)
     if found:
-        raise _damaged(path, "; ".join(found[:5]))
+        raise _damaged(name, "; ".join(found[:5]))
 
 
 def audit_file(
@@ -249,7 +264,7 @@ def _explain_file_errors(path: Path) -> Iterator[None]:
 
 def _damaged(path: Path, what: str) -> DamagedStoreError:
     return DamagedStoreError(
-        f"{path} is damaged, or no database of ours: {what}. Nothing is answered from it. "
+        f"{path} is damaged, or no database of slowtime: {what}. Nothing is answered from it. "
         "Keep it aside and restore the last backup with `slowtime restore`. Give another "
         "--database to begin anew. Edges send again what they still hold; what they do not is "
         "reported as lost."

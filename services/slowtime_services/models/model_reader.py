@@ -22,7 +22,7 @@ from slowtime_schemas.files.model_v2 import (
 )
 from slowtime_services.descriptions import description_of
 
-from .yaml_lines import Path, YamlError, read_with_lines
+from .yaml_lines import EmptyYamlError, Path, YamlError, read_with_lines
 
 MAX_BYTES = 4 << 20
 """Largest model file [bytes]: some ten matrices over 200 coordinates."""
@@ -143,7 +143,12 @@ def _content(text: str, name: str) -> tuple[dict[str, Any], Mapping[Path, int]]:
     try:
         values, lines = read_with_lines(text, NAMES)
     except YamlError as error:
-        raise ModelFileError(f"{name}, line {error.line}: {error}") from None
+        cure = (
+            " Begin it with `slowtime_model: 1`, or 2."
+            if isinstance(error, EmptyYamlError)
+            else ""
+        )
+        raise ModelFileError(f"{name}, line {error.line}: {error}{cure}") from None
     if not isinstance(values, dict):
         raise ModelFileError(
             f"{name} is not a valid model file. Begin it with `slowtime_model: 1`, or 2."

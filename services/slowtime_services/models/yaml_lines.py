@@ -25,6 +25,10 @@ class YamlError(ValueError):
         self.line = line
 
 
+class EmptyYamlError(YamlError):
+    """Text without a document."""
+
+
 def read_with_lines(text: str, names: Collection[str] = ()) -> tuple[Any, Mapping[Path, int]]:
     r"""Read a document, and return the line of each key and item, counted from 1.
 
@@ -61,7 +65,7 @@ def _read(
         loader = loading(text)
         root = loader.get_single_node()
         if root is None:
-            raise YamlError(1, "The file is empty. Begin it with `slowtime_model: 1`.")
+            raise EmptyYamlError(1, "The file is empty.")
         return _values(loader, root, (), lines, names), lines
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from slowtime_services.models.yaml_lines import Path, YamlError, read_with_lines
+from slowtime_services.models.yaml_lines import EmptyYamlError, Path, YamlError, read_with_lines
 
 MAX_BYTES = 1 << 20
 """[bytes] Size up to which a file is read; a larger one is a record by mistake."""
@@ -33,7 +33,9 @@ def read_text(path: pathlib.Path, failure: Failure) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise failure(f"{path.name} is not UTF-8 text: {error}.") from None
+        raise failure(
+            f"{path.name} is not text (byte {error.start}). Give a YAML or JSON file, in UTF-8."
+        ) from None
 
 
 def parse_checked(
@@ -57,7 +59,10 @@ def parse_checked(
     try:
         values, lines = read_with_lines(text, NAMES)
     except YamlError as error:
-        raise failure(f"{name}, line {error.line}: {error}") from None
+        cure = (
+            f" Begin it with `slowtime_{kind}: 1`." if isinstance(error, EmptyYamlError) else ""
+        )
+        raise failure(f"{name}, line {error.line}: {error}{cure}") from None
     if not isinstance(values, dict):
         raise failure(f"{name} is no {kind} file. Begin it with `slowtime_{kind}: 1`.")
     try:

@@ -10,6 +10,9 @@ from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import POSITIVE, Number, OutFile
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
+NEEDED = {"harmonic": ("amplitude", "frequency_hz"), "step": ("amplitude",), "white": ("psd",)}
+"""Kind of load → options without which it is no load."""
+
 
 @click.command(
     cls=Deferred,
@@ -93,3 +96,7 @@ def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) ->
         raise click.UsageError("A recorded load needs --record FILE.")
     if kind != "recorded" and (record is not None or channel is not None):
         raise click.UsageError("--record and --channel go with --load recorded.")
+    missing = [name for name in NEEDED.get(kind, ()) if given[name] is None]
+    if missing:
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in missing)
+        raise click.UsageError(f"--load {kind} needs {options}. Give a number for each.")

@@ -212,7 +212,7 @@ def test_all_faults_are_told_at_once_and_not_too_many():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "empty"),
+        (b"", "empty. Begin it with `slowtime_model: 1`"),
         (b"just words", "Begin it with"),
         (b"\xff\xfe\x00", "not text"),
         (b"#" * (MAX_BYTES + 1), "Is it a record"),

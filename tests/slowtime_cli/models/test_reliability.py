@@ -111,6 +111,8 @@ def test_a_system_of_parts_has_bounds(run, tmp_path):
             "line 7: A clayton copula takes theta alone",
         ),
         ("- 1\n", "Begin it with `slowtime_reliability: 1`"),
+        ("", "is empty. Begin it with `slowtime_reliability: 1`"),
+        ("# nothing yet\n", "is empty. Begin it with `slowtime_reliability: 1`"),
     ],
 )
 def test_a_file_that_is_wrong_is_refused_with_line_and_cure(refused, tmp_path, text, said):

@@ -90,6 +90,20 @@ def test_what_if_runs_the_twin_of_the_last_epoch(run, softening):
     assert len(lines) == 1 + len(done.json["t_s"])
 
 
+@pytest.mark.parametrize(
+    ("kind", "needed"),
+    [
+        ("harmonic", "--amplitude and --frequency-hz"),
+        ("step", "--amplitude"),
+        ("white", "--psd"),
+    ],
+)
+def test_a_load_without_its_numbers_names_the_options(run, kind, needed):
+    done = run("whatif", __file__, "--load", kind)
+    assert done.status == 2
+    assert f"--load {kind} needs {needed}. Give" in done.err
+
+
 def test_a_recorded_load_is_read_from_a_file(run, softening):
     np.savetxt("quake.csv", np.sin(np.arange(200) / 9.0), header="base", fmt="%.6f")
     shaken = ("--load", "recorded", "--record", "quake.csv", "--rate-hz", 100)

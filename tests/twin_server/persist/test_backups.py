@@ -1,6 +1,8 @@
 """Backups under load, and their way back."""
 
+import contextlib
 import shutil
+import sqlite3
 import threading
 
 import pytest
@@ -84,6 +86,23 @@ def test_a_damaged_database_gives_no_backup_and_a_damaged_backup_is_not_restored
         restore(tmp_path / "bad.sqlite", path)
     assert path.read_bytes() == before
     assert not list(tmp_path.glob(".*"))
+
+
+def test_an_empty_file_is_named_and_gives_no_backup(tmp_path):
+    empty = tmp_path / "twin.sqlite"
+    empty.touch()
+    for work in (lambda: backup(empty, tmp_path / "b.sqlite"), lambda: verify_file(empty)):
+        with pytest.raises(WrongStoreError, match=r"twin\.sqlite is empty. Give the database"):
+            work()
+    assert [path.name for path in tmp_path.iterdir()] == ["twin.sqlite"]
+
+
+def test_a_database_of_another_program_is_named_and_not_its_copy(tmp_path):
+    other = tmp_path / "notes.sqlite"
+    with contextlib.closing(sqlite3.connect(other)) as connection:
+        connection.execute("create table notes (text)")
+    with pytest.raises(WrongStoreError, match=r"notes\.sqlite is not a database of this"):
+        backup(other, tmp_path / "b.sqlite")
 
 
 def test_the_verbs_say_in_a_sentence_what_they_found(tmp_path, capsys):

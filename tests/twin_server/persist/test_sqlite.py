@@ -264,7 +264,7 @@ def test_a_database_of_another_version_is_refused(tmp_path):
 
 def test_a_file_that_is_no_database_is_refused(tmp_path):
     (tmp_path / "x.sqlite").write_bytes(b"not a database at all, " * 100)
-    with pytest.raises(WrongStoreError, match=r"no database of ours.*another --data"):
+    with pytest.raises(WrongStoreError, match=r"no database of slowtime.*another --data"):
         SqliteStore(tmp_path / "x.sqlite")
 
 

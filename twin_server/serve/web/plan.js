@@ -104,9 +104,9 @@ export class Plan {
     const inSlowTime = plan.time_unit === "slow_time", named = inSlowTime ? plan.slow_time_unit && unitOf(plan) : t(`unit.plan.${plan.time_unit}`);
     const unit = named ? t("axis.time_from_now", { unit: named }) : t("axis.slow_time_from_now");
     await Plotly.react(this.plot, traces, {
-      width, height: HEIGHT_PX + (narrow ? LINES_PX * shown.length : 0), margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
+      width, height: HEIGHT_PX + (narrow ? LINES_PX * shown.length : 0), margin: { l: 64, r: 16, t: 8, b: 44 }, hovermode: "x",
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: dated ? t("axis.date") : unit, standoff: 6 } },
+      xaxis: { ...axis, ticklabeloverflow: "allow", title: { text: dated ? t("axis.date") : unit, standoff: 6 } },
       yaxis: { ...axis, rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }), standoff: 4 } },
       legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
     }, quiet);

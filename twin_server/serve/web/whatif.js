@@ -139,7 +139,7 @@ export class WhatIf {
     await Plotly.react(this.plot, [band, line], {
       width: this.plot.clientWidth, height: HEIGHT_PX, margin: { l: 60, r: 10, t: 8, b: 42 }, showlegend: false,
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: t("axis.time", { unit: "s" }), standoff: 6 } }, yaxis: { ...axis, title: { text: `${t(`response.${answer.quantity}`)} [${unit}]`, standoff: 4 } },
+      xaxis: { ...axis, title: { text: t("axis.time", { unit: "s" }), standoff: 6 } }, yaxis: { ...axis, automargin: true, title: { text: `${t(`response.${answer.quantity}`)} [${unit}]`, standoff: 4 } },
     }, quiet);
     this.plot.dataset.samples = times.length;
   }
