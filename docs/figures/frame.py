@@ -25,7 +25,7 @@ from slowtime_cli.shared.demo_structures import registration, structure
 PICTURE = Path(__file__).parents[1] / "frame.png"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WIDTH_PX, HEIGHT_PX = 1200, 940
-MOST_BYTES = 300_000
+MOST_BYTES = 400_000
 EPOCHS = 90
 EXTRACT = {"method": "modes", "order": 16}
 

@@ -93,7 +93,7 @@ def test_every_number_is_said_in_words_with_its_unit(server, visit):
     expect(twin).to_contain_text("Beam")
     expect(twin).to_contain_text("reading 299 at 299 s")
     expect(twin).to_contain_text("mass is assumed constant")
-    expect(twin.locator(".events summary")).to_contain_text("Registered by request")
+    expect(twin.locator(".events summary")).to_contain_text("): Registered by request")
     titles = [plot(page, quantity).locator(".ytitle").text_content() for quantity in CHARTS]
     assert titles == ["frequency [Hz]", "damping ratio [%]", "change [%]", "change [%]"]
     for quantity in CHARTS:
