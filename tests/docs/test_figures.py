@@ -116,8 +116,10 @@ def test_over_many_draws_smoothing_halves_the_error_and_5_30_does_not_lessen_it(
     for seed in range(24):
         noisy = exact + chapter.ERROR_SD * np.random.default_rng(seed).standard_normal(51)
         each = stiffness_from_frequency(noisy, chapter.ERROR_SD, damping_ratio_0=0.05)
-        distance = chapter.book.distance(noisy, 0.05)
-        by_book = chapter.book.stiffness_error_size_known(distance, chapter.ERROR_SD, 0.05)
+        distance = chapter.book_formulas.distance(noisy, 0.05)
+        by_book = chapter.book_formulas.stiffness_error_size_known(
+            distance, chapter.ERROR_SD, 0.05
+        )
         over_time = chapter.smoothed(times, noisy, smoothness=2.5, straight=True)
         smooth = stiffness_from_frequency(over_time.mean, over_time.sd, damping_ratio_0=0.05)
         errors.append([rms(value - truth) for value in (each.value, by_book, smooth.value)])
