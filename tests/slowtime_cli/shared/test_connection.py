@@ -62,5 +62,6 @@ def test_ctrl_c_is_heard_while_a_router_is_waited_for(start, arguments, status):
     out, err = process.communicate(timeout=300)
     assert (process.returncode, out) == (status, ""), err
     assert "Traceback" not in err
-    # It goes faster than it waits for a router, and on a slow machine than it came.
-    assert time.monotonic() - began < max(5.0, began - started)
+    # It goes faster than it waits for a router. A server that is starting ends once it has
+    # started, which on a busy machine takes as long again as what came before.
+    assert time.monotonic() - began < max(5.0, 3.0 * (began - started))
