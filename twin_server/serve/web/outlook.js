@@ -112,7 +112,10 @@ export class Outlook {
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
     const warnings = forecast.warnings ?? [];
     const until = t("outlook.beyond", { time: at(forecast.until) });
-    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...warnings.map((each) => english(make("span", each)))];
+    // Both are right, and a reader who compares a band with a time to a threshold has to know.
+    const several = forecast.crossings.some(({ laws }) => Object.keys(laws ?? {}).length > 1);
+    const apart = several ? [t("outlook.bands_and_laws")] : [];
+    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...apart, ...warnings.map((each) => english(make("span", each)))];
     this.note.replaceChildren(...said.flatMap((part, i) => i ? [" \u00b7 ", part] : [part]));
     this.root.dataset.since = forecast.since;
   }
