@@ -49,7 +49,7 @@ NO_WORDS = {
     " or ", " and ", "No repair: it is a real change.", "The gap",
     "campaign time [s]",
     # Style sheets: fonts, selectors and classes.
-    "system-ui, sans-serif", "header nav a", "thead th", "facts summary", "facts visits",
+    "system-ui, sans-serif", "header nav a", "thead th", "facts summary",
     "facts sensor", "facts worth",
 }  # fmt: skip
 """Literals that look like words and are none that a reader sees."""
