@@ -238,7 +238,12 @@ def _pair(
     groups: list[list[int]],
     spread: Float[np.ndarray, " parameter"],
 ) -> Int[np.ndarray, " mode"]:
-    """Partner of each measured mode, the likeliest as a whole by frequency and MAC."""
+    """Partner of each measured mode, the likeliest as a whole by frequency and MAC.
+
+    A shape has as many directions across the span of close modes as there are channels left,
+    and one for each other mode within the span. The latter tell which member of a close group
+    was measured where the others were not.
+    """
     reach = np.sum((modes.log_frequency_slope * spread) ** 2, axis=1)
     variance = np.minimum(reach, _WIDEST**2) + measured.relative_sd[:, None] ** 2
     away = np.log(measured.frequency_hz[:, None] / modes.frequency_hz)
@@ -246,13 +251,19 @@ def _pair(
     if measured.shapes is not None and measured.shape_sd is not None:
         known = np.isfinite(measured.shapes) & np.isfinite(measured.shape_sd)
         shapes = np.where(known, measured.shapes, 0.0)
-        alike = _alike(modes, groups, shapes, known)
+        own, span = _alike(modes, groups, shapes, known)
         columns, power = modes.sensed, np.sum(shapes**2, axis=1)[:, None]
         turned = np.sum((modes.sensed_slope * spread) ** 2, axis=(0, 2))
         drift = turned / np.maximum(np.sum(columns**2, axis=0), 1e-300)
+        others = np.zeros(len(drift))
+        for group in groups:
+            # Each member could lie anywhere in the span, so that all drift as far as one.
+            drift[group], others[group] = drift[group].max(), len(group) - 1
         noise = np.sum(np.where(known, measured.shape_sd, 0.0) ** 2, axis=1)[:, None] / power
+        variance = np.minimum(drift, 0.5) + noise
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
-        cost = cost + 0.5 * directions * (1.0 - alike) / (np.minimum(drift, 0.5) + noise)
+        cost = cost + 0.5 * directions * (1.0 - span) / variance
+        cost = cost + 0.5 * others * (span - own) / variance
     _, partners = linear_sum_assignment(cost)
     return _in_order(measured, groups, np.asarray(partners))
 
@@ -276,11 +287,12 @@ def _in_order(
 
 def _alike(
     modes: SensedModes, groups: list[list[int]], shapes: np.ndarray, known: np.ndarray
-) -> np.ndarray:
-    """MAC of each measured shape with each mode, or with all modes close to it together."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """MAC of each measured shape with each mode, and with the span of all that are close."""
     columns = modes.sensed
     power = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
-    alike = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
+    alone = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
+    alike = alone.copy()
     close = [group for group in groups if len(group) > 1]
     heard, which = np.unique(known, axis=0, return_inverse=True)
     for k, channels in enumerate(heard):
@@ -289,4 +301,4 @@ def _alike(
             basis = np.linalg.qr(columns[channels][:, group])[0]
             inside = np.sum((shapes[own][:, channels] @ basis) ** 2, axis=1, keepdims=True)
             alike[np.ix_(own, np.array(group))] = inside / power[own]
-    return np.asarray(alike)
+    return np.asarray(alone), np.asarray(alike)
