@@ -146,6 +146,7 @@ pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py
 	$(BIN)/python docs/figures/frame.py
 	$(BIN)/python -m docs.figures.shapes
+	$(BIN)/python -m docs.figures.tower
 	$(BIN)/python docs/figures/diagnosis.py
 
 clean:  ## remove what the other words have made

@@ -1,4 +1,4 @@
-"""A tower of 20,160 degrees of freedom under 24 channels, from samples over Zenoh to the page."""
+"""A tower of 30 groups under 24 channels, from samples over Zenoh to the page in 3-D."""
 
 import pytest
 from playwright.sync_api import expect

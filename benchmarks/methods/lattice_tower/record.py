@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.methods.monitored_tower import BUILT_SD, LOSS, PRIOR_SD, Monitored
+from benchmarks.methods.monitored_tower import BUILT_SD, LOSS, PRIOR_SD, START_NS, Monitored
 from benchmarks.methods.sampled_tower import RATE_RATIO, accelerations
 from slowtime.finite_elements.reduction import BasisSettings
 from slowtime_services.matrices import describe_reduced, read_matrix_model
@@ -52,7 +52,12 @@ class TowerRecord:
 
 
 def write_record(
-    folder: Path, group: str, *, layout: Layout | None = None, seed: int = 1
+    folder: Path,
+    group: str,
+    *,
+    layout: Layout | None = None,
+    later: int = LATER,
+    seed: int = 1,
 ) -> TowerRecord:
     """Simulate a tower of which one group loses 10 %, and write the samples of its channels.
 
@@ -65,6 +70,8 @@ def write_record(
     layout
         How tall the tower is, and how finely it is divided; 20,160 degrees of freedom by
         default.
+    later
+        Number of windows after the loss.
     seed
         Of the structure as built, of forces and of noise.
 
@@ -88,12 +95,12 @@ def write_record(
     rows = np.concatenate(
         [
             accelerations(whole, LEARN * WINDOW_S, rate_hz, rng),
-            accelerations(softer, LATER * WINDOW_S, rate_hz, rng),
+            accelerations(softer, later * WINDOW_S, rate_hz, rng),
         ]
     ).astype(np.float32)
     path = folder / "record.npz"
     columns = dict(zip(full.channels, rows.T, strict=True))
-    np.savez(path, rate_hz=np.array(rate_hz), **columns)  # type: ignore[arg-type]
+    np.savez(path, rate_hz=np.array(rate_hz), **columns)
     return TowerRecord(
         path=path,
         edge={
@@ -101,7 +108,7 @@ def write_record(
             "asset": "tower",
             "extract": {"method": "modes", "window_s": WINDOW_S, "most": MODES},
             "publish": {"linger_s": 600.0},
-            "input": {"kind": "file", "path": str(path), "speed": 0.0},
+            "input": {"kind": "file", "path": str(path), "speed": 0.0, "start_ns": START_NS},
         },
         registration={
             "name": "Lattice tower",
@@ -112,5 +119,5 @@ def write_record(
             "confirm_readings": LATER,
         },
         change=dict(zip(twin.free, change.tolist(), strict=True)),
-        windows=LEARN + LATER,
+        windows=LEARN + later,
     )

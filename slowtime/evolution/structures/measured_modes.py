@@ -5,7 +5,12 @@ A frequency enters by its logarithm. A shape is known up to a factor a, which is
 .. math:: y = a \, C x_j + e, \qquad e_c \sim N(0, s_c^2)
 
 with C what each channel sees. So neither norm nor sign of a shape matters. With a measured
-force shapes are mass-normalised, and a is known to be plus or minus one.
+force shapes are mass-normalised, and a is known to be plus or minus one. Errors that channels
+have in common make the covariance of e
+
+.. math:: \operatorname{diag}(s^2) + \sum_k d_k d_k^T
+
+with a pattern :math:`d_k` for each direction in which they err together.
 """
 
 import dataclasses
@@ -39,6 +44,9 @@ class MeasuredModes:
         the same unit; NaN where not measured. None when only frequencies are known.
     channels
         What each channel sees of the degrees of freedom; all of them, one each, by default.
+    shape_common
+        Patterns of errors that the channels of a shape have in common, in the unit of the
+        shapes; each adds to their covariance. None by default.
     scaled
         Whether the shapes are mass-normalised, as a measured force makes them.
     added_mass
@@ -50,6 +58,7 @@ class MeasuredModes:
     shapes: Float[np.ndarray, "mode channel"] | None = None
     shape_sd: Float[np.ndarray, "mode channel"] | None = None
     channels: Float[np.ndarray, "channel dof"] | None = None
+    shape_common: Float[np.ndarray, "mode pattern channel"] | None = None
     scaled: bool = False
     added_mass: Float[np.ndarray, "dof dof"] | None = None
 
@@ -188,9 +197,9 @@ def _shape_gap(
     measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residual and slope of one shape, its factor fitted unless it is known."""
-    known, weight, target = _weighted(measured, j)
-    model = weight * modes.sensed[known, group[0]]
-    slope = weight[:, None] * modes.sensed_slope[known, group[0]]
+    known, whitening, target = _whitened(measured, j)
+    model = whitening @ modes.sensed[known, group[0]]
+    slope = whitening @ modes.sensed_slope[known, group[0]]
     power = float(model @ model)
     if measured.scaled:
         sign = 1.0 if model @ target >= 0.0 else -1.0
@@ -210,9 +219,9 @@ def _subspace_gap(
     The shapes of close modes turn among each other under the least change, so that only their
     span can be compared; the factors on all of them are fitted.
     """
-    known, weight, target = _weighted(measured, j)
-    model = weight[:, None] * modes.sensed[known][:, group]
-    slopes = weight[:, None, None] * modes.sensed_slope[known][:, group]
+    known, whitening, target = _whitened(measured, j)
+    model = whitening @ modes.sensed[known][:, group]
+    slopes = np.tensordot(whitening, modes.sensed_slope[known][:, group], axes=1)
     if not model.any():
         return target, 0.0 * slopes[:, 0]
     left, size, right = np.linalg.svd(model, full_matrices=False)
@@ -223,13 +232,22 @@ def _subspace_gap(
     return target - left @ (left.T @ target), slope - left @ (left.T @ slope)
 
 
-def _weighted(measured: MeasuredModes, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Channels that saw a shape, their weights, and the shape in standard deviations."""
+def _whitened(measured: MeasuredModes, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Channels that saw a shape, what makes their errors white, and the shape so weighted.
+
+    With :math:`D^{-1} d = U S V^T` of all patterns d, the covariance over the deviations D is
+    :math:`I + U S^2 U^T`, of which the inverse root is taken.
+    """
     assert measured.shapes is not None
     assert measured.shape_sd is not None
     known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
     weight = 1.0 / measured.shape_sd[j, known]
-    return known, weight, weight * measured.shapes[j, known]
+    whitening = np.diag(weight)
+    if measured.shape_common is not None and measured.shape_common.shape[1]:
+        patterns = weight[:, None] * measured.shape_common[j][:, known].T
+        left, size, _ = np.linalg.svd(patterns, full_matrices=False)
+        whitening -= (left * (1.0 - (1.0 + size**2) ** -0.5)) @ left.T * weight
+    return known, whitening, whitening @ measured.shapes[j, known]
 
 
 def _pair(
@@ -259,13 +277,23 @@ def _pair(
         for group in groups:
             # Each member could lie anywhere in the span, so that all drift as far as one.
             drift[group], others[group] = drift[group].max(), len(group) - 1
-        noise = np.sum(np.where(known, measured.shape_sd, 0.0) ** 2, axis=1)[:, None] / power
+        noise = np.sum(np.where(known, _component_sd(measured), 0.0) ** 2, axis=1)[:, None]
+        noise = noise / power
         variance = np.minimum(drift, 0.5) + noise
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
         cost = cost + 0.5 * directions * (1.0 - span) / variance
         cost = cost + 0.5 * others * (span - own) / variance
     _, partners = linear_sum_assignment(cost)
     return _in_order(measured, groups, np.asarray(partners))
+
+
+def _component_sd(measured: MeasuredModes) -> np.ndarray:
+    """Compute deviations of components, with what these have in common with others."""
+    assert measured.shape_sd is not None
+    if measured.shape_common is None:
+        return measured.shape_sd
+    common = np.sum(measured.shape_common**2, axis=1)
+    return np.asarray(np.sqrt(measured.shape_sd**2 + common))
 
 
 def _in_order(

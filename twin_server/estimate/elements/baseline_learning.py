@@ -51,7 +51,8 @@ class LearningLimits:
     clear_scatter
         Scatter over standard deviation above which the scatter counts [1].
     clear_common
-        Factor for common errors above which it counts [1]; independent errors of 3 to 24
+        Square root of the ratio of the trace of the squared covariance to that of independent
+        errors, above which errors are taken for correlated [1]; independent errors of 3 to 24
         channels stay below it in 95 % of simulated learnings of 4 to 40 epochs.
     most_steps
         Steps of a shape that are kept to tell common errors, which bounds memory.
@@ -186,18 +187,47 @@ def measured_of(
     relative = np.array(
         [math.hypot(one.relative_sd, unmodelled_frequency) for one in baselines]
     )
-    shapes = shape_sd = None
+    shapes = shape_sd = common = None
     if any(one.shape is not None for one in baselines):
         nothing = (math.nan,) * len(model.channels)
         shapes = np.array([one.shape or nothing for one in baselines])
-        shape_sd = np.hypot([one.shape_sd or nothing for one in baselines], unmodelled_shape)
+        learnt_sd = np.array([one.shape_sd or nothing for one in baselines])
+        shape_sd = np.hypot(learnt_sd, unmodelled_shape)
+        common = common_patterns(baselines, learnt_sd)
     return MeasuredModes(
         frequency_hz=frequency,
         frequency_sd_hz=frequency * relative,
         shapes=shapes,
         shape_sd=shape_sd,
         channels=model.rows if shapes is not None else None,
+        shape_common=common,
     )
+
+
+def common_patterns(
+    baselines: Sequence[Baseline], shape_sd: Float[np.ndarray, "mode channel"]
+) -> Float[np.ndarray, "mode pattern channel"] | None:
+    """Patterns of common errors of shapes, in their unit.
+
+    Parameters
+    ----------
+    baselines
+        What was learnt of each mode.
+    shape_sd
+        Standard deviations of the components of their shapes; NaN where not measured.
+
+    Returns
+    -------
+    Patterns, 0 for modes with fewer; None without any.
+    """
+    most = max(len(one.shape_common) for one in baselines)
+    if not most:
+        return None
+    patterns = np.zeros((len(baselines), most, shape_sd.shape[1]))
+    for own, one in zip(patterns, baselines, strict=True):
+        if one.shape_common:
+            own[: len(one.shape_common)] = one.shape_common
+    return np.asarray(patterns * np.nan_to_num(shape_sd)[:, None])
 
 
 def _added(
@@ -258,16 +288,23 @@ def _step(
     return np.asarray((turned - last) / np.hypot(sd, last_sd))
 
 
-def common_error_factor(steps: Float[np.ndarray, "step channel"]) -> float:
-    r"""Factor on standard deviations that covers errors which channels have in common.
+def common_errors(
+    steps: Float[np.ndarray, "step channel"],
+) -> Float[np.ndarray, "pattern channel"]:
+    r"""Patterns of errors that channels have in common, from steps between shapes.
 
     Standard deviations of components say nothing of correlation. Shapes of ambient records err
     by parts of neighbouring modes, in all channels at once; along such a part an error is up to
-    :math:`\sqrt{n}` times as probable as :math:`n` independent ones would make it. Errors of
-    covariance :math:`S` are as good as :math:`r = (\mathrm{tr} S)^2 / \mathrm{tr} S^2`
-    independent ones, and the factor is :math:`\sqrt{n / r}`. The trace of the squared sample
-    covariance is freed of its bias, m steps being worth :math:`2 m / 3` independent ones, since
-    neighbouring steps share a shape.
+    :math:`\sqrt{n}` times as probable as :math:`n` independent ones would make it. Of the
+    sample covariance :math:`S`, shrunk towards :math:`\mu I`, what exceeds independent errors
+    of variance 1 is kept: a pattern for each such direction.
+
+    .. math:: (1 - \rho) S + \rho \mu I, \qquad \mu = \frac{\mathrm{tr} S}{n}, \qquad
+              1 - \rho = \frac{\mathrm{tr} \Sigma^2 - n \mu^2}{\mathrm{tr} S^2 - n \mu^2}
+
+    The trace of the squared covariance :math:`\Sigma` is that of the sample freed of its bias,
+    m steps being worth :math:`2 m / 3` independent ones, since neighbouring steps share a
+    shape.
 
     Parameters
     ----------
@@ -276,25 +313,34 @@ def common_error_factor(steps: Float[np.ndarray, "step channel"]) -> float:
 
     Returns
     -------
-    The factor [1]; 1 where it is not clearly more.
+    Patterns in standard deviations [1]; none where errors are not clearly correlated.
 
     References
     ----------
     .. [1] O. Ledoit, M. Wolf, "Some hypothesis tests for the covariance matrix when the
        dimension is large compared to the sample size", Annals of Statistics 30 (2002).
+    .. [2] O. Ledoit, M. Wolf, "A well-conditioned estimator for large-dimensional covariance
+       matrices", Journal of Multivariate Analysis 88 (2004) 365-411.
     """
     count, channels = steps.shape
+    none = np.zeros((0, channels))
     if count < 2 or channels < 2:
-        return 1.0
+        return none
     inner = steps @ steps.T / count
-    whole = float(np.trace(inner)) ** 2
-    if not whole > 0.0:
-        return 1.0
+    mean = float(np.trace(inner)) / channels
+    if not mean > 0.0:
+        return none
+    white = channels * mean**2
     worth = count / _SHARED
-    square = (float((inner**2).sum()) - whole / worth) * worth / (worth + 1.0)
-    rank = min(max(whole / max(square, 1e-300), 1.0), float(channels))
-    factor = math.sqrt(channels / rank)
-    return factor if factor > LIMITS.clear_common else 1.0
+    square = float((inner**2).sum())
+    true = (square - channels * white / worth) * worth / (worth + 1.0)
+    if true < LIMITS.clear_common**2 * white:
+        return none
+    kept = min((true - white) / (square - white), 1.0)
+    _, size, patterns = np.linalg.svd(steps / math.sqrt(count), full_matrices=False)
+    excess = kept * size**2 + (1.0 - kept) * mean - 1.0
+    own = excess > 0.0
+    return np.asarray(np.sqrt(excess[own])[:, None] * patterns[own])
 
 
 _SHARED = 1.5
@@ -312,7 +358,7 @@ def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
     nominal = learn_nominal(frequency, sd, damping, damping_sd)
     weight = np.array(lesson.weight)
     shape = shape_sd = None
-    shape_scatter = 1.0
+    shape_scatter, common = 1.0, np.zeros((0, len(weight)))
     if (weight > 0.0).sum() > 1:
         heard = weight > 0.0
         safe = np.where(heard, weight, 1.0)
@@ -320,7 +366,7 @@ def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
         norm = float(np.sqrt(np.nansum(mean**2)))
         shape_scatter = _scatter(math.sqrt(lesson.jumped / max(lesson.jumps, 1)))
         if lesson.steps:
-            shape_scatter *= common_error_factor(np.array(lesson.steps))
+            common = common_errors(np.array(lesson.steps) / shape_scatter)
         shape = tuple((mean / norm).tolist())
         shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
     return Baseline(
@@ -335,6 +381,7 @@ def _baseline(lesson: ModeSamples, wanted: Covariates | None) -> Baseline:
         _scatter(_steps(frequency, sd)) if condition is None else 1.0,
         shape_scatter,
         condition,
+        tuple(map(tuple, common.tolist())),
     )
 
 

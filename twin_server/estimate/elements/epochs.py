@@ -41,7 +41,7 @@ from twin_server.history import states as st
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import Model
 
-from .baseline_learning import conclude, gather, is_enough
+from .baseline_learning import common_patterns, conclude, gather, is_enough
 from .mode_matching import aligned, match, update_reference
 from .observed_modes import ObservedMode, observed_modes
 from .suspects import Suspect, suspects_of
@@ -302,12 +302,14 @@ def _measured(
         shapes.append(shape)
         shape_sds.append(shape_sd)
     values, any_shape = np.array(frequency), bool(np.isfinite(shapes).any())
+    known = [baseline for baseline, _, _ in matched]
     return MeasuredModes(
         frequency_hz=values,
         frequency_sd_hz=values * np.array(relative),
         shapes=np.array(shapes) if any_shape else None,
         shape_sd=np.array(shape_sds) if any_shape else None,
         channels=nominal.model.rows if any_shape else None,
+        shape_common=common_patterns(known, np.array(shape_sds)) if any_shape else None,
     )
 
 

@@ -87,6 +87,9 @@ class Baseline:
         one epoch to the next while learning; those to come are taken to do the same.
     condition
         Under covariates, what is normal for its frequency; the one above is at the reference.
+    shape_common
+        Patterns of errors that channels had in common from one epoch to the next while
+        learning, in standard deviations of their components, 0 where not heard.
     """
 
     mode: int
@@ -99,6 +102,7 @@ class Baseline:
     scatter: float = 1.0
     shape_scatter: float = 1.0
     condition: Condition | None = None
+    shape_common: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -188,6 +192,7 @@ class Memory:
                         "shape": _floats(b["shape"]),
                         "shape_sd": _floats(b["shape_sd"]),
                         "condition": condition_of(b.get("condition")),
+                        "shape_common": tuple(tuple(p) for p in b.get("shape_common", ())),
                     }
                 )
                 for b in content["baselines"]

@@ -105,7 +105,7 @@ function layoutOf(twin, quantity, { width, range, assumed, empty, wide, zoomed }
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
     xaxis: { ...axis, ...timeAxis(twin, zoomed, width) },
-    yaxis: { ...axis, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
+    yaxis: { ...axis, automargin: true, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
     shapes: [...marks.shapes, ...limitsOf(twin, quantity), ...instantOf(twin)], annotations: [...marks.notes, ...(assumed || empty ? [note] : [])],
   };
 }

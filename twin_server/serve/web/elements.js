@@ -8,6 +8,7 @@ import { atTime, interval95, make, number, range, slowTime, suspected, valued } 
 
 const MOST_LINES = 8, NARROW = "\u202f";
 const HARDLY_TOLD = 0.9;
+const ROW_PX = 13, BELOW_PX = 42;
 const TINTS = ["inseparable", "ahead", "estimate"], DASHES = ["solid", "dash", "dot"];
 
 const percent = (x, places) => number(100 * x, places);
@@ -183,9 +184,9 @@ function drawnNow(elements, accused, base) {
   }));
   const reach = Math.max(1, ...rows.flatMap(([, e]) => [Math.abs(100 * e.lo), Math.abs(100 * e.hi)]));
   const layout = {
-    ...base, margin: { l: 8, r: 10, t: 8, b: 42 }, shapes: bars,
+    ...base, height: Math.max(base.height, ROW_PX * rows.length + BELOW_PX), margin: { l: 8, r: 10, t: 8, b: BELOW_PX }, shapes: bars,
     xaxis: { ...axisOf(), title: { text: t("axis.change"), standoff: 6 }, range: [-1.1 * reach, 1.1 * reach] },
-    yaxis: { ...axisOf(), zeroline: false, automargin: true, type: "category" },
+    yaxis: { ...axisOf(), zeroline: false, automargin: true, type: "category", dtick: 1 },
   };
   return [[trace], layout];
 }
