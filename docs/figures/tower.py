@@ -24,7 +24,7 @@ from slowtime_cli.operation.child_processes import Children, children
 PICTURE = Path(__file__).parents[1] / "tower.png"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 GROUP, TWIN = "legs 5", "lab.tower"
-WIDTH_PX, HEIGHT_PX = 1200, 1740
+WIDTH_PX, HEIGHT_PX = 1200, 1790
 """Size of the picture [px]: down to the changes of all groups, without their table."""
 
 LATER = 4
@@ -145,6 +145,8 @@ def take(url: str, group: str, out: Path) -> None:
         canvas = panel.locator(".wireframe canvas")
         expect(canvas).to_have_attribute("data-changed", group, timeout=300_000)
         expect(panel.locator(".verdict")).to_contain_text(f"{group} has lost")
+        past = panel.locator('[data-quantity="elements-history"]')
+        expect(past).to_have_attribute("data-points", str(LATER), timeout=300_000)
         panel.locator(".wireframe select").select_option(MODE)
         expect(canvas).to_have_attribute("data-mode", MODE)
         page.screenshot(path=out)

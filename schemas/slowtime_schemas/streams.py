@@ -166,6 +166,8 @@ REGISTRATION = Stream(
     recorded=True,
     sender="twin",
     encoding=JSON,
+    # A model of the 4 MiB that a server takes, and all else that it was told.
+    max_bytes=5 * 2**20,
     says="twin to all: what it was told of its structure, so that a replay knows it too",
 )
 

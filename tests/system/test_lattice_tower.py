@@ -32,6 +32,8 @@ def test_the_group_of_thirty_that_lost_a_tenth_is_named_and_drawn(house, visit, 
     changed = [one for one in found if one["kind"] == "element_changed"]
     assert [one["details"]["suspect"] for one in changed] == [GROUP]
 
+    assert "Refused" not in house.said("twin")
+
     page = visit(house, "#lab.tower")
     canvas = page.locator('[id="lab.tower"] .wireframe canvas')
     expect(canvas).to_have_attribute("data-changed", GROUP)

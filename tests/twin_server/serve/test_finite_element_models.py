@@ -4,7 +4,9 @@ import json
 
 import pytest
 
+from slowtime_schemas.streams import REGISTRATION
 from tests.twin_server.towers import GROUPS, LOSS, epoch, full_model, tower
+from twin_server.serve.api import LARGEST_MODEL
 
 TOWER = "/api/v1/twins/lab.tower"
 
@@ -39,6 +41,10 @@ def test_a_twin_of_a_frame_names_the_group_that_changed(towered):
     kept = twin["registration"]["model"]
     assert kept["slowtime_model"] == 2
     assert {part["kind"] for part in kept["elements"]} == {"matrix"}
+
+
+def test_a_registration_with_the_largest_model_travels():
+    assert REGISTRATION.max_bytes > LARGEST_MODEL
 
 
 def test_a_model_larger_than_other_bodies_is_taken_and_matrices_of_files_are_not(towered):

@@ -8,7 +8,7 @@ import { atTime, interval95, make, number, range, slowTime, suspected, valued } 
 
 const MOST_LINES = 8, NARROW = "\u202f";
 const HARDLY_TOLD = 0.9;
-const ROW_PX = 13, BELOW_PX = 42;
+const ROW_PX = 15, BELOW_PX = 42;
 const TINTS = ["inseparable", "ahead", "estimate"], DASHES = ["solid", "dash", "dot"];
 
 const percent = (x, places) => number(100 * x, places);
