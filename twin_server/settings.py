@@ -32,7 +32,8 @@ class Frozen(BaseModel):
 class AdmissionSettings(Frozen):
     """Which messages are let in."""
 
-    max_payload_bytes: Annotated[int, Field(ge=1_024)] = 2**20
+    max_payload_bytes: Annotated[int, Field(ge=1_024)] = 5 * 2**20
+    """Of any stream, each of which may have less: as much as a registration has."""
     max_ahead_s: NotNegative = 300.0
     """How far a sender's clock may be from ours, and a live sensor's time ahead of it."""
     max_age_s: Positive = 30 * 86_400.0

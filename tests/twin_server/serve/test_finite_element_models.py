@@ -7,6 +7,7 @@ import pytest
 from slowtime_schemas.streams import REGISTRATION
 from tests.twin_server.towers import GROUPS, LOSS, epoch, full_model, tower
 from twin_server.serve.api import LARGEST_MODEL
+from twin_server.settings import AdmissionSettings
 
 TOWER = "/api/v1/twins/lab.tower"
 
@@ -45,6 +46,7 @@ def test_a_twin_of_a_frame_names_the_group_that_changed(towered):
 
 def test_a_registration_with_the_largest_model_travels():
     assert REGISTRATION.max_bytes > LARGEST_MODEL
+    assert AdmissionSettings().max_payload_bytes >= REGISTRATION.max_bytes
 
 
 def test_a_model_larger_than_other_bodies_is_taken_and_matrices_of_files_are_not(towered):
