@@ -103,11 +103,12 @@ def wait_for(family: Children, url: str, points: int = 0) -> None:
     """
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
-        family.check()
         with contextlib.suppress(httpx.TransportError):
             answer = httpx.get(url, timeout=300)
             if answer.is_success and (not points or len(answer.json()["points"]) >= points):
                 return
+        # After the answer, since the edge agent ends once all of its messages have come.
+        family.check()
         time.sleep(0.5)
     raise SystemExit(f"Waited {PATIENCE_S:g} s for {points} points from {url}.")
 
