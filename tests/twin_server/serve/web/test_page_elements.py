@@ -168,7 +168,7 @@ def test_the_page_says_what_the_weather_does_not_explain(serving, features, visi
     expect(twin.locator(".pill").first).to_have_text("learning the nominal model")
     server.feed(made[50:])
     expect(twin).to_contain_text("effect of temperature_c removed (linear)")
-    said = re.compile(r"Not explained by .* since (69|70|71) s: stiffness change −[56]\.")
+    said = re.compile(r"Since (69|70|71) s, stiffness change has changed by −[56]\.")
     expect(twin.locator(".reasons")).to_contain_text(said)
     expect(twin.locator("details.events")).to_have_attribute("data-severity", "alarm")
     assert page.complaints == []
