@@ -24,6 +24,14 @@ PLACED_S = 60.0
 """After which the log says that a shard is not up [s]; a start takes a few seconds, with a
 worker process of Ray on a busy node up to some tens."""
 
+CLUSTER_S = 5.0
+"""How often the cluster is asked whether it still knows this driver's node [s]; an answer takes
+some milliseconds, and a new head in place of a lost one is seen after so long."""
+
+PARENT_S = 1.0
+"""How often an actor looks whether its node's raylet lives [s]; the next actor of its shard is
+refused by the lock of the database for so long."""
+
 THREADS = 4
 """Calls that an actor answers at once: where it answers, its end, and that it shall end."""
 
@@ -100,6 +108,9 @@ class ShardActor:
         self._url, self._code = "", 0
         self._thread = threading.Thread(target=self._run, args=(own,), name="shard")
         self._thread.start()
+        threading.Thread(
+            target=self._until_orphaned, args=(os.getppid(),), name="raylet", daemon=True
+        ).start()
 
     def place(self) -> tuple[str, int, str]:
         """Wait until the shard answers, and return where."""
@@ -126,6 +137,19 @@ class ShardActor:
             logger.exception("The shard has failed.")
             self._code = 1
         self._told.set()
+
+    def _until_orphaned(self, parent: int) -> None:
+        """End the shard once the raylet that started this process has ended.
+
+        An actor whose cluster got a new head outlives its raylet, and would keep the lock of
+        the database from the actor that the new head starts.
+        """
+        while os.getppid() == parent:
+            time.sleep(PARENT_S)
+        logger.error("The raylet of this shard has ended, and the shard ends.")
+        self.stop()
+        self._thread.join()
+        os._exit(1)
 
     def _answers(self, url: str) -> None:
         self._url = url
@@ -164,7 +188,7 @@ class RayShards:
     settings
         Of the whole fleet; `shards.engine` names the cluster.
     stop
-        Set where the fleet ends; also from here, where the cluster is lost.
+        Set where the fleet ends; also from here, where the cluster is lost: `lost` says why.
     level, form
         Least level of the shards' log, and how it is written.
     """
@@ -183,7 +207,7 @@ class RayShards:
         self._connected, self._error = threading.Event(), ""
         # All calls of Ray are made in this thread: in the main thread it takes the signals.
         self._thread = threading.Thread(target=self._run, name="shards", daemon=True)
-        self.restarts = 0
+        self.restarts, self.lost = 0, ""
 
     @property
     def count(self) -> int:
@@ -234,17 +258,14 @@ class RayShards:
             self._watch()
             self._end()
         except Exception as error:
-            logger.error(
-                "The Ray cluster is lost: %s. This server ends; start it again once the "
-                "cluster is there. The shards continue from their database.",
-                error,
-            )
+            self.lost = f"{type(error).__name__}: {error}."
             self._stop.set()
+            return  # without `shutdown`, which would wait for the cluster
         finally:
             for shard in self._shards:
                 shard.place = None
-            with contextlib.suppress(Exception):
-                self._ray.shutdown()
+        with contextlib.suppress(Exception):
+            self._ray.shutdown()
 
     def _join(self) -> None:
         engine = self._settings.shards.engine
@@ -273,7 +294,12 @@ class RayShards:
     def _watch(self) -> None:
         for shard in self._shards:
             self._begin(shard)
+        node = self._ray.get_runtime_context().get_node_id()
+        next_s = time.monotonic()
         while not self._stop.is_set():
+            if time.monotonic() >= next_s:
+                self._check_known(node)
+                next_s = time.monotonic() + CLUSTER_S
             asked = {
                 one: shard
                 for shard in self._shards
@@ -288,6 +314,23 @@ class RayShards:
                 self._stop.wait(LOOK_S)
             for shard in self._shards:
                 self._look(shard)
+
+    def _check_known(self, node: str) -> None:
+        """Check that the cluster is the one that was joined; another head knows no such node.
+
+        A cluster that does not answer may be reached again; `wait` fails where Ray gives up.
+
+        Raises
+        ------
+        ConnectionError
+            If it is another one. Ray 2.60 ends the process instead.
+        """
+        try:
+            nodes = self._ray.nodes()
+        except Exception:
+            return
+        if not any(one["NodeID"] == node and one["Alive"] for one in nodes):
+            raise ConnectionError("the cluster does not know the node of this driver any more")
 
     def _hear(self, shard: _Shard, told: Any) -> None:
         """Take what an actor tells: where it answers, or that it has ended.

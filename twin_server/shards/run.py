@@ -24,7 +24,8 @@ from twin_server.serve.http.connections import Connections
 from twin_server.settings import TwinSettings
 
 from .front import create_front
-from .ray_actors import EngineError, RayShards, check_engine
+from .ray_actors import EngineError, check_engine
+from .ray_driver import RayFleet
 from .supervisor import Supervisor
 
 logger = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ def run(
     settings: TwinSettings,
     *,
     stop: threading.Event | None = None,
-    ready: Callable[[str, Supervisor | RayShards], None] | None = None,
+    ready: Callable[[str, Supervisor | RayFleet], None] | None = None,
 ) -> int:
     """Run all shards and the front before them until `stop`, SIGINT or SIGTERM.
 
@@ -72,8 +73,6 @@ def run(
                 target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
             )
             supervisor.start()
-            # Again: Ray has taken SIGTERM, and would abort the process some seconds after it.
-            open_things.enter_context(ended_by_signals(stop))
             door.start()
             try:
                 while not server.started and door.is_alive():
@@ -109,10 +108,10 @@ def _with_key(settings: TwinSettings) -> TwinSettings:
     return settings.model_copy(update={"shards": shards})
 
 
-def _supervisor(settings: TwinSettings, stop: threading.Event) -> Supervisor | RayShards:
+def _supervisor(settings: TwinSettings, stop: threading.Event) -> Supervisor | RayFleet:
     """Make what runs the shards, as the settings name it."""
     root = logging.getLogger()
-    how = Supervisor if settings.shards.engine == "local" else RayShards
+    how = Supervisor if settings.shards.engine == "local" else RayFleet
     return how(settings, stop, level=root.level, form=_form(root))
 
 

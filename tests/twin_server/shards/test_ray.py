@@ -200,6 +200,65 @@ def test_a_killed_actor_is_started_again_where_the_cluster_is_reached_by_its_cli
         assert shards.place(0) == places[0]
 
 
+@pytest.fixture
+def restartable(monkeypatch):
+    """A cluster with fixed ports, that a supervisor starts again: gives it, and a new one."""
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "5")
+    ports = {"gcs_server_port": free_port(), "ray_client_server_port": free_port()}
+    clusters = []
+
+    def begin():
+        made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **ports})
+        made.add_node(num_cpus=COUNT)
+        clusters.append(made)
+        monkeypatch.setenv("RAY_ADDRESS", made.address)
+        return made
+
+    yield begin, f"ray://127.0.0.1:{ports['ray_client_server_port']}"
+    for made in clusters:
+        made.shutdown()
+
+
+def kill_processes(node):
+    """Kill all processes that Ray runs for a node, as the loss of its machine does."""
+    for infos in node.all_processes.values():
+        for info in infos:
+            info.process.kill()
+
+
+@pytest.mark.parametrize("by", ["ray:auto", "client port"])
+def test_a_cluster_whose_head_was_killed_is_joined_again_and_shards_continue(
+    tmp_path, postgres, restartable, endpoint, messages, sample, edge, eventually, capsys, by
+):
+    begin, address = restartable
+    first = begin()
+    wanted = expected(tmp_path, messages, sample)
+    with fleet(postgres, endpoint, address if by != "ray:auto" else by) as (client, shards):
+        assert eventually(client.ready, 300)
+        places = [shards.place(index) for index in range(COUNT)]
+
+        def lose():
+            kill_processes(first.head_node)
+            time.sleep(1.0)
+            begin()  # as the supervisor of the cluster does
+
+        with published(endpoint, edge, messages, lose):
+            begun = time.monotonic()
+            assert eventually(lambda: shards.rejoined > 0, 300)
+            for index, before in enumerate(places):
+                recovery_s(shards, index, before, eventually)
+            took_s = time.monotonic() - begun
+            assert eventually(lambda: found(client) == wanted, 300)
+            assert eventually(client.ready, 60)
+        with capsys.disabled():
+            print(
+                f"\nhead killed ({by}): shards answered from the new cluster at most "
+                f"{took_s:.1f} s after the last message"
+            )
+
+
 def test_a_signal_ends_the_command_cleanly_after_ray_has_taken_it(tmp_path, eventually):
     port = free_port()
     words = ["twin", "--shards", "2", "--engine", "ray", "--port", str(port)]
