@@ -117,6 +117,7 @@ class Pipeline:
             settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
         )
         self._calls: collections.deque[Callable[[], None]] = collections.deque()
+        self._pressing, self._next_s = threading.Event(), 0.0
         self._answered: collections.deque[Answered] = collections.deque()
         self._lock = threading.RLock()
         self._handles: list[Handle] = []
@@ -179,6 +180,7 @@ class Pipeline:
         if self._backfill is not None:
             self._backfill.stop()
         self._inbox.close()
+        self._pressing.set()
         if self._worker is not None:
             self._worker.join()
             self._worker = None
@@ -326,6 +328,7 @@ class Pipeline:
     def _later(self, call: Callable[[], None]) -> None:
         self._calls.append(call)
         self._inbox.put(None)
+        self._pressing.set()
 
     def _receive(self, sample: Sample) -> None:
         """Enqueue, nothing else: this is a thread of the bus."""
@@ -346,22 +349,35 @@ class Pipeline:
     def _work(self) -> None:
         limit = self.settings.pipeline.batch_messages
         while True:
-            wait_s = ACK_EVERY_S if self._publisher.owes else 0.25
-            samples = self._inbox.take(limit, timeout_s=wait_s)
+            samples: list[Sample | None] = []
+            if self._gathered(limit):
+                wait_s = ACK_EVERY_S if self._publisher.owes else 0.25
+                samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
                     self._guarded(self._calls.popleft())
                 real = [sample for sample in samples if sample is not None]
                 if real:
+                    self._next_s = time.monotonic() + self.settings.pipeline.gather_s
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
                 self._guarded(self._election.step)
                 if not self._stale:  # else the account counts what is not durable
                     self._guarded(self._publisher.acknowledge)
                 self._guarded(lambda: self._publisher.announce_all(self._twins))
                 self._guarded(self._sign_ledger)
-            if self._inbox.closed and not samples and not self._calls:
+            if self._inbox.closed and not samples and not self._calls and not self._inbox:
                 self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
+
+    def _gathered(self, limit: int) -> bool:
+        """Let messages gather for a batch, unless there are enough; False if calls are due."""
+        self._pressing.clear()
+        wait_s = self._next_s - time.monotonic()
+        if wait_s <= 0 or self._inbox.closed or len(self._inbox) >= limit:
+            return True
+        if not self._calls:
+            self._pressing.wait(wait_s)
+        return not self._calls
 
     def _sign_ledger(self, *, at_once: bool = False) -> None:
         """Sign a head of the ledger, if the server has a key and the interval has passed."""

@@ -30,7 +30,7 @@ from twin_server.pipeline import Pipeline
 from twin_server.pipeline.ingestion import estimation as estimating
 from twin_server.pipeline.ingestion.state_publisher import ACK_EVERY_S
 from twin_server.registration.twin import Registration
-from twin_server.settings import TwinSettings
+from twin_server.settings import PipelineSettings, TwinSettings
 
 
 @pytest.fixture
@@ -489,3 +489,36 @@ def test_an_agent_with_former_keys_is_healed_acknowledged_and_gives_the_same_his
             lambda: acknowledged and json.loads(acknowledged[-1])["sequence"] == 59
         )
     assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
+
+
+def test_messages_that_follow_each_other_share_batches_and_a_lone_one_does_not_wait(
+    open_twin, settings, features, sample, eventually
+):
+    bus = MemoryBus()
+    gathering = settings.model_copy(update={"pipeline": PipelineSettings(gather_s=0.2)})
+    pipeline, _ = open_twin(bus, with_settings=gathering)
+    began_s = time.monotonic()
+    for number in range(60):
+        message = sample(features(number))
+        bus.publish(message.key, message.payload, encoding="application/json")
+        time.sleep(0.01)
+    assert eventually(lambda: pipeline.counts["accepted"] == 60)
+    took_s = time.monotonic() - began_s
+    assert pipeline.counts["batches"] <= took_s / 0.2 + 1
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_call_and_the_end_do_not_wait_for_messages_to_gather(
+    open_twin, settings, features, sample, eventually, ends
+):
+    bus = MemoryBus()
+    gathering = settings.model_copy(update={"pipeline": PipelineSettings(gather_s=10.0)})
+    pipeline, store = open_twin(bus, with_settings=gathering)
+    for number in range(2):
+        message = sample(features(number))
+        bus.publish(message.key, message.payload, encoding="application/json")
+        assert eventually(lambda: pipeline.counts["accepted"] == 1)
+    began_s = time.monotonic()
+    pipeline.stop() if ends else pipeline.call(lambda: None)
+    assert time.monotonic() - began_s < 8.0
+    assert store.digest("lab.beam")[1] == (2 if ends else 1)
