@@ -71,7 +71,7 @@ class Context:
 @pytest.fixture
 def context(monkeypatch):
     made = Context()
-    monkeypatch.setattr(ray_driver.multiprocessing, "get_context", lambda _: made)
+    monkeypatch.setattr("multiprocessing.get_context", lambda _: made)
     return made
 
 
@@ -107,9 +107,7 @@ def test_shards_are_where_the_driver_tells(context, fleet, eventually):
     assert (fleet.place(1), fleet.restarts) == (FIRST[1], 1)
 
 
-def test_a_driver_that_ray_has_ended_is_followed_by_another(
-    context, fleet, eventually, caplog
-):
+def test_a_driver_that_ray_has_ended_is_followed_by_another(context, fleet, eventually, caplog):
     context.drivers[0].tell(*FIRST, restarts=3)
     assert eventually(lambda: fleet.url(1) is not None)
     context.drivers[0].end(-6)
@@ -169,6 +167,7 @@ class Shards:
     """Shards of a driver; they answer at once, and the cluster is lost if it is said so."""
 
     refuses = loses = ""
+    latest: "Shards"
 
     def __init__(self, settings, stop, *, level, form):
         self.count, self.restarts, self.lost, self.ended = 2, 0, "", False
@@ -226,7 +225,7 @@ def test_a_driver_tells_that_the_cluster_is_lost_and_ends_at_once(pipe, monkeypa
         codes.append(code)
         raise SystemExit
 
-    monkeypatch.setattr(ray_driver.os, "_exit", leave)
+    monkeypatch.setattr("os._exit", leave)
     monkeypatch.setattr("logging.shutdown", lambda: None)
     monkeypatch.setattr(Shards, "loses", "the head is gone")
     with pytest.raises(SystemExit):
