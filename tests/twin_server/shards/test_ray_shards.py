@@ -81,6 +81,7 @@ class Ray(types.ModuleType):
         self.asked_for: dict[str, Any] = {}
         self.joined = self.left = 0
         self.refuses: Exception | None = None
+        self.known: list[str] | Exception = ["node-1"]
 
     def init(self, **given):
         if self.refuses is not None:
@@ -89,6 +90,14 @@ class Ray(types.ModuleType):
 
     def shutdown(self):
         self.left += 1
+
+    def get_runtime_context(self):
+        return types.SimpleNamespace(get_node_id=lambda: "node-1")
+
+    def nodes(self):
+        if isinstance(self.known, Exception):
+            raise self.known
+        return [{"NodeID": name, "Alive": True} for name in self.known]
 
     def remote(self, **asked_for):
         self.asked_for = asked_for
@@ -203,14 +212,58 @@ def test_a_cluster_that_cannot_be_joined_is_refused_with_what_to_do(ray):
         made.start()
 
 
-def test_a_lost_cluster_ends_the_server(ray, shards, eventually, caplog):
+def test_a_lost_cluster_is_told_and_left_without_waiting_for_it(ray, shards, eventually):
     def lost(*_, **__):
         raise ConnectionError("the head is gone")
 
     ray.wait = lost
     assert eventually(lambda: shards.url(0) is None)
     assert eventually(lambda: shards._stop.is_set())
-    assert "The Ray cluster is lost: the head is gone" in caplog.text
+    assert shards.lost == "ConnectionError: the head is gone."
+    assert ray.left == 0
+
+
+@pytest.fixture
+def asked_often(monkeypatch):
+    """A cluster that is asked all the time what it knows."""
+    monkeypatch.setattr(ray_actors, "CLUSTER_S", 0.0)
+
+
+def test_a_cluster_with_another_head_is_lost(asked_often, ray, shards, eventually):
+    ray.known = ["node-2"]
+    assert eventually(lambda: shards._stop.is_set())
+    assert "does not know the node of this driver" in shards.lost
+
+
+def test_a_cluster_that_does_not_answer_for_a_moment_is_not_lost(
+    asked_often, ray, shards, eventually
+):
+    ray.known = ValueError("channel closed")
+    ray.actors[0].last("ended").tell(UnavailableError())
+    assert eventually(lambda: shards.restarts == 1)
+    assert not shards.lost
+    ray.known = ["node-1"]
+
+
+def test_an_actor_ends_its_shard_and_itself_once_its_raylet_has_ended(
+    ray, monkeypatch, eventually
+):
+    parents, codes = [10, 10, 1], []
+
+    def run(settings, *, stop, ready):
+        ready("http://here")
+        return 0 if stop.wait(30) else 3
+
+    monkeypatch.setattr("twin_server.__main__.run", run)
+    monkeypatch.setattr("logging.basicConfig", lambda **_: None)
+    monkeypatch.setattr("os.getppid", lambda: parents.pop(0) if len(parents) > 1 else 1)
+    monkeypatch.setattr("os._exit", codes.append)
+    monkeypatch.setattr(ray_actors, "PARENT_S", 0.01)
+    actor = ray_actors.ShardActor(
+        TwinSettings(shards={"count": 2, "engine": "ray"}), 0, 20, "text"
+    )
+    assert actor.ended(actor.place()[0]) == 0
+    assert eventually(lambda: codes == [1])
 
 
 @pytest.mark.parametrize("engine", ["ray", "ray:auto"])
