@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.streams import FEATURES, address_of
 from slowtime_services.bus import PartialBus, Sample, ZenohBus
 from slowtime_services.shards import Share
 from twin_server.__main__ import collect_less_often
@@ -39,17 +39,17 @@ def _settings(share: Share | None, folder: Path) -> TwinSettings:
     return TwinSettings(database=folder / "twin.sqlite", shards=shards)
 
 
-def _has(share: Share | None, asset: str) -> bool:
-    return share is None or share.has(asset)
+def has(share: Share | None, key: str) -> bool:
+    """Whether a share, or a single server if None, has the asset of a message's key."""
+    address = address_of(key)
+    return share is None or (address is not None and share.has(address[1]))
 
 
 def from_memory(share: Share | None, folder: Path, pipe: Connection) -> None:
     """Take the features of a share from memory into its store, once told to."""
     settings = _settings(share, folder)
     samples = [
-        Sample(key, payload, None, True)
-        for key, payload in payloads()
-        if _has(share, key.split("/")[3])
+        Sample(key, payload, None, True) for key, payload in payloads() if has(share, key)
     ]
     first = len(samples) * KNOWN // COUNT
     with contextlib.closing(open_store(settings.database, share=share)) as store:
@@ -68,7 +68,7 @@ def from_memory(share: Share | None, folder: Path, pipe: Connection) -> None:
 def from_bus(share: Share | None, folder: Path, pipe: Connection, endpoint: str) -> None:
     """Take the features of a share from the bus, and tell the processor time of that [s]."""
     settings = _settings(share, folder)
-    wanted = sum(_has(share, key.split("/")[3]) for key, _ in payloads())
+    wanted = sum(has(share, key) for key, _ in payloads())
     with (
         contextlib.closing(open_store(settings.database, share=share)) as store,
         ZenohBus("client", [endpoint]) as bus,
