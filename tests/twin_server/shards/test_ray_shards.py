@@ -248,7 +248,8 @@ def test_a_cluster_that_does_not_answer_for_a_moment_is_not_lost(
 def test_an_actor_ends_its_shard_and_itself_once_its_raylet_has_ended(
     ray, monkeypatch, eventually
 ):
-    parents, codes = [10, 10, 1], []
+    parents = [10, 10, 1]
+    codes: list[int] = []
 
     def run(settings, *, stop, ready):
         ready("http://here")
