@@ -10,6 +10,7 @@ import scipy.optimize
 import scipy.stats
 from jaxtyping import Float
 
+from slowtime.discrepancy.free_decay.records import is_free_decay
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
@@ -53,6 +54,9 @@ class NoiseThresholds:
     noise_only_p_value: float = 1e-3
     """[probability] p-value below which a residual that is noise alone is suspected of more.
     Source: one false alarm in a thousand sensors."""
+    silent_ratio: float = 2.0
+    """[1] Times the frequency above which the structure hardly answers, where the density is
+    that of noise alone. Source: judgement; an octave."""
     min_periods: float = 4.0
     """[periods] Of a mode in a record below which it is no vibration. Source: judgement; no
     study is recorded."""
@@ -193,7 +197,9 @@ def estimate_noise(
     With :math:`\pi \approx 1` where the structure answers, a strong residual there does not
     raise the noise, but the noise cannot exceed it. The colour is common to all trials; its
     strength is each trial's own. Where one density fits the whole residual of a sensor within
-    its scatter, or one for each trial does, the whole residual is taken for noise.
+    its scatter, or one for each trial does, the whole residual is taken for noise. In free
+    decays it is not, where that density rises steeply to where the structure answers: nothing
+    drives it, so that this is motion which the model lacks, and the noise is taken as white.
 
     Parameters
     ----------
@@ -220,7 +226,10 @@ def estimate_noise(
         known = np.where(heard, share * spare, UNMEASURED_WEIGHT)
         powers.append((frequency, np.where(heard, power / share, UNMEASURED_DENSITY), known))
     noise = estimate_noise_of_spectra(
-        powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz
+        powers,
+        rate_hz=trials[0].rate_hz,
+        silent_above_hz=silent_above_hz,
+        driven=not is_free_decay(trials),
     )
     return with_instrument_floor(noise, trials)
 
@@ -242,7 +251,7 @@ def with_instrument_floor(noise: Noise, trials: Sequence[Trial]) -> Noise:
 
 
 def estimate_noise_of_spectra(
-    powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float
+    powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float, driven: bool = True
 ) -> Noise:
     """Estimate the noise from power spectra that hold more than noise.
 
@@ -255,6 +264,9 @@ def estimate_noise_of_spectra(
         Sampling rate [Hz], for densities with a pair of poles.
     silent_above_hz
         Frequency [Hz] above which the structure hardly answers.
+    driven
+        Whether something that was not measured may drive the structure, whose resonance is
+        then a part of the noise.
 
     See Also
     --------
@@ -280,7 +292,10 @@ def estimate_noise_of_spectra(
         trusted = select_colours(plain, rate_hz)
         only_noise = is_noise_only(plain, [colour for colour, _ in trusted])
         doubtless = only_noise or silent_above_hz == 0
-        found.append(trusted if doubtless else fit_colours(means, rate_hz))
+        chosen = trusted if doubtless else fit_colours(means, rate_hz)
+        if not driven and any(_hides_motion(one, silent_above_hz) for one, _ in chosen):
+            chosen = _fit_white(means)
+        found.append(chosen)
     by_trial = tuple(zip(*found, strict=True))
     return Noise(
         colours=tuple(tuple(colour for colour, _ in row) for row in by_trial),
@@ -328,6 +343,15 @@ def block_means(
     )
 
 
+def _hides_motion(colour: Colour, below_hz: float) -> bool:
+    """Whether a density is steeper below a frequency [Hz] than first-order noise can be."""
+    responding = below_hz * np.linspace(0.1, 1.0, 46)
+    above_hz = THRESHOLDS.silent_ratio * below_hz
+    steepest = (above_hz / responding) ** 2  # of a low-pass of first order
+    ratio = colour.density(responding) / colour.density(np.array([above_hz]))
+    return bool((ratio > steepest).any())
+
+
 def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> bool:
     """Whether blocks outside the structure's band scatter about the densities as noise does.
 
@@ -357,12 +381,10 @@ def select_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Co
 
 def fit_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:
     """Fit the colour common to all trials, and its strength in each with its relative sd."""
-    white = Colour(white=1.0)
-    plain = [_fit_strength(one, white) for one in means]
-    found = [(white.scaled(level), error) for level, error in plain]
-    if is_noise_only(means, [colour for colour, _ in found]):
-        return found
-    scaled = [one.relative_to(level) for one, (level, _) in zip(means, plain, strict=True)]
+    plain = _fit_white(means)
+    if is_noise_only(means, [colour for colour, _ in plain]):
+        return plain
+    scaled = [one.relative_to(c.white) for one, (c, _) in zip(means, plain, strict=True)]
     whole = BlockMeans(
         *(
             np.concatenate([getattr(one, field.name) for one in scaled])
@@ -372,6 +394,12 @@ def fit_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colou
     colour = _select_family(whole, rate_hz)
     strengths = [_fit_strength(one, colour) for one in means]
     return [(colour.scaled(level), error) for level, error in strengths]
+
+
+def _fit_white(means: Sequence[BlockMeans]) -> list[tuple[Colour, float]]:
+    """Fit a white density to each trial; give it and its relative standard deviation."""
+    strengths = [_fit_strength(one, Colour(white=1.0)) for one in means]
+    return [(Colour(white=level), error) for level, error in strengths]
 
 
 def _fit_strength(means: BlockMeans, colour: Colour) -> tuple[float, float]:

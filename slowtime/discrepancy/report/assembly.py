@@ -24,7 +24,7 @@ from .gap_closure import ClosedGap
 from .judgement import judge
 from .likeness import likenesses
 from .notes import notes_of
-from .sentences import closing_sentence
+from .sentences import closing_sentence, contradiction
 from .surface_cuts import measured_force
 
 
@@ -71,6 +71,7 @@ def report(
     experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
     if experiment is not None:
         sentence += f" Experiment that would decide: {experiment.sentence}"
+    sentence += contradiction(verdict, kept.result, evaluation)
     white_p_value = chi2_p_value(last)
     named = found.effects or judged.unknown
     return Diagnosis(

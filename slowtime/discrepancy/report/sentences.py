@@ -20,6 +20,17 @@ another structure's. Source: judgement; drawings are off by tens of per cent."""
 UNEXPLAINED_SHARE = 0.5
 """[share of what was missing at first] Above which what was named does not tell where to look.
 Source: judgement; no study is recorded."""
+CONTRADICTED_RATIO = 5.0
+"""[1] Error on held-out records over that of noise alone, from which they contradict a model
+that lacks nothing. Source: judgement; constants that are fitted to short records make twice the
+noise."""
+CONTRADICTED_ERROR = 0.05
+"""[share of the motion] Of the same error at least. Source: judgement."""
+CONTRADICTED = (
+    " But the held-out record contradicts the model: something acts there that the fitted "
+    "records do not show, such as an effect of larger motion. Fit that record too, and hold "
+    "out another."
+)
 NEARER = (
     " Narrower tolerances of the constants, or a record at another excitation level, would "
     "decide."
@@ -135,6 +146,20 @@ def _impossible_constants(found: Hypothesis) -> str:
             unit = last.plant.entries[name].unit
             told.append(f"{name[0]} of {name[1]} {fitted:.3g} {unit}, stated {stated:.3g}")
     return "; ".join(told)
+
+
+def contradiction(verdict: Verdict, last: FreeRunResult, evaluation: Evaluation) -> str:
+    """Say that a model which lacks nothing misses held-out records by far more than noise.
+
+    Parameters
+    ----------
+    last
+        Of the model that is kept.
+    """
+    error = float(last.error.mean())
+    missed = error > CONTRADICTED_RATIO * evaluation.floor and error > CONTRADICTED_ERROR
+    lacks_nothing = verdict in ("nothing_missing", "parameters_only")
+    return CONTRADICTED if lacks_nothing and evaluation.held_out and missed else ""
 
 
 def closing_sentence(kept: FreeRunResult, evaluation: Evaluation) -> str:

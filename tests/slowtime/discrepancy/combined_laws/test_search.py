@@ -212,3 +212,17 @@ def test_a_pendulum_is_a_law_of_angles(described, known):
     force_laws = {kind.name for kind in applicable_kinds(catalogue(), described)}
     assert ("pendulum_sine" in force_laws) == known
     assert {"cubic_hardening", "coulomb"} <= force_laws
+
+
+@pytest.mark.long
+def test_a_held_out_record_of_larger_motion_contradicts_that_nothing_is_missing():
+    small = tuple(released(0.01, sine=True, seed=i) for i in range(2))
+    large = (released(1.2, sine=True, seed=9),)
+    answer = diagnose(Campaign(description=swing(), trials=small, holdout=large))
+    assert answer.verdict == "nothing_missing"
+    assert answer.gap.augmented > 0.2
+    assert "the held-out record contradicts the model" in answer.sentence
+    assert "Fit that record too" in answer.sentence
+    alike = (released(0.008, sine=True, seed=8),)
+    agreed = diagnose(Campaign(description=swing(), trials=small, holdout=alike))
+    assert "contradicts" not in agreed.sentence

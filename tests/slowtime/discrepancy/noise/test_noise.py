@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.signal as sps
+from scipy.integrate import solve_ivp
 
 from slowtime.discrepancy.noise import (
     estimate,
@@ -253,3 +255,37 @@ def test_some_trials_have_their_own_noise_as_often_as_they_are_named():
         [c.white for c in noise.colours[i]] for i in (2, 0, 2)
     ]
     assert some.relative_sd == tuple(noise.relative_sd[i] for i in (2, 0, 2))
+
+
+def swinging(seconds=9.1, rate=29.6):
+    """Swings of a pendulum from 80°, and what the best linear oscillator leaves of them."""
+    t = np.arange(int(seconds * rate)) / rate
+
+    def pulled(_, x):
+        return [x[1], -14.6 * np.sin(x[0]) - 0.06 * x[1]]
+
+    angle = solve_ivp(pulled, (0, t[-1]), [1.4, 0.3], t_eval=t, rtol=1e-8, atol=1e-9).y[0]
+    angle = angle + 0.008 * np.random.default_rng(3).standard_normal(len(t))
+
+    def left(constants):
+        omega, decay = constants
+        fall = np.exp(-decay * t)
+        basis = np.stack([fall * np.cos(omega * t), fall * np.sin(omega * t)], axis=1)
+        return angle - basis @ np.linalg.lstsq(basis, angle, rcond=None)[0]
+
+    fitted = scipy.optimize.least_squares(left, [3.5, 0.03])
+    trial = Trial(inputs=np.zeros((len(t), 0)), outputs=angle[:, None], rate_hz=rate)
+    return trial, left(fitted.x)[:, None]
+
+
+def test_what_a_free_decay_leaves_at_its_own_resonance_is_motion_and_no_noise():
+    trial, residual = swinging()
+    assert residual.std() > 5 * 0.008
+    noise = estimate_noise((trial,), (residual,), silent_above_hz=1.0)
+    assert noise.sd(0, trial.rate_hz)[0] < 3 * 0.008
+    # Of a structure that may be driven, the same residual can be its noise.
+    driven = Trial(
+        inputs=np.ones((len(residual), 1)), outputs=trial.outputs, rate_hz=trial.rate_hz
+    )
+    heard = estimate_noise((driven,), (residual,), silent_above_hz=1.0)
+    assert heard.sd(0, trial.rate_hz)[0] > 5 * 0.008
