@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from slowtime.signals.spectra import detrended
+
 SHORTEST = 32
 """Least number of samples."""
 
@@ -140,3 +142,28 @@ def band(
             f"{count / rate_hz:g} s. Widen it by {4 * rate_hz / count:g} Hz, or record longer."
         )
     return low, high
+
+
+def share_below(
+    samples: Float[np.ndarray, "time channel"], rate_hz: float, low_hz: float
+) -> float:
+    """Return the share of the variance in lines of the spectrum up to a frequency.
+
+    Parameters
+    ----------
+    samples
+        Samples; a straight line is taken out of each channel.
+    rate_hz
+        Sampling rate [Hz].
+    low_hz
+        The frequency [Hz].
+
+    Returns
+    -------
+    The largest share among the channels [1]; 0 where none moves.
+    """
+    power = np.abs(np.fft.rfft(detrended(samples), axis=0)[1:]) ** 2
+    frequency = np.fft.rfftfreq(len(samples), 1 / rate_hz)[1:]
+    whole = power.sum(axis=0)
+    below = power[frequency <= low_hz * (1 + 1e-9)].sum(axis=0)
+    return float(np.max(below[whole > 0] / whole[whole > 0], initial=0.0))

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
+from slowtime.identification import checks
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified
 from slowtime.identification.modes import Mode
@@ -44,6 +45,9 @@ OVERLAPPING = "overlapping"
 
 OVERLAP_TOLERANCE = 0.01
 """Share of a window that neighbours may have in common by rounding [1]."""
+
+MOSTLY = 0.5
+"""Share of the variance [1] below the search band from which that is said."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
@@ -101,11 +105,9 @@ def identify(
         span_s = len(part) / record.rate_hz
         _say_force(force, span_s, told, whole)
         _say_lines(told)
-        if not (force.flags or told.modes or (whole and whole.modes)):
-            note(
-                "no mode stands out from the noise. Give a longer record, or a band with "
-                "--band-hz."
-            )
+        if not force.flags:
+            found = bool(told.modes or (whole and whole.modes))
+            _say_slow(part, record.rate_hz, band_hz, found=found)
         if whole is None:
             modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
             result["modes"] = [_as_json(mode) for mode in modes]
@@ -249,6 +251,24 @@ def _accelerations_of(record: Record) -> Record:
         channels=chosen,
         units=tuple(record.units[column] for column in columns),
     )
+
+
+def _say_slow(
+    part: np.ndarray, rate_hz: float, band_hz: tuple[float, float] | None, *, found: bool
+) -> None:
+    """Say that there is no mode, and of a slow record that most lies below the search band."""
+    low_hz = checks.band(None, rate_hz, len(part))[0]
+    share = checks.share_below(part, rate_hz, low_hz)
+    if band_hz is None and share > MOSTLY:
+        note(
+            f"{100 * share:.0f} % of the variance lies up to {low_hz:.3g} Hz, four cycles in "
+            "the record, below which no mode is looked for: it is drift or a slower mode. For "
+            "that, give a longer record, or a lower band with --band-hz."
+        )
+    elif not found:
+        note(
+            "no mode stands out from the noise. Give a longer record, or a band with --band-hz."
+        )
 
 
 def _say_constant(record: Record, samples: Samples) -> None:

@@ -8,6 +8,7 @@ from slowtime.identification import (
     identify_windows,
     peak,
 )
+from slowtime.identification.checks import share_below
 
 RATE = 100.0
 NOISE = np.random.default_rng(0).standard_normal(1000)
@@ -91,3 +92,10 @@ def test_a_dead_channel_beside_a_live_one_is_left_out():
 def test_windows_that_do_not_fit_are_refused_with_what_does(window, hop, says):
     with pytest.raises(ValueError, match=says):
         identify_windows(NOISE, RATE, window_s=window, hop_s=hop)
+
+
+def test_the_share_below_a_frequency_is_that_of_the_sines_there():
+    t = np.arange(2000) / RATE
+    both = 3.0 * np.sin(2 * np.pi * 0.5 * t) + 4.0 * np.sin(2 * np.pi * 8.0 * t) + 5.0
+    assert share_below(both[:, None], RATE, 2.0) == pytest.approx(9 / 25, abs=0.01)
+    assert share_below(np.ones((100, 1)), RATE, 2.0) == 0.0

@@ -75,9 +75,27 @@ def test_windows_touch_unless_told_otherwise_and_overlapping_ones_are_marked(run
 def test_a_band_confines_the_search(run, record):
     above = run("identify", record, "--band-hz", 10, 40, "--out", "-")
     assert (above.status, above.json["modes"]) == (0, [])
-    assert "no mode stands out of the noise" in above.err
+    assert "no mode stands out from the noise" in above.err
     within = run("identify", record, "--band-hz", 2, 4, "--out", "-").json["modes"]
     assert within[0]["frequency_hz"]["value"] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_record_of_less_than_four_cycles_is_told_where_its_motion_lies(run, tmp_path):
+    t = np.arange(285) / 30.0
+    slow = 0.4 * np.exp(-0.008 * t) * np.cos(2 * np.pi * 0.41 * t)
+    slow += 0.002 * np.random.default_rng(5).standard_normal(len(t))
+    path = tmp_path / "slow.csv"
+    np.savetxt(path, np.column_stack([t, slow]), delimiter=",", header="t,x", comments="")
+    found = run("identify", path, "--out", "-")
+    assert (found.status, found.json["modes"]) == (0, [])
+    assert "of the variance lies up to 0.421 Hz, four cycles in the record" in found.err
+    assert "a slower mode" in found.err
+    assert "--band-hz" in found.err
+    ripple = slow + 0.004 * np.cos(2 * np.pi * 5.0 * t)
+    np.savetxt(path, np.column_stack([t, ripple]), delimiter=",", header="t,x", comments="")
+    both = run("identify", path, "--method", "peak", "--out", "-")
+    assert both.json["modes"]
+    assert "of the variance lies up to 0.421 Hz" in both.err
 
 
 def test_a_pipe_gets_the_same_numbers_as_the_json_in_lines_of_fields(run, record):
