@@ -31,6 +31,7 @@ from .file_sheet import open_sheet, pairs_unwrapped, renamed
 from .reading_options import MissingPolicy, ReadingOptions, refuse_implausible_options
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
+from .times.even_samples import between_rows, sampled_evenly
 from .times.stamps import DateOrder
 from .times.time_axis import TimeAxis
 
@@ -134,12 +135,18 @@ def read_record(
         sheet.facts.found == ()
     ) * len(sheet.columns):
         raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
-    record = _record(path.name, pairs_unwrapped(sheet), said, missing)
+    record = _record(path.name, pairs_unwrapped(sheet), said, missing, of_a_piece)
     plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
     return in_si(record, units, sensitivities)
 
 
-def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy) -> Record:
+def _record(
+    file: str,
+    sheet: Sheet,
+    said: ReadingOptions,
+    missing: MissingPolicy,
+    of_a_piece: bool = False,
+) -> Record:
     """Decide the columns, check them against the heading, and collect the samples."""
     names = sheet.names
     told = clock_of_sheet(sheet, said)
@@ -152,6 +159,11 @@ def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolic
         sheet = only_rows(sheet, rows)
         told = clock_of_sheet(sheet, said)
     axis, notes = axis_of(told, said, sheet.facts)
+    if of_a_piece and axis is not None and axis.seconds is not None:
+        raise RecordError(
+            f"{axis.notes[-1]} A file that is read as a stream cannot be: read it at once with "
+            "--whole, or give --rate-hz."
+        )
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
         gaps = tuple(gaps_of(rows))
@@ -184,14 +196,20 @@ def _record(file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolic
         notes += (describe_missing(values, lost, missing),)
     if gaps:
         notes += (describe_gaps(gaps),)
+    samples = in_sensor_type(_finite(np.column_stack(values)))
+    aux = {**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}}
+    if axis is not None and axis.seconds is not None:
+        rows_of = {k: v for k, v in aux.items() if np.shape(v) == (len(samples),)}
+        aux |= {name: between_rows(column, axis) for name, column in rows_of.items()}
+        samples = sampled_evenly(samples, axis)
     return Record(
-        samples=in_sensor_type(_finite(np.column_stack(values))),
+        samples=samples,
         rate_hz=float(rate),
         channels=tuple(names[i] for i in kept),
         units=tuple(unit_of_channel(sheet, i, kept) for i in kept),
         start_ns=start_ns,
         gaps=gaps,
-        aux={**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}},
+        aux=aux,
         notes=(*sheet.notes, *notes, *verdict.notes),
         assumptions=assumptions,
     )

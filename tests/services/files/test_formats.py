@@ -199,6 +199,16 @@ def test_hdf5(tmp_path, drawn):
     )  # fmt: skip
 
 
+def test_a_filter_of_hdf5_that_is_not_installed_is_named(tmp_path, monkeypatch):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", data=np.arange(500.0), chunks=(100,), compression="lzf")
+    from slowtime_services.files.readers import hdf5
+
+    monkeypatch.setattr(h5py.h5z, "filter_avail", lambda code: False)
+    with pytest.raises(RecordError, match=r"filter lzf \(32000\), which is not installed"):
+        hdf5.read(tmp_path / "a.h5", 10**6)
+
+
 def test_hdf5_of_one_table(tmp_path, drawn):
     names, units, rate, samples = drawn
     with h5py.File(tmp_path / "a.hdf5", "w") as file:

@@ -51,6 +51,9 @@ def axis_of(
             notes += (f"The clock was not used, since a rate was given: {told.refusal}",)
         return None, notes
     axis, name = told.axis, told.clock.name
+    if said.rate_hz is not None and axis.seconds is not None:
+        axis = dataclasses.replace(axis, gaps=(), seconds=None, notes=())
+        notes += (f"Rows were taken as evenly spaced; the rate of {name!r} wanders.",)
     if said.rate_hz is not None and abs(axis.rate_hz / said.rate_hz - 1) > 1e-3:
         notes += (
             f"Column {name!r} says {axis.rate_hz:g} Hz; {said.rate_hz:g} Hz was given and "

@@ -28,9 +28,14 @@ _COUNT = re.compile(
     re.I,
 )
 _UNIT = re.compile(
-    r"(?:\bin|units?\s*=)\s+?\(?(?P<unit>[a-zA-Z]+(?:/[a-zA-Z]+\d?)*(?:\^?2)?)|units?=(?P<other>[\w/^]+)",
+    r"(?:\bin(?:\s+units\s+of)?|units?\s*=)\s+?\(?(?P<unit>[a-zA-Z]+(?:/[a-zA-Z]+\d?)*(?:\^?2)?)|units?=(?P<other>[\w/^]+)",
     re.I,
 )
+_BEGUN = (
+    re.compile(r"(?:start|begin(?:ning)?)\s*time\s*[:=]?\s*(?P<when>\S.*)", re.I),
+    re.compile(r"(?:rcrd|record)\s+of\s+(?P<when>\S.*)", re.I),
+)
+"""Words before the time at which a channel begins, the surest first."""
 _QUANTITIES = (("accel", "acceleration"), ("veloc", "velocity"), ("displ", "displacement"))
 _END = re.compile(r"/&|end\s+of\s+data|^\s*$", re.I)
 
@@ -68,7 +73,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     measured = [s for s in sections if s.quantity in ("acceleration", "channel")] or sections[
         :1
     ]
-    columns, facts = [], []
+    columns, facts, starts, heading = [], [], [], 0
     for number, section in enumerate(measured):
         rest = lines[section.line + 1 :]
         rows = -(-section.count // max(_per_line(rest, section.width), 1))
@@ -84,14 +89,12 @@ def read(lines: Sequence[str], name: str) -> Sheet:
                 f"{len(values)} follow ({section.said[:70]!r}): the file is cut short, or was "
                 "changed. Correct the figure if the samples are right."
             )
+        starts.append(_start(lines[heading : section.line]))
+        heading = section.line + 1 + len(body)
         label = section.quantity if len(measured) == 1 else f"{section.quantity}_{number}"
         columns.append(Column(label, _unit(section.said), values))
         facts.append(find_facts([section.said], first_line=section.line + 1))
-    if len({len(column.values) for column in columns}) > 1:
-        raise RecordError(
-            f"{name} holds channels of different lengths: "
-            f"{', '.join(str(len(c.values)) for c in columns)}. Give one channel in a file."
-        )
+    columns, cut = _of_one_length(columns, starts, facts, name)
     found = facts[0]
     if not found.of("interval") and not found.of("rate"):
         found = Facts((*found.found, *find_facts(lines[: measured[0].line]).found))
@@ -102,10 +105,47 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     return Sheet(
         columns=tuple(columns),
         named=True,
-        facts=found,
+        facts=found.of_any_length if cut else found,
         format="strong-motion listing",
-        notes=notes,
+        notes=(*notes, *cut),
         first_line=measured[0].line + 2,
+    )
+
+
+def _start(heading: Sequence[str]) -> str:
+    """Words that state when a channel begins, the surest of them; "" where there are none."""
+    found = (words.search(line) for words in _BEGUN for line in heading)
+    return next((" ".join(match["when"].split()) for match in found if match), "")
+
+
+def _of_one_length(
+    columns: list[Column], starts: Sequence[str], facts: Sequence[Facts], name: str
+) -> tuple[list[Column], tuple[str, ...]]:
+    """Cut channels that begin together to the shortest.
+
+    Raises
+    ------
+    RecordError
+        Where channels of different lengths are not known to begin together.
+    """
+    counts = [len(column.values) for column in columns]
+    if len(set(counts)) == 1:
+        return columns, ()
+    told = ", ".join(map(str, counts))
+    paces = {
+        tuple(f.values for kind in ("interval", "rate") for f in fact.of(kind))
+        for fact in facts
+    }
+    if len(set(starts)) > 1 or not starts[0] or len(paces) > 1:
+        known = "; ".join(start or "not stated" for start in starts)
+        raise RecordError(
+            f"{name} holds channels of different lengths, {told} points, that are not known to "
+            f"begin together at one rate (starts: {known}). Give one channel in a file."
+        )
+    least = min(counts)
+    columns = [dataclasses.replace(c, values=c.values[:least]) for c in columns]
+    return columns, (
+        f"Channels of {told} points begin together ({starts[0]}): all were cut to {least}.",
     )
 
 

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from slowtime_services.files.binary.numpy_arrays import refuse_above
+from slowtime_services.files.record import RecordError
 
 from .found import Figure, Found, Series
 
@@ -36,6 +37,7 @@ def read(path: Path, max_bytes: int) -> Found:
         refuse_above(path, sum(item.size * item.dtype.itemsize for item in found), max_bytes)
         for item in found:
             name = item.name.strip("/")
+            _refuse_unknown_filters(path, item)
             if item.size == 1:
                 singles[name.rpartition("/")[2]] = float(np.asarray(item[()]).reshape(-1)[0])
                 continue
@@ -61,6 +63,20 @@ def read(path: Path, max_bytes: int) -> Found:
             for one in series
         ]  # fmt: skip
     return Found(series, (), singles, tuple(dict.fromkeys(figures)))
+
+
+def _refuse_unknown_filters(path: Path, item: Any) -> None:
+    """Refuse a dataset compressed by a filter that this installation does not have."""
+    plan = item.id.get_create_plist()
+    for number in range(plan.get_nfilters()):
+        code, _, _, said = plan.get_filter(number)
+        if not h5py.h5z.filter_avail(code):
+            name = said.decode(errors="replace").strip("\0") or "without a name"
+            raise RecordError(
+                f"Dataset {item.name} of {path.name} is compressed by the HDF5 filter {name} "
+                f"({code}), which is not installed here; the file need not be damaged. Write "
+                "it with gzip where that filter is installed: h5repack -f GZIP=4 IN OUT."
+            )
 
 
 def _datasets(group: Any) -> Any:
