@@ -159,11 +159,8 @@ def _record(
         sheet = only_rows(sheet, rows)
         told = clock_of_sheet(sheet, said)
     axis, notes = axis_of(told, said, sheet.facts)
-    if of_a_piece and axis is not None and axis.seconds is not None:
-        raise RecordError(
-            f"{axis.notes[-1]} A file that is read as a stream cannot be: read it at once with "
-            "--whole, or give --rate-hz."
-        )
+    if of_a_piece:
+        _refuse_wandering(axis)
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
         gaps = tuple(gaps_of(rows))
@@ -175,10 +172,7 @@ def _record(
     verdict = plausibility.judge(file, sheet.facts, measured)
     rate = verdict.rate_hz
     if rate is None:
-        raise told.refusal or RecordError(
-            f"{file} does not say how often it was sampled: {no_clock(sheet)}. "
-            "Give --rate-hz, or name the clock with --time-column."
-        )
+        raise told.refusal or _without_rate(file, sheet)
     if (
         said.rate_hz is None
         and told.clock is None
@@ -199,9 +193,7 @@ def _record(
     samples = in_sensor_type(_finite(np.column_stack(values)))
     aux = {**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}}
     if axis is not None and axis.seconds is not None:
-        rows_of = {k: v for k, v in aux.items() if np.shape(v) == (len(samples),)}
-        aux |= {name: between_rows(column, axis) for name, column in rows_of.items()}
-        samples = sampled_evenly(samples, axis)
+        samples, aux = _at_even_times(samples, aux, axis)
     return Record(
         samples=samples,
         rate_hz=float(rate),
@@ -213,6 +205,31 @@ def _record(
         notes=(*sheet.notes, *notes, *verdict.notes),
         assumptions=assumptions,
     )
+
+
+def _without_rate(file: str, sheet: Sheet) -> RecordError:
+    return RecordError(
+        f"{file} does not say how often it was sampled: {no_clock(sheet)}. "
+        "Give --rate-hz, or name the clock with --time-column."
+    )
+
+
+def _refuse_wandering(axis: TimeAxis | None) -> None:
+    """Refuse a piece of a longer file whose samples would have to be interpolated."""
+    if axis is not None and axis.seconds is not None:
+        raise RecordError(
+            f"{axis.notes[-1]} A file that is read as a stream cannot be: read it at once with "
+            "--whole, or give --rate-hz."
+        )
+
+
+def _at_even_times(
+    samples: Values, aux: dict[str, Values], axis: TimeAxis
+) -> tuple[Values, dict[str, Values]]:
+    """Interpolate the channels, and what else has a value in each row, at even times."""
+    rows_of = {k: v for k, v in aux.items() if np.shape(v) == (len(samples),)}
+    others = {name: between_rows(column, axis) for name, column in rows_of.items()}
+    return sampled_evenly(samples, axis), {**aux, **others}
 
 
 def _series(

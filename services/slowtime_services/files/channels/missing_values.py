@@ -19,8 +19,13 @@ MAX_MISSING_SHARE = 0.2
 def rows_missing(
     file: str, sheet: Sheet, kept: Sequence[int], missing: MissingPolicy
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Rows in which a channel has no finite value."""
+    """Rows in which a channel has no finite value.
+
+    Rows in which none has one, at the beginning or the end, do not count among those of which
+    too many may be missing: beside a longer table, a shorter one ends in empty rows.
+    """
     lost = np.zeros(len(sheet.columns[0].values), dtype=bool)
+    empty = ~lost
     for place in kept:
         column = sheet.columns[place]
         bad = ~np.isfinite(column.values) if column.values.dtype.kind == "f" else lost & False
@@ -28,9 +33,12 @@ def rows_missing(
         if bad.any() and not missing.keep and (infinite or not missing.skip):
             raise _not_finite(file, sheet.names[place], column, bad)
         lost |= bad
-    if missing.skip and lost.mean() > MAX_MISSING_SHARE:
+        empty &= bad
+    rows = np.flatnonzero(~empty)
+    within = lost[rows[0] : rows[-1] + 1] if len(rows) else lost
+    if missing.skip and within.mean() > MAX_MISSING_SHARE:
         raise RecordError(
-            f"{file}: in {100 * lost.mean():.0f} % of its rows a value is missing; at most "
+            f"{file}: in {100 * within.mean():.0f} % of its rows a value is missing; at most "
             f"{100 * MAX_MISSING_SHARE:.0f} % are left out as gaps. Leave out the columns that "
             "lack them with --channels, or fill them in."
         )
