@@ -49,6 +49,18 @@ def test_a_decay_under_any_damping_is_one(force, noise):
     assert is_free_decay([record(decay(force, noise=noise))])
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.7, 1.4])
+def test_a_light_decay_of_few_samples_a_cycle_that_sways_a_little_is_one(phase):
+    """A telephone on a spring: 18 samples a cycle, 9 cycles, and a slow swing beside."""
+    t = np.arange(160) / 40.5
+    bounce = np.exp(-0.0037 * 2 * np.pi * 2.27 * t) * np.cos(2 * np.pi * 2.27 * t + phase)
+    sway = 0.02 * np.cos(2 * np.pi * 0.55 * t) + 0.008 * np.random.default_rng(7).normal(
+        size=len(t)
+    )
+    one = Trial(inputs=np.zeros((len(t), 0)), outputs=(bounce + sway)[:, None], rate_hz=40.5)
+    assert is_free_decay([one])
+
+
 def test_random_response_is_no_decay():
     """Whatever its bandwidth: two hundred records of a mode under white forces."""
     taken = 0
