@@ -293,7 +293,8 @@ def _estimate_noise(
         )
         left = np.where(trial.used, trial.measured - outputs, 0.0)
         residuals.append(left if np.isfinite(left).all() else trial.measured)
-    noise = estimate_noise(trials, tuple(residuals), silent_above_hz=silent)
+    laws = [one for one in plant.description.effects if "element" in one]
+    noise = estimate_noise(trials, tuple(residuals), silent_above_hz=silent, lacking=not laws)
     values = dict(zip(plant.parameters, point.values.tolist(), strict=True))
     now = with_values(plant.description, values)
     drift = rigid_body_drift(now, trials)

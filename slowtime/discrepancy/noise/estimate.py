@@ -185,6 +185,7 @@ def estimate_noise(
     residuals: tuple[Float[np.ndarray, "time sensor"], ...],
     *,
     silent_above_hz: float,
+    lacking: bool = False,
 ) -> Noise:
     r"""Estimate the noise of each sensor from residuals that hold more than noise.
 
@@ -198,8 +199,9 @@ def estimate_noise(
     raise the noise, but the noise cannot exceed it. The colour is common to all trials; its
     strength is each trial's own. Where one density fits the whole residual of a sensor within
     its scatter, or one for each trial does, the whole residual is taken for noise. In free
-    decays it is not, where that density rises steeply to where the structure answers: nothing
-    drives it, so that this is motion which the model lacks, and the noise is taken as white.
+    decays it is not, as long as the model may lack laws, where that density rises steeply to
+    where the structure answers: nothing drives it, so that this is motion which the model
+    lacks, and the noise is taken as white.
 
     Parameters
     ----------
@@ -210,6 +212,8 @@ def estimate_noise(
     silent_above_hz
         Frequency [Hz] above which the structure hardly answers; 0 where the whole residual is
         noise.
+    lacking
+        Whether the model has no law of an element beyond its stiffness and damping.
 
     Returns
     -------
@@ -229,7 +233,7 @@ def estimate_noise(
         powers,
         rate_hz=trials[0].rate_hz,
         silent_above_hz=silent_above_hz,
-        driven=not is_free_decay(trials),
+        driven=not (lacking and is_free_decay(trials)),
     )
     return with_instrument_floor(noise, trials)
 

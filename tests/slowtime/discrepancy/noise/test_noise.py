@@ -281,11 +281,11 @@ def swinging(seconds=9.1, rate=29.6):
 def test_what_a_free_decay_leaves_at_its_own_resonance_is_motion_and_no_noise():
     trial, residual = swinging()
     assert residual.std() > 5 * 0.008
-    noise = estimate_noise((trial,), (residual,), silent_above_hz=1.0)
+    noise = estimate_noise((trial,), (residual,), silent_above_hz=1.0, lacking=True)
     assert noise.sd(0, trial.rate_hz)[0] < 3 * 0.008
     # Of a structure that may be driven, the same residual can be its noise.
     driven = Trial(
         inputs=np.ones((len(residual), 1)), outputs=trial.outputs, rate_hz=trial.rate_hz
     )
-    heard = estimate_noise((driven,), (residual,), silent_above_hz=1.0)
+    heard = estimate_noise((driven,), (residual,), silent_above_hz=1.0, lacking=True)
     assert heard.sd(0, trial.rate_hz)[0] > 5 * 0.008
