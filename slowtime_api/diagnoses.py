@@ -234,6 +234,9 @@ def diagnose(
     TypeError
         If model, signals or channels are of another type.
     """
+    if not isinstance(surface, str):
+        raise TypeError(f"surface={surface!r} was given. Give a word, such as 'auto'.")
+    demand = SurfaceDemand.of(surface.split(","))
     known_model = model if isinstance(model, Model) else _read_model(model)
     learnt = _sources(signals, "signals")
     if not learnt:
@@ -244,8 +247,6 @@ def diagnose(
         )
     if patience_s is not None:
         patience_s = positive(patience_s, "patience_s", "seconds of a reference machine")
-    if not isinstance(surface, str):
-        raise TypeError(f"surface={surface!r} was given. Give a word, such as 'auto'.")
     if not known_model.description.sensors:
         raise ValueError("The model has no sensors. List them, with the channel of each.")
     from slowtime_services.diagnose import roles_of
@@ -257,7 +258,7 @@ def diagnose(
             _sources(holdout, "holdout"),
             roles=roles_of([f"{name}={there}" for name, there in (channels or {}).items()]),
             kinds=known(()),
-            options=SearchOptions(surface=SurfaceDemand.of(surface.split(","))),
+            options=SearchOptions(surface=demand),
             progress=progress,
             patience_s=patience_s,
         )

@@ -437,9 +437,15 @@ def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
             return write(cut)
 
         monkeypatch.setattr(store, "write", slowly)
-        all_sent = threading.Event()
-        busy = threading.Thread(target=pipeline.call, args=(all_sent.wait,))
+        is_busy, all_sent = threading.Event(), threading.Event()
+
+        def wait_for_all():
+            is_busy.set()
+            all_sent.wait()
+
+        busy = threading.Thread(target=pipeline.call, args=(wait_for_all,))
         busy.start()
+        is_busy.wait()  # else it may begin with the first message alone
         for name, one in zip(names, edges, strict=True):
             one.make(message.model_copy(update={"asset": name}))
         all_sent.set()
