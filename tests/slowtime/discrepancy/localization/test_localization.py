@@ -268,7 +268,7 @@ def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
     result = locate(refit(Plant.of(rig.description), holed), holed)
     assert result.best == Place("element", "j1")
     assert result.groups[0].left < 1.5
-    with pytest.raises(ValueError, match="was not looked at"):
+    with pytest.raises(ValueError, match="was not examined"):
         result.group(Place("element", "none"))
 
 
@@ -472,7 +472,7 @@ def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(
             dataclasses.replace(one, inner=np.full_like(one.inner, size)) for one in self.white
         ]
 
-    monkeypatch.setattr(latent._PlaceIteration, "go_to", away)
+    monkeypatch.setattr(latent._PlaceIteration, "relinearise", away)
     rubs = wrong(element=1, force=friction)
     _, _, result = located(campaign, 3, rubs, masses=2, seconds=10.0, levels=(1.0,))
     assert Place("element", "j1") in result.groups[0].places
