@@ -161,7 +161,8 @@ class TwinKnowledge:
         known = self.prospects.at(twin_id, at.t_ns, at.slow_time)
         if known is None:
             return None
-        return _outlook(forecast_from_state(known[0], ahead, count, thresholds), known[1])
+        prospect, unit = known
+        return _outlook(forecast_from_state(prospect, ahead, count, thresholds, unit), unit)
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
         """Return the failure probability of a twin by each of its limit states."""

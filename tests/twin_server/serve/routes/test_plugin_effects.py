@@ -102,5 +102,5 @@ def test_without_its_name_in_the_settings_it_is_refused_with_what_to_do(rig):
     assert (answer.status_code, answer.json()["type"][-16:]) == (409, "effect-not-there")
     told = answer.json()["detail"]
     assert "found softening_spring, which slowtime does not know" in told
-    assert "may load effects from: none. An operator names" in told
+    assert "may load effects from: none. An operator must name" in told
     assert "diagnose.effects" in told
