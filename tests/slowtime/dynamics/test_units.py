@@ -1,11 +1,15 @@
 """Units of effects' parameters in models whose coordinate is an angle."""
 
+import dataclasses
 import re
 from collections import Counter
 
 import pytest
 
-from slowtime.dynamics.effects import catalogue
+from slowtime.discrepancy.quoting import unit_at
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.units import unit_of_parameter
 
 DIMENSIONS = {
@@ -53,3 +57,15 @@ def test_units_are_converted_once_and_only_for_angles(unit):
     once = unit_of_parameter(unit, "rad")
     assert unit_of_parameter(once, "rad") == once
     assert unit_of_parameter(unit, "m") == unit
+
+
+@pytest.mark.parametrize(("coordinate", "unit"), [("m", "N"), ("rad", "N m")])
+def test_parameters_of_a_model_are_stated_in_its_units(coordinate, unit):
+    model = dataclasses.replace(
+        chain([1.0], [400.0]), unit_of_coordinate=coordinate, sensors=(), inputs=()
+    )
+    place = Place("element", model.elements[0].id)
+    rubs = Effect("coulomb", place, {"friction_n": 0.2})
+    plant = Plant.of(dataclasses.replace(model, effects=(rubs.entry(),)))
+    assert plant.entries["effect", 0, "friction_n"].unit == unit
+    assert unit_at(model, place, "N") == unit
