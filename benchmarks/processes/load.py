@@ -20,6 +20,7 @@ the router and the senders.
 import argparse
 import collections
 import contextlib
+import functools
 import json
 import multiprocessing
 import os
@@ -29,7 +30,7 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ from twin_server.persist import is_url, open_store
 from twin_server.settings import ShardSettings, TwinSettings
 from twin_server.shards.supervisor import Supervisor
 
-from .router_lookup import LEASE, LEASE_S, NOBODY
+from .router_lookup import LEASE, LEASE_S, NOBODY, PER_SESSION
 from .transport import free_port
 
 DECLARED_AT_ONCE = 100
@@ -60,9 +61,26 @@ ORIGIN_NS = 1_767_225_600_000_000_000
 
 
 class Senders:
-    """All edges as one process: they send, keep, answer, and note when they were heard."""
+    """All edges as one process: they send, keep, answer, and note when they were heard.
 
-    def __init__(self, bus: ZenohBus, assets: int, sites: int) -> None:
+    Parameters
+    ----------
+    bus
+        Through which they send and answer.
+    assets, sites
+        How many there are.
+    session
+        Opens a session for the tokens of each `PER_SESSION` of them, as a router takes the
+        longer for a declaration the more the session has; all are of `bus` where None.
+    """
+
+    def __init__(
+        self,
+        bus: ZenohBus,
+        assets: int,
+        sites: int,
+        session: Callable[[], ZenohBus] | None = None,
+    ) -> None:
         self._bus, self._began_ns = bus, time.time_ns()
         self.names = [(f"s{number % sites:03d}", f"a{number:05d}") for number in range(assets)]
         self.made = [0] * assets
@@ -73,17 +91,21 @@ class Senders:
         self.took_s: list[tuple[float, float]] = []
         self._lock = threading.Lock()
         self.again = 0
+        self.sessions: list[ZenohBus] = []
         self.handles = [
             bus.subscribe(ACK.everywhere, self._hear),
             bus.answer(request_key("*", "*", "account"), self._account),
             bus.answer(request_key("*", "*", "features"), self._features),
         ]
-        for name in self.names:
-            self.handles.append(bus.announce(alive_key(*name)))
-            if len(self.handles) % DECLARED_AT_ONCE == 0:
-                # Answered by the router after what was declared before: faster than that for
-                # five seconds, Zenoh would close the link, and declare all of it again.
-                bus.ask(NOBODY, timeout_s=PATIENCE_S)
+        for first in range(0, assets, PER_SESSION):
+            own = bus if session is None else session()
+            self.sessions.append(own)
+            for number, name in enumerate(self.names[first : first + PER_SESSION], 1):
+                self.handles.append(own.announce(alive_key(*name)))
+                if number % DECLARED_AT_ONCE == 0:
+                    # Answered by the router after what was declared before: faster than that
+                    # for five seconds, Zenoh would close the link, and declare all of it again.
+                    own.ask(NOBODY, timeout_s=PATIENCE_S)
 
     def send(self, number: int) -> None:
         """Make and send the next feature of one asset."""
@@ -173,9 +195,12 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     serving = context.Process(target=_serve, args=(database, endpoint, given.shards, urls))
     serving.start()
     url, pids = urls.get(timeout=120)
-    with ZenohBus("client", [endpoint], open_timeout_s=30.0, lease_s=LEASE_S) as bus:
+    session = functools.partial(
+        ZenohBus, "client", [endpoint], open_timeout_s=30.0, lease_s=LEASE_S
+    )
+    with session() as bus:
         began_s = time.monotonic()
-        senders = Senders(bus, given.assets, given.sites)
+        senders = Senders(bus, given.assets, given.sites, session)
         print(
             f"all assets announced       after {time.monotonic() - began_s:.1f} s", flush=True
         )
