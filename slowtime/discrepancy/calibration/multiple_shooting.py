@@ -26,7 +26,7 @@ from slowtime.dynamics.plant import Name, Plant
 
 from .fit import Fit, refit
 from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
-from .levenberg_marquardt import FitAbandoned, FitControl
+from .levenberg_marquardt import DEFAULT_CONTROL, FitAbandoned, FitControl
 
 SEGMENT_PERIODS = 3.0
 """[periods of the slowest mode] That a segment lasts. Source: docs/decisions/0031; over a
@@ -55,8 +55,7 @@ def shooting_fit(
     trials: Sequence[Trial],
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
-    late: Callable[[], bool] | None = None,
-    beat: float | None = None,
+    control: FitControl = DEFAULT_CONTROL,
     free: Sequence[Name] | None = None,
 ) -> tuple[Fit, list[State]]:
     """Fit constants to segments of records.
@@ -71,10 +70,9 @@ def shooting_fit(
         Of the records.
     values
         Of all constants, to start from.
-    late
-        Once true, `FitAbandoned` is raised.
-    beat
-        Cost to beat; the fit ends where it will not.
+    control
+        When to end: where the cost to beat is out of reach, or it is late. Costs are those of
+        the segments together.
     free
         Names of the constants that may move; as in `refit` where not given.
 
@@ -83,7 +81,7 @@ def shooting_fit(
     The fit of the segments, and the initial state of each record.
     """
     cut, origin = cut_segments(plant, trials)
-    own = noise.for_trials(origin)
+    own, late = noise.for_trials(origin), control.is_late
     starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
     strays = _outlying_segments(left)
     for _ in range(OUTLIER_ROUNDS):
@@ -102,7 +100,7 @@ def shooting_fit(
             starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
         plant, cut, free=free, noise=own, values=values, states=starts, horizons=(1.0,),
-        control=FitControl(cost_to_beat=beat, is_late=late),
+        control=control,
     )  # fmt: skip
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 

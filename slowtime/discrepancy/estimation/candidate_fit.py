@@ -197,7 +197,8 @@ def fit_candidate(
                 values = np.array([
                     v if name[0] == "effect" else entry.value for v, (name, entry) in entries
                 ])  # fmt: skip
-            short, states = shooting_fit(plant, trials, before.noise, values, control.is_late)
+            own = FitControl(is_late=control.is_late)
+            short, states = shooting_fit(plant, trials, before.noise, values, own)
             values = short.values
         fit = refit(
             plant,

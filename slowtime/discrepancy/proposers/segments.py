@@ -9,6 +9,7 @@ one is missing, and those that explain these to more, where most moves.
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import (
     Fit,
     FitAbandoned,
+    FitControl,
     cut_segments,
     initial_states_of_records,
     shooting_fit,
@@ -28,6 +30,8 @@ from slowtime.discrepancy.calibration.augmentation import (
     augmented_start,
     fitted_effects,
 )
+from slowtime.discrepancy.calibration.fit import referred_to
+from slowtime.discrepancy.calibration.levenberg_marquardt import Comparison
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
     Label,
@@ -39,9 +43,11 @@ from slowtime.discrepancy.candidates.parameter_scan import (
     effects_of_strength,
     has_strength,
 )
+from slowtime.discrepancy.estimation.fits_ahead import Attempt, FitsAhead
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import current_workers
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured, simple_kinds
 
 from .protocol import Proposal, Round, reached_by_shortlist
@@ -154,13 +160,13 @@ class Segments:
 
 
 class _SegmentSearch:
-    """Fits laws to segments of the records of a round."""
+    """Fits laws to segments of the records of a round, until `is_late`."""
 
     def __init__(self, given: Round, late: Callable[[], bool], shoot: Shoot) -> None:
         self._shoot = shoot
         self._before, self._tried, self._labels = given.before, given.tried, given.shortlist
         self._located, self._trials, self._kinds = given.localized, given.trials, given.kinds
-        self._late = late
+        self.is_late = late
 
     def best(self) -> list[Candidate]:
         """Give the laws that leave least, each with what it and the model would leave.
@@ -229,29 +235,22 @@ class _SegmentSearch:
         data = self._before.data
         found: dict[Label, tuple[Candidate, Fit]] = {}
         least = most * bare.cost
-        for label in labels:
-            fits = []
-            for effect in _begun(label.effect, parts, self._kinds):
-                if self._late():
-                    raise FitAbandoned
-                try:
-                    fit = self._shot(effect, parts, NEAR_RATIO * least)
-                except (np.linalg.LinAlgError, FloatingPointError):
+        starts = [tuple(_begun(label.effect, parts, self._kinds)) for label in labels]
+        tried = tuple(itertools.chain.from_iterable(starts))
+        with contextlib.closing(_Shots(self, tried, parts)) as shots:
+            for label, own in zip(labels, starts, strict=True):
+                fits = shots.take(len(own), least)
+                if not fits:
                     continue
-                if math.isfinite(fit.cost):
-                    fits.append(fit)
-                    least = min(least, fit.cost)
-            if not fits:
-                continue
-            fit = self._switched(min(fits, key=lambda one: one.cost), parts)
-            least = min(least, fit.cost)
-            one = dataclasses.replace(
-                label,
-                effect=fitted_effects(fit)[-1],
-                cost=fit.chi2_in_band * data,
-                cost_without=bare.chi2_in_band * data,
-            )
-            found[label_of(one.effect)] = one, fit
+                fit = self._switched(min(fits, key=lambda one: one.cost), parts)
+                least = min([least, fit.cost, *(one.cost for one in fits)])
+                one = dataclasses.replace(
+                    label,
+                    effect=fitted_effects(fit)[-1],
+                    cost=fit.chi2_in_band * data,
+                    cost_without=bare.chi2_in_band * data,
+                )
+                found[label_of(one.effect)] = one, fit
         telling = (
             pair for pair in found.values() if pair[0].cost < most * pair[0].cost_without
         )
@@ -267,23 +266,39 @@ class _SegmentSearch:
 
     def _parts(self, count: int, share: float = 1.0) -> tuple[tuple[Trial, ...], Fit]:
         parts = strongest_segments(self._before.plant, self._trials, count, share)
-        return parts, self._shot(None, parts)
+        return parts, self._shot(None, parts, FitControl(is_late=self.is_late))
 
-    def _shot(
-        self, effect: Effect | None, parts: Sequence[Trial], beat: float | None = None
-    ) -> Fit:
+    def attempt(
+        self, effect: Effect, parts: Sequence[Trial], cost_to_beat: float
+    ) -> Attempt[Fit | None]:
+        """Fit pieces with one more effect, and keep what was compared; None if it diverges."""
+        compared: list[Comparison] = []
+        control = FitControl(cost_to_beat=cost_to_beat, is_late=self.is_late, compared=compared)
+        fit = None
+        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
+            fit = self._shot(effect, parts, control)
+        return Attempt(fit, tuple(compared))
+
+    def shared_objects(self, parts: Sequence[Trial]) -> tuple[object, ...]:
+        """List what fits of pieces refer to, and need not be copied."""
+        own = referred_to(self._before, parts)
+        return (*own, self._kinds, *self._kinds.values())
+
+    def _shot(self, effect: Effect | None, parts: Sequence[Trial], control: FitControl) -> Fit:
         """Fit pieces, with one more effect or none, from what the model itself claims."""
         before = self._before
         plant = (
             before.plant if effect is None else augmented_start(before, effect, self._kinds)[0]
         )
         values = np.array([entry.value for entry in plant.entries.values()])
-        return self._shoot(plant, parts, before.noise, values, self._late, beat)[0]
+        return self._shoot(plant, parts, before.noise, values, control)[0]
 
     def _switched(self, fit: Fit, parts: Sequence[Trial]) -> Fit:
         """Look for a better instant of a switch, in all pieces."""
         cut, _ = cut_segments(fit.plant, parts)
-        return refine_switching_instant(fit, cut, self._kinds, None, math.inf, late=self._late)
+        return refine_switching_instant(
+            fit, cut, self._kinds, None, math.inf, late=self.is_late
+        )
 
     def _started(self, one: Candidate, fit: Fit) -> Candidate:
         """Say where the free run may begin."""
@@ -293,6 +308,51 @@ class _SegmentSearch:
         begun = [dict(zip(plant.state_names, s.tolist(), strict=True)) for s in states]
         constants = {name: value for name, value in values.items() if len(name) == 2}
         return dataclasses.replace(one, start=FitStart(constants, begun, from_segments=True))
+
+
+class _Shots:
+    """Fits of effects to pieces, one after the other; other processes begin the next ones."""
+
+    def __init__(
+        self, search: _SegmentSearch, effects: Sequence[Effect], parts: Sequence[Trial]
+    ) -> None:
+        self._search, self._effects, self._parts = search, effects, parts
+        self._count = 0
+        self._ahead: FitsAhead[Fit | None] = FitsAhead(
+            current_workers(), search.shared_objects(parts)
+        )
+
+    def take(self, count: int, least: float) -> list[Fit]:
+        """Fit the next few effects; give the fits that ended.
+
+        Parameters
+        ----------
+        count
+            Number of effects.
+        least
+            The least cost so far; near it, fits go on to their end.
+        """
+        found = []
+        for number in range(self._count, self._count + count):
+            if self._search.is_late():
+                raise FitAbandoned
+            beat = NEAR_RATIO * least
+            for later in range(number, min(number + self._ahead.room, len(self._effects))):
+                self._ahead.begin(later, beat, self._attempt(later, beat))
+            taken = self._ahead.take(number, beat, self._search.is_late)
+            fit = (taken or self._attempt(number, beat)()).fit
+            if fit is not None and math.isfinite(fit.cost):
+                found.append(fit)
+                least = min(least, fit.cost)
+        self._count += count
+        return found
+
+    def close(self) -> None:
+        """End what was begun and is not needed."""
+        self._ahead.drop()
+
+    def _attempt(self, number: int, beat: float) -> Callable[[], Attempt[Fit | None]]:
+        return functools.partial(self._search.attempt, self._effects[number], self._parts, beat)
 
 
 def _rides(kind: Kind) -> bool:

@@ -309,10 +309,11 @@ def _from_segments(
     growing parts of a record lose their phase. Over a few periods they do not.
     """
     try:
-        cut, states = shooting_fit(plant, trials, noise, values, late, free=free)
+        control = FitControl(is_late=late)
+        cut, states = shooting_fit(plant, trials, noise, values, control, free)
         return refit(
             plant, trials, free=free, values=cut.values, states=states, horizons=(1.0,),
-            control=FitControl(is_late=late),
+            control=control,
         )  # fmt: skip
     except (FitAbandoned, FloatingPointError, np.linalg.LinAlgError):
         return None

@@ -6,7 +6,13 @@ import importlib
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit, shooting_fit
+from slowtime.discrepancy.calibration import (
+    FitAbandoned,
+    FitControl,
+    cut_segments,
+    refit,
+    shooting_fit,
+)
 from slowtime.discrepancy.estimation import candidate_fit as naming
 from slowtime.discrepancy.estimation.candidate_fit import FitSchedule, fit_candidate
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
@@ -157,7 +163,7 @@ def test_where_it_is_too_late_for_pieces_they_are_given_up(trials):
     noise = white_noise([[SD**2 * 2 / RATE]])
     start = swung(780.0)
     with pytest.raises(FitAbandoned):
-        shooting_fit(start, trials, noise, start.values, lambda: True)
+        shooting_fit(start, trials, noise, start.values, FitControl(is_late=lambda: True))
 
 
 def run_away(*_, **__):

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from slowtime.discrepancy.calibration import (
     Fit,
     FitAbandoned,
+    FitControl,
     cut_segments,
     initial_states_of_records,
     refit,
@@ -45,10 +47,12 @@ from slowtime.discrepancy.proposers.segments import (
 )  # fmt: skip
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.workers import shared_among
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, Place, catalogue, force_along
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.work import metered
+from slowtime_services.engines.forks import ForkedWorkers
 from tests.slowtime.discrepancy.protocol import candidate, fitted_candidate, round_of
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 from tests.slowtime.discrepancy.three_mass_chain import (
@@ -85,11 +89,17 @@ class Remembered:
     def __init__(self):
         self.known: dict[object, tuple[Fit, list[np.ndarray]]] = {}
 
-    def __call__(self, plant, parts, noise, values, late, beat):
+    def __call__(self, plant, parts, noise, values, control):
         heard = tuple(part.outputs.tobytes() for part in parts)
-        key = (repr(plant.description), tuple(plant.kinds), hash(heard), values.tobytes(), beat)
+        key = (
+            repr(plant.description),
+            tuple(plant.kinds),
+            hash(heard),
+            values.tobytes(),
+            control.cost_to_beat,
+        )
         if key not in self.known:
-            self.known[key] = shooting_fit(plant, parts, noise, values, late, beat)
+            self.known[key] = shooting_fit(plant, parts, noise, values, control)
         return self.known[key]
 
 
@@ -469,11 +479,24 @@ def test_initial_states_are_those_of_the_first_periods(stop):
         np.testing.assert_allclose(state, moved, atol=1e-3)
 
 
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux")
+@pytest.mark.parametrize("count", [2, 3])
+def test_several_processes_fit_what_one_fits_with_the_work_of_one(stop, count):
+    with metered() as meter:
+        alone = stop.told(shoot=shooting_fit)
+    with metered() as shared, shared_among(ForkedWorkers(count)):
+        together = stop.told(shoot=shooting_fit)
+    assert [repr(one) for one in together] == [repr(one) for one in alone] != []
+    assert shared.spent == meter.spent
+
+
 def test_a_fit_to_segments_that_will_not_come_near_is_not_finished(stop):
     plant = stop.before.plant
     parts = strongest_segments(plant, stop.trials, 4)
     full, _ = shooting_fit(plant, parts, stop.before.noise, plant.values)
-    cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
+    control = FitControl(cost_to_beat=full.cost / 1e3)
+    cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, control)
     assert cut.cost > full.cost
 
 
@@ -486,12 +509,12 @@ class Scripted:
     asked: list[tuple[str, bool, float | None]] = dataclasses.field(default_factory=list)
     begun: dict[tuple[str, Place], dict[str, float]] = dataclasses.field(default_factory=dict)
 
-    def __call__(self, plant, parts, noise, values, late, beat):
+    def __call__(self, plant, parts, noise, values, control):
         kind = plant.effects[-1].kind if plant.effects else ""
         few = len(parts[0].outputs) == len(
             strongest_segments(plant, self.given.trials, FEW_SEGMENTS)[0].outputs
         )
-        self.asked.append((kind, few, beat))
+        self.asked.append((kind, few, control.cost_to_beat))
         for effect in plant.effects:
             self.begun.setdefault(label_of(effect), dict(effect.parameters))
         left = self.leaves.get(kind, (99.0, 99.0))[0 if few else 1]
@@ -659,7 +682,7 @@ def test_the_quietest_part_is_fitted_of_which_the_model_leaves_much(stop, plain,
     assert len(known) == 4
     asked = []
 
-    def fitted(plant, parts, noise, values, late, beat):
+    def fitted(plant, parts, noise, values, control):
         cut = known[tuple(part.start_s for part in parts)]
         if not plant.effects:
             asked.append(cut)
