@@ -288,9 +288,10 @@ def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> 
             continue  # recorded twice
         if header.sequence > due:
             raise ValueError(
-                f"Raw block {due} of boot {header.boot} of {header.twin_id} is not recorded; "
-                f"the next one is {header.sequence}. Features after it cannot be made again "
-                "byte for byte. Start the recorder before the edge agent, and keep it running."
+                f"Raw block {due} of {header.twin_id}, start {header.boot} of its edge agent, "
+                f"is missing in the recording; the next one is {header.sequence}. Features "
+                "after this gap cannot be reproduced byte for byte. For the next recording, "
+                "start the recorder before the edge agent, and keep it running."
             )
         expected[origin] = due + 1
         asset = (header.site, header.asset)

@@ -196,9 +196,10 @@ def check_nominal(nominal_relative_sd: PerReading, quantile: float) -> None:
     most = 1.0 / max(quantile, 1.0)
     if not (at_least(nominal_relative_sd, 0.0) and under(nominal_relative_sd, most)):
         raise ValueError(
-            f"nominal_relative_sd={nominal_relative_sd} is outside [0, {most:.3g}), where a "
-            "ratio to the nominal frequency has an interval at all. Give sd(f0)/f0, such as "
-            "0.001; learn the nominal frequency from more epochs if it is truly so uncertain."
+            f"nominal_relative_sd={nominal_relative_sd} is outside [0, {most:.3g}). From "
+            f"{most:.3g} on, the ratio to the nominal frequency has no finite interval. Give "
+            "sd(f0)/f0 as a fraction, such as 0.001. If the nominal frequency really is that "
+            "uncertain, estimate it from more epochs."
         )
 
 

@@ -30,7 +30,8 @@ class Inbox(Generic[T]):
     def __init__(self, max_items: int = 100_000, max_bytes: int = 256 * 2**20) -> None:
         if max_items < 1 or max_bytes < 1:
             raise ValueError(
-                f"An inbox of {max_items=}, {max_bytes=} holds nothing. Give positive numbers."
+                f"An inbox of {max_items=}, {max_bytes=} could hold no message. Give positive "
+                "numbers for both."
             )
         self._max_items, self._max_bytes = max_items, max_bytes
         self._items: collections.deque[T] = collections.deque()

@@ -85,8 +85,9 @@ def read_output4(path: Path, name: str | None = None) -> sparse.csr_array:
                 found = head, kept
     except (StopIteration, RuntimeError, struct.error, ValueError) as error:
         raise MatrixFileError(
-            f"{path.name} ends too early or is no OUTPUT4 file ({error or 'end of file'}). "
-            "Write it again with OUTPUT4, or check its ending."
+            f"{path.name} is cut short, or is not an OUTPUT4 file ({error or 'end of file'}). "
+            "Write it again with OUTPUT4; if it is of another kind, rename it with the ending "
+            "of that kind."
         ) from error
     if found is None or (name is None and len(heads) > 1):
         asked = "No variable was named" if name is None else f"The variable {name!r} was named"

@@ -144,8 +144,9 @@ class RecursiveModes:
         lost = index - state.tail.next_index
         if lost < 0:
             raise ValueError(
-                f"A block from index {index} was given after {state.tail.next_index} samples. "
-                "Give each sample once, and in order."
+                f"A block from index {index} was given after {state.tail.next_index} samples; "
+                f"the next index is {state.tail.next_index} or, after a gap, larger. Give each "
+                "sample once, and in order."
             )
         if lost == 0:
             return state

@@ -14,13 +14,13 @@ Examples:
   slowtime completion zsh >> ~/.zshrc
   slowtime completion fish > ~/.config/fish/completions/slowtime.fish
 
-The next shell that starts completes verbs, options, choices and names of files with the Tab
-key. Bash must be of version 4.4 or newer.
+The next shell that starts completes commands, options, choices and file names.
+Bash must be of version 4.4 or newer.
 """,
 )
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(**_given: object) -> None:
-    """Print the script that completes verbs and options in a shell.
+    """Print a script with which the Tab key completes commands and options.
 
-    Append it to the shell's start file, as the examples show.
+    Append what is printed to the shell's startup file once, as the examples show.
     """

@@ -80,11 +80,13 @@ Examples:
 def distortion(given: str | None, decay: bool, plot: Path | None, **_rest: object) -> None:
     """Measure nonlinear distortion, or damping against amplitude.
 
-    Each record holds whole periods of one random-phase multisine (FILE@FROM:TO for a part of
-    one); several of equal level are its realisations. Scatter over periods estimates the noise,
-    scatter over realisations noise and nonlinear distortion, and output at lines that the input
-    omits shows whether the nonlinearity is odd or even. Prints frequency and damping of a
-    resonance for each level; with --decay, of free decays, against their amplitude.
+    Each record holds whole periods of a random-phase multisine (FILE@FROM:TO takes a part of a
+    record). Records of the same level count as realisations, each with its own random phases.
+    Scatter over periods estimates the noise; scatter over realisations, noise and nonlinear
+    distortion together. Response at frequency lines that are not excited shows whether the
+    nonlinearity is odd or even. For each level, frequency and damping of the resonance at the
+    highest peak are printed. With --decay, records are free decays, and frequency and damping
+    are printed against amplitude.
     """
     if decay and given is not None:
         raise click.UsageError("--decay and --input exclude each other. Leave one of them out.")

@@ -39,7 +39,8 @@ def scale(modes: Path, added: tuple[tuple[Path, str], ...], **_given: object) ->
 
     Measure the structure twice: as it is, and with known masses attached. MODES is the file
     that `slowtime identify RECORD --method modes --out MODES` writes for the structure without
-    the masses; --added names the file of the second measurement and the masses. The shift of
-    the frequencies gives the modal mass of each mode, for a shape of unit Euclidean norm, with
-    its standard deviation. Scaled shapes are mass-normalised.
+    the masses. --added takes two values: the same kind of file of the structure with the
+    masses, and the mass at each channel in kg. The frequency shifts give the modal mass of each
+    mode, for a shape of unit Euclidean norm, with its standard deviation. Scaled shapes are
+    mass-normalised.
     """

@@ -62,8 +62,9 @@ def export(
 ) -> None:
     """Export the history of a twin, or the samples of a record.
 
-    SOURCE is a twin's database, also while a server writes it, or a record or recording as
-    `identify` reads it; the flags from --rate-hz on go with a record.
+    SOURCE is a twin's database, which a server may be writing to, or a file of samples in any
+    format that `identify` reads. The options listed from --rate-hz on apply to files of samples
+    only. Without SOURCE, --server names a running twin server to read from.
     """
     if (source is None) == (server is None):
         raise click.UsageError("Give a twin's database or a record, or --server; not both.")

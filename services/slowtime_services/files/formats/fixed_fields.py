@@ -85,9 +85,10 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         values = numbers_of(body, section.line + 2, name, section.width)
         if len(values) != section.count:
             raise RecordError(
-                f"Line {section.line + 1} of {name} states {section.count} points and "
-                f"{len(values)} follow ({section.said[:70]!r}): the file is cut short, or was "
-                "changed. Correct the figure if the samples are right."
+                f"Line {section.line + 1} of {name} ({section.said[:70]!r}) states "
+                f"{section.count} points and {len(values)} follow: the file is cut short, or "
+                "was edited. Get the original again, or correct the number of points in that "
+                "line if the samples are complete."
             )
         starts.append(_start(lines[heading : section.line]))
         heading = section.line + 1 + len(body)
