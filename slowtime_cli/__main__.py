@@ -69,7 +69,7 @@ VERBS = {
     ),
     "completion": Verb(
         "operation.completion:completion",
-        "Print the script that completes verbs and options in a shell.",
+        "Print a script with which the Tab key completes commands and options.",
     ),
     "check": Verb("operation.check:check", "Check a twin's database for damage."),
     "ledger": Verb(

@@ -27,7 +27,7 @@ const ENGLISH = {
   corner: "Corner", front: "Front", side: "Side", above: "Above", mode: "Mode", amplitude: "Amplitude", start: "Animate", stop: "Stop the animation",
   measured: "{frequency} measured", in_model: "{frequency} in the model", no_shape: "no shape to compare", only_model: "{title} (model)", only_measured: "{title} (measured)",
   chosen: "Mode {title}. {values}.", none: "No modes yet.", nodes: "A structure of {n} nodes in space.",
-  legend_both: "Blue lines: model; orange dots: measured at the sensors, joined to the model by thin lines.", legend_rest: "Pale lines: at rest.",
+  legend_both: "Blue lines: model. Orange dots: measured at the sensors; a thin line joins each to the same point of the model.", legend_rest: "Pale lines: at rest.",
   legend_changed: "Thick orange lines: {elements}, suspected to have changed.",
   legend_turn: "Drag sideways or press the arrow keys to rotate. Displacements are strongly exaggerated.",
 };
