@@ -69,7 +69,7 @@ VERBS = {
     ),
     "completion": Verb(
         "operation.completion:completion",
-        "Print a script with which the Tab key completes commands and options.",
+        "Print a script for tab completion in a shell.",
     ),
     "check": Verb("operation.check:check", "Check a twin's database for damage."),
     "ledger": Verb(

@@ -20,7 +20,7 @@ Bash must be of version 4.4 or newer.
 )
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(**_given: object) -> None:
-    """Print a script with which the Tab key completes commands and options.
+    """Print a script for tab completion in a shell.
 
     Append what is printed to the shell's startup file once, as the examples show.
     """
