@@ -116,7 +116,7 @@ def _copy(path: Path, folder: Path, resting: tuple[str, ...]) -> str:
     if not resting:
         shutil.copy(path, folder / path.name)
         return path.name
-    record = record_of(path) if path.suffix == ".mcap" else read_record(path)
+    record = record_of(path) if path.suffix == ".mcap" else read_record(path, keep=["all"])
     columns: dict[str, Any] = {c: record.channel(c) for c in record.channels}
     columns |= {channel: np.zeros(len(record.samples)) for channel in resting}
     clock = record.aux.get("t")

@@ -70,7 +70,9 @@ def read_states(path: Path, claimed: Claimed) -> States:
     is integrated in the frequency domain above a third of the lowest one, and carried to nodes
     without a sensor by the nominal shapes of as many modes as there are sensors.
     """
-    record: Record = record_of(path) if path.suffix == ".mcap" else read_record(path)
+    record: Record = (
+        record_of(path) if path.suffix == ".mcap" else read_record(path, keep=["all"])
+    )
     rig, nodes = claimed.rig, claimed.rig.nodes
     force, base = np.zeros((len(record.samples), rig.size)), np.zeros(len(record.samples))
     for entry in claimed.inputs:

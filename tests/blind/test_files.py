@@ -31,7 +31,7 @@ def digest(folder):
 
 
 def read(path):
-    return record_of(path) if path.suffix == ".mcap" else read_record(path)
+    return record_of(path) if path.suffix == ".mcap" else read_record(path, keep=["all"])
 
 
 @pytest.mark.long
