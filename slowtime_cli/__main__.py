@@ -50,7 +50,7 @@ VERBS = {
     ),
     "alarms": Verb(
         "twins.alarms:alarms",
-        "Test the alarms of a twin, and show their deliveries.",
+        "Send a test alarm of a twin, and list delivered alarms.",
     ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."
@@ -154,7 +154,7 @@ VERBS = {
     ),
     "forecast": Verb(
         "twins.forecast:forecast",
-        "Forecast a twin, and when it will reach thresholds.",
+        "Forecast the changes of a twin, and when they reach thresholds.",
     ),
     "plan": Verb(
         "twins.plan:plan",
@@ -179,7 +179,9 @@ VERBS = {
         "models.fatigue:fatigue",
         "Count stress cycles and sum fatigue damage, with its scatter.",
     ),
-    "virtual": Verb("models.virtual:virtual", "Estimate unmeasured drift, force or stress."),
+    "virtual": Verb(
+        "models.virtual:virtual", "Estimate drift, force or stress that nobody measures."
+    ),
     "convert": Verb(
         "models.convert:convert", "Convert a mesh of beams, bars and shells to a model file."
     ),

@@ -48,10 +48,14 @@ class Process:
         for name, given in (("transition", self.transition), ("observation", self.observation)):
             if given is None:
                 continue
-            if np.any(given < 0) or not np.allclose(given.sum(axis=-1), 1.0, atol=1e-9):
+            sums = given.sum(axis=-1)
+            wrong = (given < 0).any(axis=-1) | ~np.isclose(sums, 1.0, atol=1e-9)
+            if wrong.any():
+                row = tuple(np.argwhere(wrong)[0].tolist())
                 raise ValueError(
-                    f"Probabilities of {name} are negative or do not sum to 1 in a row. Give "
-                    "rows of probabilities."
+                    f"Row {list(row)} of {name}, {given[row].tolist()}, has a negative entry or "
+                    f"sums to {sums[row]:g}, not 1. Give probabilities that sum to 1 over the "
+                    "last index; check that the array is not transposed."
                 )
         if not 0.0 <= self.discount < 1.0:
             raise ValueError(f"A discount of {self.discount:g} is outside [0, 1).")

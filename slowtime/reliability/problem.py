@@ -101,8 +101,9 @@ class Problem:
             for name in group:
                 if name not in laws or isinstance(laws[name], Conditional) or name in seen:
                     raise ValueError(
-                        f"{name!r} cannot be joined by a copula: give names of inputs with "
-                        f"marginals, each in one group. Inputs: {', '.join(laws)}."
+                        f"{name!r} cannot be joined by a copula: it is not an input with a "
+                        "marginal, or is in a group already. Each input may be in one group "
+                        f"at most. Inputs: {', '.join(laws)}."
                     )
                 seen.add(name)
 

@@ -120,7 +120,8 @@ class Surrogate(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if scale <= 1e-12 * float(np.abs(outputs).max(initial=0.0)):
             raise ValueError(
                 f"All {len(outputs)} outputs are {outputs[0]:g}: there is nothing to learn. "
-                "Check which column is the output, or use the constant itself."
+                "Check which column is the output; if it really is constant, use that value "
+                "instead of a surrogate."
             )
         _judge(x)
         self.domain_ = domain(x)

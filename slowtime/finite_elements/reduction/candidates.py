@@ -66,9 +66,9 @@ class BasisSettings:
         """Refuse settings without a solution."""
         if not (0 < self.modes <= self.coordinates and 0.0 < self.span < 1.0):
             raise ValueError(
-                f"modes={self.modes}, coordinates={self.coordinates}, span={self.span}. "
-                "Allowed are at least one mode, as many coordinates as modes, and a span below "
-                "1, where a part has lost all stiffness."
+                f"modes={self.modes}, coordinates={self.coordinates}, span={self.span} are not "
+                "allowed for a reduction. Give at least one mode, at least as many coordinates "
+                "as modes, and a span between 0 and 1; at 1, a part would lose all stiffness."
             )
 
 

@@ -79,10 +79,10 @@ median. A constant for amplitudes is multiplied by 2^slope.
 def fatigue(model: Path | None, **given: object) -> None:
     """Count stress cycles and sum fatigue damage, with its scatter.
 
-    Cycles are counted by rainflow (ASTM E1049).
-    Miner's sum is given with its 95 % interval, from the scatter of lives; the time until it
-    reaches the capacity (median 1, coefficient of variation 0.3) with 5, 50 and 95 % bounds;
-    and beside it the damage that spectral methods estimate from the same record.
+    Cycles are counted by rainflow (ASTM E1049). Printed are Miner's sum with a 95 % interval,
+    from the scatter of the S-N curve; the 5, 50 and 95 % percentiles of the time until it
+    reaches the critical sum (lognormal, median 1, coefficient of variation 0.3), if the load
+    goes on as in RECORD; and, for comparison, the damage that spectral methods estimate.
     """
     if (model is None) != (given["quantity"] is None):
         raise click.UsageError(

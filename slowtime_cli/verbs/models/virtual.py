@@ -87,11 +87,13 @@ not show motion slower than the band, such as the mean drift under steady wind.
     help="CSV file of time, value and standard deviation; - for stdout.",
 )
 def virtual(**given: object) -> None:
-    """Estimate unmeasured drift, force or stress.
+    """Estimate drift, force or stress that nobody measures.
 
-    A Kalman filter runs on the accelerations of RECORD with the modes of MODEL; forces are
-    unknown, and how large they are is estimated from the spectra. Models within the tolerance
-    run side by side, and their spread is part of the standard deviation.
+    Virtual sensing: a Kalman filter runs on the accelerations of RECORD with the modes of
+    MODEL. Forces are unknown, and how large they are is estimated from the spectra of the
+    accelerations. The filter also runs with variants of MODEL whose constants are drawn within
+    the tolerances that MODEL states, and the spread between them is part of the standard
+    deviation.
     """
     if given["quantity"] is None:
         raise click.UsageError(f"Give --quantity: {', '.join(QUANTITIES)}.")

@@ -25,8 +25,8 @@ the database has to forge those, too.
 def ledger() -> None:
     """Verify that a twin's history was not altered or deleted.
 
-    The ledger is a chain of hashes over all accepted features, signed by the twin server. It
-    shows later changes and deletions.
+    The ledger is a chain of hashes over all features that the twin server accepted, signed by
+    it. Where a feature was changed or deleted afterwards, the chain no longer fits.
     """
 
 

@@ -184,8 +184,8 @@ def identify(
     """
     if inputs is None and (driving_points or block_s or decay_s or frf):
         raise click.UsageError(
-            "--driving-point, --block-s, --decay-s and --frf go with --input, which names the "
-            "measured inputs."
+            "--driving-point, --block-s, --decay-s and --frf can only be used together with "
+            "--input, which names the measured inputs. Give --input, or leave them out."
         )
     if inputs is not None:
         if window_s or stream or second or method != "auto":

@@ -29,7 +29,7 @@ twin: docs/alarms_out.md.
 """
 )
 def alarms() -> None:
-    """Test the alarms of a twin, and show their deliveries."""
+    """Send a test alarm of a twin, and list delivered alarms."""
 
 
 @alarms.command(cls=Deferred, work="twins.alarms:send_test", extra="analysis", name="test")

@@ -50,9 +50,11 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 def forecast(**given: Any) -> None:
-    """Forecast a twin, and when it will reach thresholds.
+    """Forecast the changes of a twin, and when they reach thresholds.
 
-    Mean and 95 % interval of each change at future slow times; for each threshold, the times by
-    which it is reached with 10, 50 and 90 % probability, if they are within the horizon.
+    Prints mean and 95 % interval of each change (stiffness, mass, damping) at future instants
+    of the slow time, over which the structure changes, such as days; and for each threshold the
+    times by which it is reached with 10, 50 and 90 % probability, as far as they are within
+    the horizon.
     """
     refuse_incomplete_query(**given)

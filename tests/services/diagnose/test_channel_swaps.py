@@ -103,5 +103,5 @@ def test_exchanged_inputs_are_told_and_right_ones_are_not(effects, crossed):
     if not crossed:
         refuse_nonsense(given, ["r.csv"])
         return
-    with pytest.raises(RecordError, match=r"u and w look exchanged.*--channel u=w"):
+    with pytest.raises(RecordError, match=r"u and w appear to be exchanged.*--channel u=w"):
         refuse_nonsense(given, ["r.csv"])

@@ -81,5 +81,5 @@ def test_a_better_look_costs_less_and_stays_between_blind_and_seen():
 
 
 def test_rows_that_are_no_probabilities_are_refused():
-    with pytest.raises(ValueError, match="do not sum to 1"):
+    with pytest.raises(ValueError, match=r"Row \[1, 0\] of transition, .* sums to 0.5, not 1"):
         Process(COST, np.stack([WEAR, AS_NEW * 0.5]), 0.9)

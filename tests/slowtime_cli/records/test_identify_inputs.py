@@ -123,7 +123,7 @@ def test_an_earthquake_is_told_by_the_unit_of_its_input(run, tmp_path):
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (("--frf", "h.uff"), "go with --input"),
+        (("--frf", "h.uff"), "together with --input"),
         (("--input", "force", "--window-s", 5), "for one whole record"),
         (("--input", "force,a1,a2,a3"), "leave at least one channel as a response"),
         (("--input", "nothing"), "nothing"),

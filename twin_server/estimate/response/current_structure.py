@@ -136,7 +136,7 @@ def _of_one_mode(
         if not checkpoint.has_damping:
             raise UnknownStructureError(
                 "No damping ratio of this twin is known. Give nominal.damping_ratio in its "
-                "registration, or look at what the edge identifies."
+                "registration, such as 0.02, or find out why its edge agent sends none."
             )
         damping = known.damping_ratio, known.damping_ratio * known.damping_relative_sd
         said.append("damping as nominal")

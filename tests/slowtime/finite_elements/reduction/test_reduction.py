@@ -153,7 +153,7 @@ def test_close_modes_are_compared_as_subspaces():
 
 
 def test_settings_without_a_solution_are_refused():
-    with pytest.raises(ValueError, match="as many coordinates as modes"):
+    with pytest.raises(ValueError, match="at least as many coordinates as modes"):
         BasisSettings(modes=30, coordinates=20)
-    with pytest.raises(ValueError, match="a span below 1"):
+    with pytest.raises(ValueError, match="a span between 0 and 1"):
         BasisSettings(modes=3, span=1.0)
