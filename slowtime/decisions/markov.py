@@ -53,9 +53,9 @@ class Process:
             if wrong.any():
                 row = tuple(np.argwhere(wrong)[0].tolist())
                 raise ValueError(
-                    f"Row {list(row)} of {name}, {given[row].tolist()}, has a negative entry or "
-                    f"sums to {sums[row]:g}, not 1. Give probabilities that sum to 1 over the "
-                    "last index; check that the array is not transposed."
+                    f"Row {list(row)} of {name}, {given[row].tolist()}, has a negative entry "
+                    f"or sums to {sums[row]:g}, not 1. Give probabilities that sum to 1 over "
+                    "the last index; check that the array is not transposed."
                 )
         if not 0.0 <= self.discount < 1.0:
             raise ValueError(f"A discount of {self.discount:g} is outside [0, 1).")
