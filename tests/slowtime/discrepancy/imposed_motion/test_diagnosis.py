@@ -62,6 +62,9 @@ STRENGTHS = {
 }
 
 
+UNITS = {"friction_n": "N", "c2_n_s2_per_m2": "N s^2/m^2", "k3_n_per_m3": "N/m^3"}
+
+
 def trial(law, seed, noise=0.05):
     e, v = motion(seed)
     rng = np.random.default_rng(100 + seed)
@@ -87,12 +90,28 @@ def test_the_law_is_named_or_among_the_undecided_with_its_strength(name):
     parameter, true = STRENGTHS[name]
     numbers = [one.numbers[parameter] for one in found.effects if parameter in one.numbers]
     assert numbers
+    assert numbers[0].unit == UNITS[parameter]
     assert numbers[0].value == pytest.approx(true, rel=0.1)
     assert found.gap.augmented < 0.3 * found.gap.refitted_nominal
     (trace,) = found.traces
     assert trace.of_force
     left = np.std(trace.measured - trace.augmented) / np.std(trace.measured)
     assert left == pytest.approx(found.gap.augmented, rel=0.02)
+
+
+@pytest.mark.long
+def test_laws_of_an_angle_are_stated_as_torques():
+    rig = dataclasses.replace(
+        RIG,
+        unit_of_coordinate="rad",
+        inputs=(dataclasses.replace(RIG.inputs[0], unit="N m"),),
+        sensors=(dataclasses.replace(RIG.sensors[0], unit="rad"),),
+    )
+    law = LAWS["coulomb"]
+    campaign = Campaign(description=rig, trials=(trial(law, 1),), holdout=(trial(law, 2),))
+    (named,) = diagnose(campaign).effects
+    assert named.numbers["friction_n"].unit == "N m"
+    assert named.numbers["friction_n"].text.endswith(" N m")
 
 
 @pytest.mark.long
