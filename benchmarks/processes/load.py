@@ -2,7 +2,7 @@
 
     python -m benchmarks.processes.load                       30 minutes
     python -m benchmarks.processes.load --seconds 300 --database postgresql://user@host/name
-    python -m benchmarks.processes.load --assets 100000 --period-s 100 --shards 2
+    python -m benchmarks.processes.load --assets 100000 --period-s 100 --unannounced
 
 Each of `--assets`, spread over `--sites`, sends a feature every `--period-s`, evenly, through a
 real router to a real twin server, each a process of its own, over TCP on this machine; the
@@ -72,6 +72,8 @@ class Senders:
     session
         Opens a session for the tokens of each `PER_SESSION` of them, as a router takes the
         longer for a declaration the more the session has; all are of `bus` where None.
+    announced
+        Whether each declares that it is online.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Senders:
         assets: int,
         sites: int,
         session: Callable[[], ZenohBus] | None = None,
+        announced: bool = True,
     ) -> None:
         self._bus, self._began_ns = bus, time.time_ns()
         self.names = [(f"s{number % sites:03d}", f"a{number:05d}") for number in range(assets)]
@@ -97,8 +100,12 @@ class Senders:
             bus.answer(request_key("*", "*", "account"), self._account),
             bus.answer(request_key("*", "*", "features"), self._features),
         ]
-        for first in range(0, assets, PER_SESSION):
-            own = bus if session is None else session()
+        if announced:
+            self._announce(session)
+
+    def _announce(self, session: Callable[[], ZenohBus] | None) -> None:
+        for first in range(0, len(self.names), PER_SESSION):
+            own = self._bus if session is None else session()
             self.sessions.append(own)
             for number, name in enumerate(self.names[first : first + PER_SESSION], 1):
                 self.handles.append(own.announce(alive_key(*name)))
@@ -200,7 +207,7 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     )
     with session() as bus:
         began_s = time.monotonic()
-        senders = Senders(bus, given.assets, given.sites, session)
+        senders = Senders(bus, given.assets, given.sites, session, not given.unannounced)
         print(
             f"all assets announced       after {time.monotonic() - began_s:.1f} s", flush=True
         )
@@ -401,6 +408,12 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=1800.0)
     parser.add_argument("--burst-s", type=float, default=10.0)
     parser.add_argument("--shards", type=int, default=1, help="processes of the server")
+    parser.add_argument(
+        "--unannounced",
+        action="store_true",
+        help="no asset declares that it is online; a router takes a quarter of an hour for the "
+        "declarations of 100,000",
+    )
     parser.add_argument("--database", help="file or URL; a file of its own by default")
     given = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="slowtime-load-") as folder:
