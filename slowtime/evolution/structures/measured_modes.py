@@ -29,6 +29,9 @@ from .updatable_models import SensedModes, UpdatableModel
 _BEYOND = 4  # modes of the model beyond as many as were measured, for pairing
 _SEEN = 1e-8  # size of a direction of close shapes, over the largest, that sensors still see
 _WIDEST = 0.3  # spread of ln f beyond which a prior says nothing on which mode is which
+# [share of an eigenvalue] Stiffness between two close modes that no model states, such as of
+# joints that are not quite alike. Source: judgement; no study is recorded.
+_COUPLING = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -273,18 +276,31 @@ def _pair(
         columns, power = modes.sensed, np.sum(shapes**2, axis=1)[:, None]
         turned = np.sum((modes.sensed_slope * spread) ** 2, axis=(0, 2))
         drift = turned / np.maximum(np.sum(columns**2, axis=0), 1e-300)
-        others = np.zeros(len(drift))
+        others, turning = np.zeros(len(drift)), np.zeros(len(drift))
         for group in groups:
             # Each member could lie anywhere in the span, so that all drift as far as one.
             drift[group], others[group] = drift[group].max(), len(group) - 1
+            turning[group] = _turning(modes.frequency_hz[group])
         noise = np.sum(np.where(known, _component_sd(measured), 0.0) ** 2, axis=1)[:, None]
         noise = noise / power
-        variance = np.minimum(drift, 0.5) + noise
         directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
-        cost = cost + 0.5 * directions * (1.0 - span) / variance
-        cost = cost + 0.5 * others * (span - own) / variance
+        cost = cost + 0.5 * directions * (1.0 - span) / (np.minimum(drift, 0.5) + noise)
+        within = np.minimum(drift + turning, 0.5) + noise
+        cost = cost + 0.5 * others * (span - own) / within
     _, partners = linear_sum_assignment(cost)
     return _in_order(measured, groups, np.asarray(partners))
+
+
+def _turning(frequency_hz: np.ndarray) -> np.ndarray:
+    """Mean square by which what no model states turns each of some close shapes in their span.
+
+    A stiffness that couples two modes turns them by itself over the difference of their
+    eigenvalues (first order). Modes that are equal lie anywhere in their span.
+    """
+    eigenvalue = frequency_hz**2
+    apart = np.abs(eigenvalue - eigenvalue[:, None]) / eigenvalue[:, None]
+    np.fill_diagonal(apart, np.inf)
+    return np.asarray(np.sum((_COUPLING / np.maximum(apart, 1e-12)) ** 2, axis=1))
 
 
 def _component_sd(measured: MeasuredModes) -> np.ndarray:
