@@ -15,12 +15,16 @@ from jaxtyping import Float
 
 from slowtime.evolution.change import check_level
 
-from .fit import Optimum, check_prior, optimise_from
+from .fit import Optimum, check_prior, optimise_from, total_misfit
 from .measured_modes import MeasuredModes
 from .updatable_models import UpdatableModel
 
 _BEAM = 6  # hypotheses of one size from which those of the next are made
 _HOPELESS = 12.0  # log-probability below the best at which a hypothesis is not built upon
+# [prior standard deviations] Of a single change, from which a search may begin. Source:
+# judgement; a search reaches as far as modes do not exchange their shapes.
+_SCANNED = tuple(0.25 * k for k in range(-8, 5) if k)
+_HALVINGS = 4  # of that step, about the best change: what searches then reach is near
 _TOLD = 0.9
 _RIVAL = 0.2  # of the probability of the best, from which a hypothesis is told as well
 
@@ -113,19 +117,62 @@ def name_changes(
         return found.log_evidence + odds * len(changed), found
 
     free = [i for i in range(len(slab)) if slab[i] > spike[i]]
-    weighed = {frozenset[int](): weigh(frozenset(), np.zeros(len(slab)))}
-    layer = [frozenset[int]()]
+    none = frozenset[int]()
+    weighed = {none: weigh(none, np.zeros(len(slab)))}
+    layer = [none]
     for _ in range(min(most, len(free))):
-        larger: dict[frozenset[int], np.ndarray] = {}
+        larger: dict[frozenset[int], list[np.ndarray]] = {}
         for base in layer:
             for i in free:
-                larger.setdefault(base | {i}, weighed[base][1].theta)
-        fresh = {s: weigh(s, start) for s, start in larger.items() if s not in weighed}
+                starts = [weighed[base][1].theta]
+                if base == none:
+                    starts.append(_likeliest_single(structure, sets, i, slab))
+                larger.setdefault(base | {i}, starts)
+        fresh = {
+            s: max((weigh(s, start) for start in starts), key=lambda pair: pair[0])
+            for s, starts in larger.items()
+            if s not in weighed
+        }
         weighed |= fresh
         best = max(score for score, _ in weighed.values())
         layer = sorted(fresh, key=lambda s: -fresh[s][0])[:_BEAM]
         layer = [s for s in layer if fresh[s][0] > best - _HOPELESS]
     return _conclude(structure, weighed)
+
+
+def _likeliest_single(
+    structure: UpdatableModel,
+    sets: Sequence[MeasuredModes],
+    which: int,
+    slab: Float[np.ndarray, " parameter"],
+) -> np.ndarray:
+    """Change of one part alone at which the data are likeliest, among a few such changes.
+
+    Where two modes come near each other and exchange their shapes on the way, a search from
+    the nominal state ends there; and slight changes of all parts explain some of a change, so
+    that none of the one part looks better from there.
+
+    Parameters
+    ----------
+    structure, sets
+        As for `optimise_from`.
+    which
+        The changed part.
+    slab
+        Prior standard deviation of each part, if changed [1].
+    """
+    spread = np.where(np.arange(len(slab)) == which, slab, 0.0)
+
+    def misfit(share: float) -> float:
+        gap = total_misfit(structure, sets, share * spread, spread).residual
+        return float(gap @ gap)
+
+    left = {share: misfit(share) for share in _SCANNED}
+    step = _SCANNED[1] - _SCANNED[0]
+    for _ in range(_HALVINGS):
+        step, best = step / 2, min(left, key=left.__getitem__)
+        left |= {share: misfit(share) for share in (best - step, best + step)}
+    return np.asarray(min(left, key=left.__getitem__) * spread)
 
 
 def _conclude(

@@ -396,3 +396,34 @@ def test_senseless_input_is_refused_with_the_cure():
             stiffness_parts=np.ones((1, 2, 2)),
             element_names=("a", "b"),
         )
+
+
+def row_of_masses(coupling):
+    """Masses on springs of their own, each a little stiffer, and weakly tied to the next."""
+    count = 6
+    parts = np.zeros((count, count, count))
+    parts[np.arange(count), np.arange(count), np.arange(count)] = 1.0 + 0.04 * np.arange(count)
+    ends = np.diff(np.eye(count), axis=0)
+    stiffness = parts.sum(axis=0) + coupling * ends.T @ ends
+    return ParametricStructure(mass=np.eye(count), stiffness=stiffness, stiffness_parts=parts)
+
+
+@pytest.mark.parametrize("coupling", [0.005, 0.02])
+@pytest.mark.parametrize("which", range(1, 6))
+def test_a_change_at_which_modes_exchange_their_shapes_is_named_alone(coupling, which):
+    """On the way to it the frequencies of two modes and more come near each other, and veer."""
+    structure, sd = row_of_masses(coupling), 1e-3
+    change = np.zeros(6)
+    change[which] = np.log(0.85)
+    modes, rng = structure.modes(change), np.random.default_rng(which)
+    assert np.argmax(np.abs(modes.shape[which])) < which  # it was the mode of that number
+    measured = MeasuredModes(
+        frequency_hz=modes.frequency_hz * np.exp(1e-4 * rng.standard_normal(6)),
+        frequency_sd_hz=1e-4 * modes.frequency_hz,
+        shapes=modes.shape.T + sd * rng.standard_normal((6, 6)),
+        shape_sd=np.full((6, 6), sd),
+    )
+    named = name_changes(structure, measured, changed_sd=0.2, most=2).hypotheses[0]
+    assert named.names == (structure.names[which],)
+    assert named.probability > 0.9
+    assert abs(named.change[0] + 0.15) < 4 * named.sd[0]
