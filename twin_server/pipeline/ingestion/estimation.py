@@ -1,6 +1,6 @@
 """Estimates features in order, and prepares the states, checkpoints and events to write."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 from slowtime_schemas.messages import Event
@@ -12,7 +12,7 @@ from twin_server.registration.twin import Registration
 
 from .rows import cut_up, decoded, derived_event, event_row, twin_row
 
-Twins = dict[tuple[str, str], Twin]
+Twins = MutableMapping[tuple[str, str], Twin]
 """By site and asset."""
 
 NO_BOOT = "twin"

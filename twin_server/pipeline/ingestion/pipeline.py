@@ -524,7 +524,9 @@ class Pipeline:
         ):
             return
         cut = WriteBatch(held=rows_of_held(change), released=rows_of_released(change))
-        twins = dict(self._twins)
+        # Not a copy of all: a batch concerns a few twins of a hundred thousand.
+        changed: dict[tuple[str, str], Twin] = {}
+        twins = collections.ChainMap(changed, self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
         fresh = estimate_next(
@@ -546,7 +548,7 @@ class Pipeline:
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         numbers = self.store.write(cut)
         self._publisher.owe(change.touched)
-        self._twins = twins
+        self._twins.update(changed)
         self._count(change, cut)
         self._publisher.tell(change.ordered, fresh, self._units, cut.events, numbers)
 
