@@ -134,7 +134,7 @@ def test_a_hostile_name_is_shown_and_not_obeyed(serving, visit, ageing, eventual
     expect(page.locator(".card .name")).to_have_text(name)
     expect(page.locator("#unknown")).to_be_hidden()
     page.goto(f"{server.url}/#<img src=x onerror=window.hacked=1>")
-    expect(page.locator("#unknown")).to_contain_text("No twin is called <img")
+    expect(page.locator("#unknown")).to_contain_text("There is no twin <img")
     assert page.locator("img, main script").count() == 0
     assert page.evaluate("window.hacked") is None
     assert page.complaints == []
@@ -301,7 +301,7 @@ def test_a_twin_that_is_deleted_leaves_the_page(serving, visit, ageing, eventual
     expect(page.locator("section.twin")).to_have_count(1)
     assert server.client.delete("/api/v1/twins/lab.beam").status_code == 204
     expect(page.locator("section.twin")).to_have_count(0)
-    expect(page.locator("#unknown")).to_contain_text("No twin is called lab.beam.")
+    expect(page.locator("#unknown")).to_contain_text("There is no twin lab.beam.")
 
 
 @pytest.mark.long

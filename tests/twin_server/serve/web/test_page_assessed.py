@@ -57,4 +57,4 @@ def test_damage_and_virtual_quantities_are_shown(serving, visit, ageing, eventua
     expect(row.locator("td").nth(3)).to_contain_text("years")
     expect(row.locator("svg.spark")).to_have_count(1)
     figure = page.locator('[id="lab.beam"] [data-quantity="top"]')
-    expect(figure).to_contain_text("largest \u22120.3 ± 0.0196 m in the last window")
+    expect(figure).to_contain_text("largest \u22120.3 ± 0.0196 m in the last time window")

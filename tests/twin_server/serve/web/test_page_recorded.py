@@ -86,7 +86,7 @@ def test_an_inspection_is_recorded_after_the_latest_reading(house, visit):
     expect(form.get_by_label("Restored")).to_be_hidden()
     form.get_by_label("Result").select_option("none")
     expect(form.get_by_label("Change [%]")).to_be_hidden()
-    form.get_by_label("Damage found with probability 50 % [%]").fill("8")
+    form.get_by_label("Damage that the inspection detects with 50 % probability [%]").fill("8")
     page.keyboard.press("Enter")
     expect(page.locator(".recorded ol li")).to_contain_text("no damage found")
     (told,) = Client(house.url).recorded_events("lab.beam").events

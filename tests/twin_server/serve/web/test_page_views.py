@@ -112,9 +112,9 @@ VERDICTS = [
     (
         [{}, LEARNING],
         "waiting",
-        "Not known for every twin yet. 1 of 2 still learning or without",
+        "Not known for all twins yet. 1 of 2 still learning or without",
     ),
-    ([{"slow_time": None, "valid": False}], "waiting", "Not known for every twin yet. 1 of 1"),
+    ([{"slow_time": None, "valid": False}], "waiting", "Not known for all twins yet. 1 of 1"),
     (
         [{"alive": False}],
         "good",
@@ -209,7 +209,7 @@ def test_shapes_move_until_they_are_held(house, visit):
         "before => document.querySelector('.modes .moving').getAttribute('points') !== before",
         arg=before,
     )
-    expect(part(page, ".moves")).to_contain_text("times slower than the structure")
+    expect(part(page, ".moves")).to_contain_text("slower than the real motion")
     page.get_by_role("button", name="Stop the animation").click()
     held = shape.evaluate(where)
     page.evaluate("new Promise(done => setTimeout(done, 120))")
@@ -446,7 +446,7 @@ def test_the_plan_speaks_german_and_marks_what_the_server_says(
     expect(plan.locator("thead th").nth(2)).to_contain_text("erwartete Kosten")
     expect(plan.locator(".sentence [lang=en]")).to_have_count(1)
     expect(plan.locator("tbody th").first).to_have_attribute("lang", "en")
-    expect(plan.locator(".ytitle")).to_contain_text("erwartete Kosten bis dahin")
+    expect(plan.locator(".ytitle")).to_contain_text("Kosten bis dahin")
     value = part(page, "figcaption strong", "lab.plan").first
     expect(value).to_contain_text(re.compile(r"^\d,\d+\u202fHz$"))
     assert keeps_out(page) == []
