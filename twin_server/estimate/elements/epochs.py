@@ -234,6 +234,7 @@ class _Nominal:
     baselines: tuple[Baseline, ...]
     frequency_hz: Float[np.ndarray, " baseline"]
     shapes: Float[np.ndarray, "baseline channel"]
+    shape_error: Float[np.ndarray, " baseline"]
 
     @classmethod
     def of(cls, memory: Memory, model: Model) -> "_Nominal":
@@ -241,7 +242,25 @@ class _Nominal:
         modes = structure.modes(np.zeros(len(structure.names)))
         which = [one.mode for one in memory.baselines]
         shapes = (model.rows @ modes.shape[:, which]).T
-        return cls(model, structure, memory.baselines, modes.frequency_hz[which], shapes)
+        frequency_hz = modes.frequency_hz[which]
+        learnt_hz = np.array([one.frequency_hz for one in memory.baselines])
+        error = _shape_error(learnt_hz, frequency_hz)
+        return cls(model, structure, memory.baselines, frequency_hz, shapes, error)
+
+
+def _shape_error(
+    learnt_hz: Float[np.ndarray, " mode"], model_hz: Float[np.ndarray, " mode"]
+) -> np.ndarray:
+    """Error of the changes of shapes that a model gives, over these changes [1].
+
+    Modes turn towards each other by what couples them over the difference of their
+    eigenvalues (first order), so that the turn is as wrong as this difference, at most wholly.
+    """
+    error = np.log(learnt_hz / model_hz)
+    apart = np.abs(np.log(model_hz / model_hz[:, None]))
+    np.fill_diagonal(apart, np.inf)
+    wrong = np.abs(error - error[:, None]) / np.maximum(apart, 1e-12)
+    return np.asarray(np.minimum(wrong.max(axis=1), 1.0))
 
 
 def _read(
@@ -292,15 +311,16 @@ def _measured(
     nominal: _Nominal,
     removed: Sequence[Removed],
 ) -> MeasuredModes:
-    frequency, relative, shapes, shape_sds = [], [], [], []
+    frequency, relative, shapes, shape_sds, moves = [], [], [], [], []
     for baseline, i, mode in matched:
         freed, added = _freed(mode, i, removed)
         frequency.append(freed / baseline.frequency_hz * float(nominal.frequency_hz[i]))
         own = baseline.scatter * mode.relative_sd
         relative.append(math.hypot(own, added if removed else baseline.relative_sd))
-        shape, shape_sd = _shape(baseline, mode, nominal.shapes[i])
+        shape, shape_sd, move = _shape(baseline, mode, nominal.shapes[i])
         shapes.append(shape)
         shape_sds.append(shape_sd)
+        moves.append(nominal.shape_error[i] * move)
     values, any_shape = np.array(frequency), bool(np.isfinite(shapes).any())
     known = [baseline for baseline, _, _ in matched]
     return MeasuredModes(
@@ -309,17 +329,38 @@ def _measured(
         shapes=np.array(shapes) if any_shape else None,
         shape_sd=np.array(shape_sds) if any_shape else None,
         channels=nominal.model.rows if any_shape else None,
-        shape_common=common_patterns(known, np.array(shape_sds)) if any_shape else None,
+        shape_common=_common(known, np.array(shape_sds), np.array(moves))
+        if any_shape
+        else None,
     )
+
+
+def _common(
+    baselines: Sequence[Baseline],
+    shape_sd: Float[np.ndarray, "mode channel"],
+    moves: Float[np.ndarray, "mode channel"],
+) -> Float[np.ndarray, "mode pattern channel"]:
+    """Patterns in which the channels of each shape err together, in the unit of the shape.
+
+    Those of what was learnt, and the error of the model in the change of each shape.
+    """
+    learnt = common_patterns(baselines, shape_sd)
+    own = np.nan_to_num(moves)[:, None]
+    return own if learnt is None else np.concatenate([learnt, own], axis=1)
 
 
 def _shape(
     baseline: Baseline, mode: ObservedMode, model: Float[np.ndarray, " channel"]
-) -> tuple[Float[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
-    """Shape of the model plus its change since learning; NaN where not measured."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shape of the model plus its change since learning; NaN where not measured.
+
+    Returns
+    -------
+    Shape, its standard deviation, and the change, by channel [channel].
+    """
     nothing = np.full(len(model), np.nan)
     if mode.shape is None or mode.shape_sd is None or baseline.shape is None:
-        return nothing, nothing
+        return nothing, nothing, nothing
     learnt, learnt_sd = np.array(baseline.shape), np.array(baseline.shape_sd)
     now, factor = aligned(mode.shape, learnt)
     own, _ = aligned(model, learnt)
@@ -327,8 +368,9 @@ def _shape(
     shape = own + now - learnt
     known = np.isfinite(shape) & np.isfinite(sd)
     if known.sum() < 2:
-        return nothing, nothing
-    return np.where(known, shape, np.nan), np.where(known, sd, np.nan)
+        return nothing, nothing, nothing
+    shape, sd, move = (np.where(known, one, np.nan) for one in (shape, sd, now - learnt))
+    return shape, sd, move
 
 
 def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] | None:

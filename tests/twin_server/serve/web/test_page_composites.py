@@ -43,7 +43,9 @@ def test_a_composite_opens_to_its_probability_its_tree_and_links_to_members(hous
     opener.click()
     told = house.get("/api/v1/composites/lab.line").json()
     expect(line.locator(".told")).to_contain_text("Probability of failure within 20")
-    expect(line.locator(".tree .gate")).to_have_text("2 out of 3: works as long as at least 2 work")
+    expect(line.locator(".tree .gate")).to_have_text(
+        "2 out of 3: works as long as at least 2 work"
+    )
     expect(line.locator(".tree a")).to_have_count(3)
     values = {one["id"]: one["failure"]["value"] for one in told["twins"]}
     assert told["health"]["worst"] == max(values, key=lambda one: values[one])
