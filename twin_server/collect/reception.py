@@ -80,18 +80,20 @@ class Reception:
         for sample in samples:
             if not self.admits(sample):
                 continue
+            # Where a server has fallen behind, messages wait; that is no fault of their clocks.
+            heard_ns = now_ns if sample.arrived_ns is None else sample.arrived_ns
             try:
                 message = self._decode(sample)
                 if sample.sent_ns is not None and not sample.replayed:
                     misdated += 1
-                    self._check_sender(sample.sent_ns, now_ns)
+                    self._check_sender(sample.sent_ns, heard_ns)
                     misdated -= 1
                 if type(message) is Features:
-                    self._check_sensor(message, now_ns, received)
-                    age_s = 0.0 if sample.replayed else self._age_s(message, now_ns)
+                    self._check_sensor(message, heard_ns, received)
+                    age_s = 0.0 if sample.replayed else self._age_s(message, heard_ns)
                     arrivals.append(Arrival(message, sample.payload, sample.replayed, age_s))
                 elif isinstance(message, Fatigue | Virtual):
-                    self._check_sensor_time(message, now_ns)
+                    self._check_sensor_time(message, heard_ns)
                     received.assessed.append(message)
                 elif type(message) is Health:
                     received.healths.append((message, sample.replayed))

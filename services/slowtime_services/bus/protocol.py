@@ -13,6 +13,8 @@ class Sample(NamedTuple):
     """The sender's clock when it handed the message to the bus; None from a foreign sender."""
     replayed: bool
     """Whether it comes from a recording, so that its age says nothing about clocks."""
+    arrived_ns: int | None = None
+    """The receiver's clock when it came, where it may wait before it is worked on."""
 
 
 class Query(NamedTuple):

@@ -106,6 +106,22 @@ def test_a_recording_s_age_says_nothing_about_clocks(how, reception, features, s
     assert len(arrivals) == 1
 
 
+@pytest.mark.parametrize("waited_s", [0, 301, 4000])
+def test_clocks_are_judged_by_when_a_message_came_not_by_how_long_it_waited(
+    waited_s, reception, features, sample
+):
+    came = NOW_NS - waited_s * 10**9
+    right = features(0, time_base="live", t_ns=came - 10**9)
+    wrong = features(1, time_base="live", t_ns=came + 301 * 10**9)
+    messages = [
+        sample(message, sent_ns=came - 10**8)._replace(arrived_ns=came)
+        for message in (right, wrong)
+    ]
+    arrivals, *_ = reception.read(messages, NOW_NS)
+    assert [one.features.sequence for one in arrivals] == [0]
+    assert refusals_of(reception) == {"future_clock": 1}
+
+
 def test_a_reading_of_any_age_is_taken_and_how_old_it_was_is_noted(reception, features, sample):
     given = [
         sample(features(n, time_base=base, t_ns=NOW_NS - days * DAY_NS), replayed=replayed)

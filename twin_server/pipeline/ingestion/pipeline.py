@@ -333,7 +333,8 @@ class Pipeline:
     def _receive(self, sample: Sample) -> None:
         """Enqueue, nothing else: this is a thread of the bus."""
         size = len(sample.payload)
-        if self._reception.admits(sample) and not self._inbox.put(sample, size):
+        came = sample._replace(arrived_ns=self._clock.now_ns())
+        if self._reception.admits(sample) and not self._inbox.put(came, size):
             self.refusals.refuse(
                 "inbox_full",
                 f"{len(self._inbox):,} messages are waiting already, which is the limit "
