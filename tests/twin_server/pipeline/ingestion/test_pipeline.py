@@ -415,6 +415,29 @@ def test_a_clock_moved_by_hand_judges_messages(tmp_path, features, sample):
     store.close()
 
 
+def test_a_server_that_falls_behind_does_not_blame_the_clocks_of_edges(
+    tmp_path, settings, edge, ageing, eventually
+):
+    clock, go_on = HandClock(time.time_ns()), threading.Event()
+    store = SqliteStore(tmp_path / "x.sqlite")
+    with MemoryBus() as bus:
+        pipeline = Pipeline(settings, store, bus=bus, clock=clock)
+        pipeline.start()
+        busy = threading.Thread(target=pipeline.call, args=[go_on.wait])
+        busy.start()
+        beam = edge(MemoryBus(joins=bus))
+        for message in ageing(5):
+            beam.make(message)
+        assert eventually(lambda: pipeline.waiting >= 5)
+        clock.sleep(400.0)
+        go_on.set()
+        busy.join()
+        assert eventually(lambda: store.count("lab.beam") == 5)
+        pipeline.stop()
+    assert pipeline.refusals.counts["stale_clock"] == 0
+    store.close()
+
+
 def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
     database, settings, ageing, edge, eventually, monkeypatch
 ):
