@@ -92,7 +92,7 @@ def test_no_readings_give_no_estimates(estimate):
         ({"level": 1.0}, "Give 0.95"),
         ({"damping_ratio_0": 2.0}, "not a percentage"),
         ({"damping_ratio_0": -0.1}, "not a percentage"),
-        ({"nominal_relative_sd": 0.6}, "learn the nominal frequency from more epochs"),
+        ({"nominal_relative_sd": 0.6}, "estimate it from more epochs"),
         ({"nominal_relative_sd": -0.1}, r"Give sd\(f0\)/f0"),
         ({"bounds": (0.0, -0.9)}, r"Give such as \(-0.9, 0.0\)"),
         ({"bounds": (-1.5, 0.0)}, "not below -1"),
