@@ -388,7 +388,7 @@ def test_a_hostile_message_is_counted_in_metrics_and_stops_nothing(
     own = serving()
     first, *rest = ageing(5)
     own.feed([first])
-    key, good, _, _ = sample(first)
+    key, good = sample(first).key, sample(first).payload
     for payload in (b"\xff", good.replace(b'"slow_time":0.0', b'"slow_time":NaN'),
                     good.replace(b'"version":3', b'"version":77'), bytes(2**21)):  # fmt: skip
         own.bus.publish(key, payload, encoding="application/json")
