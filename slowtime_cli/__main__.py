@@ -50,7 +50,7 @@ VERBS = {
     ),
     "alarms": Verb(
         "twins.alarms:alarms",
-        "Send a test alarm of a twin, and list delivered alarms.",
+        "Send a test alarm of a twin, and show deliveries of alarms.",
     ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."

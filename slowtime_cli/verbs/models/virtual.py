@@ -91,9 +91,8 @@ def virtual(**given: object) -> None:
 
     Virtual sensing: a Kalman filter runs on the accelerations of RECORD with the modes of
     MODEL. Forces are unknown, and how large they are is estimated from the spectra of the
-    accelerations. The filter also runs with variants of MODEL whose constants are drawn within
-    the tolerances that MODEL states, and the spread between them is part of the standard
-    deviation.
+    accelerations. The filter also runs with variants of MODEL within the tolerances that it
+    states, and the spread between them is part of the standard deviation.
     """
     if given["quantity"] is None:
         raise click.UsageError(f"Give --quantity: {', '.join(QUANTITIES)}.")

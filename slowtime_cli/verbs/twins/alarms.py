@@ -29,7 +29,7 @@ twin: docs/alarms_out.md.
 """
 )
 def alarms() -> None:
-    """Send a test alarm of a twin, and list delivered alarms."""
+    """Send a test alarm of a twin, and show deliveries of alarms."""
 
 
 @alarms.command(cls=Deferred, work="twins.alarms:send_test", extra="analysis", name="test")

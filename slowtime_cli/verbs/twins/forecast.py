@@ -52,7 +52,7 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 def forecast(**given: Any) -> None:
     """Forecast the changes of a twin, and when they reach thresholds.
 
-    Prints mean and 95 % interval of each change (stiffness, mass, damping) at future instants
+    Prints mean and 95 % interval of each change, such as that of stiffness, at future instants
     of the slow time, over which the structure changes, such as days; and for each threshold the
     times by which it is reached with 10, 50 and 90 % probability, as far as they are within
     the horizon.
