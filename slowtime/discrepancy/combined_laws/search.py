@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+import scipy.fft
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
@@ -51,8 +52,8 @@ MAX_PASSIVE_RATIO = 1.5
 """[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
 rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
 MAX_MISFIT_RATIO = 0.5
-"""[1] Of its misfit to that of the model as given. Source: judgement; laws of damping explain
-less than half only of what is hardly seen."""
+"""[1] Of its misfit to that of the model as given, or of fewer laws. Source: judgement; laws of
+damping explain less than half only of what is hardly seen."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +200,7 @@ def _ranked(
         [(fitted[id(one.description)], one) for one in scored],
         LIMITS.negligible_share * missing,
     )
-    shares = _shares(first, scored, kinds)
+    shares = _shares(first, scored, trials, kinds)
     ranked = []
     for named, share in zip(scored, shares, strict=True):
         one = fitted[id(named.description)]
@@ -215,12 +216,15 @@ def _without_idle_laws(
 ) -> list[FittedCandidate]:
     """Leave out combinations that explain hardly more than some of their laws do.
 
+    The other laws have to explain a share of all that is missing, or most of what those laws
+    leave: beside the sine of a pendulum's angle, all that brakes it is little.
+
     Parameters
     ----------
     combinations
         Each with its fit under the noise of the best.
     least
-        [noise variances] Sum of squares that the other laws have to explain.
+        [noise variances] Sum of squares that is such a share of all that is missing.
     """
     return [
         fit
@@ -229,6 +233,7 @@ def _without_idle_laws(
             set(other.laws) < set(one.laws)
             and other.place == one.place
             and 2 * (fewer.cost - fit.fit.cost) < least
+            and fit.fit.cost > MAX_MISFIT_RATIO * fewer.cost
             for other, fewer in ((other, found.fit) for other, found in combinations)
         )
     ]
@@ -272,20 +277,52 @@ def _without_negative_damping(fit: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def _shares(
-    first: Fit, scored: Sequence[FittedCandidate], kinds: Mapping[str, Kind]
+    first: Fit,
+    scored: Sequence[FittedCandidate],
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
 ) -> list[float]:
     """Probability of each combination.
 
-    What the noise model cannot be trusted in tempers the likelihood; what parameters cost does
-    not depend on it.
+    What the noise model cannot be trusted in tempers the likelihood, and so does what is left
+    in few lines of the spectrum; what parameters cost depends on neither.
     """
-    tempered = LIMITS.evidence_power / max(scored[0].fit.chi2_in_band, 1.0)
+    best = scored[0].fit
+    tempered = LIMITS.evidence_power / max(best.chi2_in_band, 1.0)
+    tempered *= independent_share(best, trials)
     log_odds = np.array([
         one.score + leniency(one, kinds, first) + (1 - tempered) * one.fit.cost / 2
         for one in scored
     ])  # fmt: skip
     odds = np.exp(log_odds - log_odds.max())
     return [float(p) for p in odds / odds.sum()]
+
+
+def independent_share(fit: Fit, trials: Sequence[Trial]) -> float:
+    r"""Return the share of the samples in band that is independent in what a model leaves.
+
+    Parameters
+    ----------
+    fit
+        Of any model.
+    trials
+        Its records.
+
+    Returns
+    -------
+    :math:`\min(1, 2 (\sum_k S_k)^2 / (n \sum_k S_k^2))` of the periodogram :math:`S_k` of
+    the residuals, each over its own mean square, at the :math:`n` lines up to where the
+    structure answers: 1 where they are white, less where they are a few tones [1].
+    """
+    parts = []
+    for residual, trial in zip(fit.residual, trials, strict=True):
+        hz = scipy.fft.rfftfreq(len(residual), 1 / trial.rate_hz)
+        lines = np.abs(scipy.fft.rfft(residual / np.std(residual, axis=0), axis=0)) ** 2
+        parts.append(lines[(hz > 0) & (hz <= fit.silent_above_hz)].ravel())
+    power = np.concatenate(parts)
+    if not power.any():
+        return 1.0
+    return float(min(2 * power.sum() ** 2 / (len(power) * np.square(power).sum()), 1.0))
 
 
 def _answers(

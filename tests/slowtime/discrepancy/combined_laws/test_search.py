@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.combined_laws.combinations import (
     STIFFNESSES,
     applicable_laws,
     law_sets,
 )
+from slowtime.discrepancy.combined_laws.search import independent_share
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.imposed_motion.regression import applicable_kinds
 from slowtime.discrepancy.records import Campaign, Trial
@@ -18,6 +20,7 @@ from slowtime.discrepancy.report.notes import HURRIED, LITTLE
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import catalogue
+from slowtime.dynamics.plant import Plant
 
 RATE = 50.0
 STIFFNESS = 40.0
@@ -47,8 +50,10 @@ def swing():
     )  # fmt: skip
 
 
-def released(from_rad, *, sine=False, cubic=0.0, drag=0.0, friction=0.0, offset=0.0, seed=0):
-    """Solve for a release until it stands still, and add noise of 60 dB."""
+def released(
+    from_rad, *, sine=False, cubic=0.0, drag=0.0, friction=0.0, offset=0.0, noise=1e-3, seed=0
+):
+    """Solve for a release until it stands still, and add noise, by default of 60 dB."""
 
     def rate(_, x):
         spring = STIFFNESS * (np.sin(x[0]) if sine else x[0]) + cubic * x[0] ** 3
@@ -59,8 +64,8 @@ def released(from_rad, *, sine=False, cubic=0.0, drag=0.0, friction=0.0, offset=
     x = solve_ivp(
         rate, (0, t[-1]), [from_rad, 0.0], t_eval=t, rtol=1e-7, atol=1e-8, method="LSODA"
     ).y[0]
-    noise = 1e-3 * from_rad * np.random.default_rng(seed).standard_normal(len(t))
-    return Trial(inputs=np.zeros((len(t), 0)), outputs=(x + offset + noise)[:, None],
+    noises = noise * from_rad * np.random.default_rng(seed).standard_normal(len(t))
+    return Trial(inputs=np.zeros((len(t), 0)), outputs=(x + offset + noises)[:, None],
                  rate_hz=RATE)  # fmt: skip
 
 
@@ -138,6 +143,32 @@ def test_laws_that_act_together_are_named_together(laws, names):
         assert number.value == pytest.approx(truth[name][1], rel=0.03)
     assert diagnosis.gap.augmented < 2 * diagnosis.gap.noise_floor
     assert all(a.probability > 0.9 for a in diagnosis.effects)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("friction", "drag"), [(0.02, 0.0), (0.03, 0.002)])
+def test_what_brakes_a_wide_swing_is_named_though_the_sine_explains_nearly_all(friction, drag):
+    """Braking is a hundred-thousandth of what is missing, and a hundred times the noise."""
+    laws = {"sine": True, "friction": friction, "drag": drag}
+    diagnosis = found((1.6, 1.1), noise=1e-4, **laws)
+    numbers = {one.effect.kind: one.numbers for one in diagnosis.effects}
+    wanted = {"pendulum_sine", "coulomb"} | ({"quadratic_damping"} if drag else set())
+    assert set(numbers) == wanted, diagnosis.sentence
+    assert numbers["coulomb"]["friction_n"].value == pytest.approx(friction, rel=0.03)
+    assert diagnosis.gap.augmented < 2 * diagnosis.gap.noise_floor
+
+
+@pytest.mark.parametrize("residual", ["noise", "tone"])
+def test_few_tones_are_less_evidence_than_as_many_samples_of_noise(residual):
+    trial = released(0.5)
+    t = np.arange(len(trial.outputs)) / RATE
+    noise = np.random.default_rng(1).standard_normal((len(t), 1))
+    left = noise if residual == "noise" else np.sin(6.3 * t)[:, None] + 1e-3 * noise
+    fit = dataclasses.replace(
+        refit(Plant.of(swing()), (trial,)), residual=(left,), silent_above_hz=RATE / 2
+    )
+    share = independent_share(fit, (trial,))
+    assert share > 0.8 if residual == "noise" else share < 0.05
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.03])
