@@ -28,7 +28,7 @@ import zenoh
 
 from slowtime_schemas.streams import ACK, FEATURES, alive_key, former_key
 from slowtime_services import router
-from slowtime_services.bus import ZenohBus
+from slowtime_services.bus import BusUnreachableError, ZenohBus
 
 from .transport import free_port
 
@@ -50,7 +50,7 @@ IDLE_S = 4
 NOBODY = "slowtime/nobody"
 """A key that no process answers."""
 
-PATIENCE_S = 600.0
+PATIENCE_S = 1200.0
 """How long a router may take for what a session declares [s]; a busy one takes minutes."""
 
 PAYLOAD = bytes(360)
@@ -82,7 +82,7 @@ def agents(endpoint: str, spell: Spell, names: list[str], pipe: Pipe) -> None:
     kept: list[object] = []
     channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(1)
     for begin in range(0, len(names), PER_SESSION):
-        bus = ZenohBus("client", [endpoint], lease_s=LEASE_S)
+        bus = _connected(endpoint)
         kept.append(bus)
         # A channel, since a callback has a thread: an agent of one asset can afford it.
         session = bus._session
@@ -95,6 +95,17 @@ def agents(endpoint: str, spell: Spell, names: list[str], pipe: Pipe) -> None:
     pipe.send("declared")
     pipe.recv()
     os._exit(0)  # the kernel closes 50 sessions sooner than they say goodbye
+
+
+def _connected(endpoint: str) -> ZenohBus:
+    """Connect, and try again: a router that works off declarations lets nobody in meanwhile."""
+    until_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return ZenohBus("client", [endpoint], lease_s=LEASE_S)
+        except BusUnreachableError:
+            if time.monotonic() > until_s:
+                raise
 
 
 def server(endpoint: str, spell: Spell, pipe: Pipe) -> None:
