@@ -129,9 +129,7 @@ def shortened(line: str) -> str:
     'slowtime demo --duration 40 & sleep 20; slowtime alarms deliveries a.b'
     """
     line = line.replace("--duration 60", "--duration 40").replace("sleep 25", "sleep 20")
-    if "ledger" in line:  # the server signs a head every ten seconds, once there is history
-        return line
-    return line.replace("--duration 30", "--duration 12")
+    return line.replace("--duration 30", "--duration 15")
 
 
 def install(wheel: Path, extra: str, folder: Path) -> Path:

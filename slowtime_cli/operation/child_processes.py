@@ -1,12 +1,14 @@
 """Processes started by one command: separate logs, one end."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 TERMINATION_S = 8.0
 """Time that processes are given to end by themselves [s]."""
@@ -20,14 +22,30 @@ class Children:
         self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
         logs.mkdir(parents=True, exist_ok=True)
 
-    def start(self, name: str, arguments: Sequence[str]) -> None:
-        """Start ``slowtime ARGUMENTS``, with its output in a log file of its own."""
+    def start(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        settings: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Start ``slowtime ARGUMENTS``, with its output in a log file of its own.
+
+        Parameters
+        ----------
+        name
+            Of the log file.
+        arguments
+            Of the command line.
+        settings
+            Environment variables, where the user has not set them.
+        """
         with (self._logs / f"{name}.log").open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "slowtime_cli", *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
+                env={**settings, **os.environ},
                 # Ctrl-C belongs to the parent: it ends the children in their order.
                 start_new_session=True,
             )

@@ -33,6 +33,8 @@ LOOK_AT = """
     curl '{url}/api/v1/twins/demo.tower/history?max_points=500'
     curl '{url}/api/v1/twins/demo.tower/forecast?threshold=-0.3'
 """
+LEDGER_S = 5.0
+"""Interval between signed heads [s]. Source: a recording of half a minute has some."""
 FRAME = """\
     demo.frame   three sensors on three storeys, one of which weakens after epoch 30: the
                  twin names it, from frequencies and shapes of all modes ({frame:g} a second)
@@ -126,6 +128,7 @@ def _start_twin(family: Children, home: Path, endpoint: str, port: int) -> None:
             "twin", "--connect", endpoint, "--port", str(port), "--database", str(database),
             "--recordings", str(recordings), "--ledger-key", str(key),
         ],
+        {"SLOWTIME_TWIN_LEDGER__EVERY_S": str(LEDGER_S)},
     )  # fmt: skip
 
 

@@ -124,3 +124,16 @@ def test_a_demo_that_is_ended_leaves_no_process_behind(start, port, tmp_path, ea
     assert (demo.returncode, err) == (0, "")
     assert ("epoch" in out) is not early
     assert processes_of(home) == []
+
+
+@pytest.mark.long
+@pytest.mark.system
+def test_the_recording_of_a_short_demo_holds_heads_that_vouch_for_it(start, run, port):
+    demo = start(
+        "demo", "--port", port, "--data", "home", "--record", "a.mcap", "--duration", 15
+    )
+    _, err = demo.communicate(timeout=300)
+    assert (demo.returncode, err) == (0, "")
+    done = run("ledger", "verify", "a.mcap", "--key", "home/ledger.pem.pub")
+    assert done.status == 0
+    assert "a.mcap is unchanged since it was accepted." in done.out
