@@ -397,6 +397,7 @@ class Account:
         change: Change,
     ) -> None:
         run = line.waiting.pop(boot, None) or Run(line.site, line.asset, boot, since_s=now_s)
+        run.ack_version = line.ack_version if holding is None else holding.ack_version
         self._runs[line.site, line.asset, boot] = run
         run.number, self._next_number = self._next_number, self._next_number + 1
         if line.runs:

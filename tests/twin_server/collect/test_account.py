@@ -361,6 +361,22 @@ def test_a_boot_that_the_edge_has_dropped_whole_is_reported_lost_from_first_to_l
     assert told["b1"] == 6
 
 
+@pytest.mark.parametrize("arrives_first", [True, False])
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_boot_is_acknowledged_as_its_agent_reads_from_the_first_time(
+    world, arrives_first, version
+):
+    """Also where the answer to a question names the boot before any of its messages is read."""
+    world.alive()
+    world.spool = {"b1": {0}}
+    world.listing = lambda: [Holding("b1", 0, 0, ack_version=version)]
+    if arrives_first:
+        world.arrive(("b1", 0))
+    world.heal()
+    assert world.order == [("b1", 0)]
+    assert {run.ack_version for run in world.changes.touched} == {version}
+
+
 def test_what_is_left_of_a_known_boot_and_was_dropped_is_reported(world):
     world.alive()
     world.spool = {"b1": {0, 1, 2}}
