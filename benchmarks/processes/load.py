@@ -365,8 +365,10 @@ def _report(
     healed_s, used_s = times_s
     sent_s, took_s = np.array(senders.took_s).T
     middle = sent_s.min() + given.seconds / 2
-    steady = {"steady": took_s[sent_s < (middle if given.burst_s else np.inf)]}
-    burst = {"burst": took_s[(sent_s >= middle) & (sent_s < middle + given.burst_s)]}
+    took = {"steady": took_s}
+    if given.burst_s:
+        bursts = (sent_s >= middle) & (sent_s < middle + given.burst_s)
+        took = {"steady": took_s[sent_s < middle], "burst": took_s[bursts]}
     mebibytes = [size / 2**20 for size in memory]
     late = mebibytes[len(memory) // 3 :]
     assets = f"{given.assets:,} of {given.sites:,} sites"
@@ -375,7 +377,7 @@ def _report(
     print(f"servers                    {given.shards} of {given.assets:,} twins together")
     print(f"missing in history         {missing}")
     print(f"asked for again            {senders.again:,}")
-    for what, times in (steady | burst if given.burst_s else steady).items():
+    for what, times in took.items():
         p50, p99 = np.percentile(times, [50, 99]) if len(times) else (np.nan, np.nan)
         print(f"sent to acknowledged       {what}: p50 {p50:.3f} s, p99 {p99:.3f} s")
     p50, p99 = np.percentile(asker.took_s, [50, 99]) * 1e3

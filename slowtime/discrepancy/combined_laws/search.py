@@ -317,7 +317,8 @@ def independent_share(fit: Fit, trials: Sequence[Trial]) -> float:
     parts = []
     for residual, trial in zip(fit.residual, trials, strict=True):
         hz = scipy.fft.rfftfreq(len(residual), 1 / trial.rate_hz)
-        lines = np.abs(scipy.fft.rfft(residual / np.std(residual, axis=0), axis=0)) ** 2
+        sd = np.std(residual, axis=0)
+        lines = np.abs(scipy.fft.rfft(residual / np.where(sd > 0, sd, 1.0), axis=0)) ** 2
         parts.append(lines[(hz > 0) & (hz <= fit.silent_above_hz)].ravel())
     power = np.concatenate(parts)
     if not power.any():

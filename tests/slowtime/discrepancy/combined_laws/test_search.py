@@ -1,6 +1,8 @@
 """Decays of oscillators that another integrator solved: all laws are named, and no others."""
 
 import dataclasses
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tol
 from slowtime.dynamics.effects import catalogue
 from slowtime.dynamics.plant import Plant
 
+DATA = Path(os.environ.get("SLOWTIME_DATA", Path(__file__).parents[5] / "shared/data"))
 RATE = 50.0
 STIFFNESS = 40.0
 VISCOUS = 0.06
@@ -156,6 +159,36 @@ def test_what_brakes_a_wide_swing_is_named_though_the_sine_explains_nearly_all(f
     assert set(numbers) == wanted, diagnosis.sentence
     assert numbers["coulomb"]["friction_n"].value == pytest.approx(friction, rel=0.03)
     assert diagnosis.gap.augmented < 2 * diagnosis.gap.noise_floor
+
+
+@pytest.mark.long
+@pytest.mark.data
+@pytest.mark.parametrize("begins_s", [(0, 24, 12), (5, 43, 25)], ids=["early", "over all"])
+def test_a_measured_pendulum_rubs_and_its_sine_is_not_ruled_out(begins_s):
+    """Arm on a bearing, free from 93 degrees: two pieces to learn from, and one held out."""
+    path = DATA / "single_pendulum/swing_1kHz.csv"
+    if not path.exists():
+        pytest.skip(f"no measurement {path.name} beside SLOWTIME_DATA={DATA}")
+    angle = np.loadtxt(path, delimiter=",", skiprows=1)[::10, 1:]
+    *learn, judge = (
+        Trial(
+            inputs=np.zeros((1200, 0)), outputs=angle[100 * b : 100 * b + 1200], rate_hz=100.0
+        )
+        for b in begins_s
+    )
+    given = swing()
+    pivot = dataclasses.replace(
+        given.elements[0], stiffness_n_per_m=64.0, damping_n_s_per_m=0.06
+    )
+    arm = dataclasses.replace(
+        given, elements=(pivot,), tolerance=Tolerance(stiffness=0.05, damping=0.9, mass=0.0)
+    )
+    diagnosis = diagnose(Campaign(description=arm, trials=tuple(learn), holdout=(judge,)))
+    named = {one.effect.kind: one.probability for one in diagnosis.effects}
+    assert named.keys() >= {"coulomb", "quadratic_damping"}, diagnosis.sentence
+    assert named.get("saturating_stiffness", 0.0) < 0.5
+    assert "pendulum_sine" in named
+    assert diagnosis.gap.augmented < 0.03
 
 
 @pytest.mark.parametrize("residual", ["noise", "tone"])
