@@ -1,7 +1,7 @@
 """What a publication costs a router and a server beside many assets of one site.
 
     python -m benchmarks.processes.router_lookup                          1,000 and 10,000
-    python -m benchmarks.processes.router_lookup --assets 1000 100000     takes several minutes
+    python -m benchmarks.processes.router_lookup --unwatched --assets 1000 100000
     python -m benchmarks.processes.router_lookup --former --assets 1000 4000
 
 Agents, as sessions of 500 assets each, declare a token and a subscription to acknowledgements
@@ -10,6 +10,9 @@ features of assets all over the site are published, and the processor time of th
 the server per message is taken from the kernel. The ratio is to the smallest number of assets;
 the aim is at most 1.5. Each session waits until the router has worked off its declarations:
 declared faster than that for five seconds, Zenoh closes the link, and all is declared again.
+`--unwatched` leaves out that the server watches the tokens: Zenoh compares each new token with
+all that match the same subscription to tokens, so that declaring takes a time that grows with
+the square of the number of assets, at 100,000 more than half an hour of processor time.
 `--former` measures keys of the former version, SITE/ASSET/STREAM, where
 the time of a publication grows with the number of assets, and that of all declarations with
 its square.
@@ -108,7 +111,7 @@ def _connected(endpoint: str) -> ZenohBus:
                 raise
 
 
-def server(endpoint: str, spell: Spell, pipe: Pipe) -> None:
+def server(endpoint: str, spell: Spell, watches: bool, pipe: Pipe) -> None:
     """Subscribe and watch as a twin server does; say how many features have come."""
     count = 0
 
@@ -118,13 +121,16 @@ def server(endpoint: str, spell: Spell, pipe: Pipe) -> None:
 
     with ZenohBus("client", [endpoint], lease_s=LEASE_S) as bus:
         bus.subscribe(spell(FEATURES.everywhere), hear)
-        bus.watch(spell(alive_key("*", "*")), lambda key, alive: None)
+        if watches:
+            bus.watch(spell(alive_key("*", "*")), lambda key, alive: None)
         pipe.send("listens")
         while pipe.recv() is not None:
             pipe.send(count)
 
 
-def measure(assets: int, messages: int, spell: Spell) -> tuple[float, float, float]:
+def measure(
+    assets: int, messages: int, spell: Spell, *, watches: bool = True
+) -> tuple[float, float, float]:
     """Return the time of router and server a message [us], and the router's a declaration [us].
 
     The time of a message is the least of three passes: other processes of the machine, and
@@ -148,7 +154,7 @@ def measure(assets: int, messages: int, spell: Spell) -> tuple[float, float, flo
 
     names = [f"asset-{number}" for number in range(assets)]
     try:
-        begin(server)
+        begin(server, watches)
         pipes[0].recv()
         before = cpu_s(routing.pid)
         for first in range(0, assets, PER_PROCESS):
@@ -210,12 +216,15 @@ def main() -> int:
     parser.add_argument("--assets", type=int, nargs="+", default=[1_000, 10_000])
     parser.add_argument("--messages", type=int, default=20_000)
     parser.add_argument("--former", action="store_true")
+    parser.add_argument("--unwatched", action="store_true")
     given = parser.parse_args()
     spell = former if given.former else present
     least = None
     for assets in given.assets:
         began = time.monotonic()
-        at_router, at_server, declared = measure(assets, given.messages, spell)
+        at_router, at_server, declared = measure(
+            assets, given.messages, spell, watches=not given.unwatched
+        )
         least = least or at_router
         print(
             f"{assets:>8,} assets: router {at_router:7.1f} us/message, ratio "

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +16,7 @@ from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.labels import labelled, number
-from slowtime_services.engines import Limits
+from slowtime_services.engines import Limits, usable_cores
 from slowtime_services.files import DateOrder
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
@@ -92,7 +91,7 @@ def diagnose(
         found, document = diagnose_records(
             description, learnt, judged, roles=roles, kinds=kinds,
             options=options, unchecked=unchecked, progress=progress,
-            patience_s=patience_s, jobs=jobs or min(os.cpu_count() or 1, MOST_JOBS),
+            patience_s=patience_s, jobs=jobs or min(usable_cores(), MOST_JOBS),
         )  # fmt: skip
     for text in document.notes:
         note(text)

@@ -1,5 +1,6 @@
 """Engines that run many jobs, each in a process of its own: on this machine, or on Ray."""
 
+from .cores import usable_cores
 from .jobs import Engine, Job, Limits, Outcome, run_job
 from .local import LocalEngine
 from .ray import RayEngine, engine_for, import_ray
@@ -14,4 +15,5 @@ __all__ = [
     "engine_for",
     "import_ray",
     "run_job",
+    "usable_cores",
 ]

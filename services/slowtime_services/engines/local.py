@@ -2,10 +2,10 @@
 
 import concurrent.futures
 import dataclasses
-import os
 import threading
 from collections.abc import Generator, Sequence
 
+from .cores import usable_cores
 from .jobs import Engine, Job, Limits, Outcome, run_job
 
 
@@ -16,7 +16,7 @@ class LocalEngine(Engine):
     Parameters
     ----------
     workers
-        How many run beside each other; as many as there are cores if 0.
+        How many run beside each other; as many as this process may use cores if 0.
     """
 
     workers: int = 0
@@ -25,7 +25,7 @@ class LocalEngine(Engine):
         self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
     ) -> Generator[Outcome, None, None]:
         """Run jobs, and give the outcome of each as it ends."""
-        workers = self.workers or os.cpu_count() or 1
+        workers = self.workers or usable_cores()
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:
             running = [pool.submit(_run_unless_stopped, job, limits, stop) for job in jobs]
             try:

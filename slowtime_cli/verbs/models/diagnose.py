@@ -164,7 +164,8 @@ Examples:
     "--jobs",
     type=click.IntRange(min=1),
     help="Processes that share a diagnosis, which finds the same with any number; of a batch, "
-    "cases that run in parallel.  [default: one for each core; at most 4 for one diagnosis]",
+    "cases that run in parallel.  [default: one for each core that it may use; at most 4 for "
+    "one diagnosis]",
 )
 @click.option(
     "--engine",

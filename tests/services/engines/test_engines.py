@@ -15,6 +15,7 @@ from slowtime_services.engines import (
     Outcome,
     engine_for,
     run_job,
+    usable_cores,
 )
 
 NONE = Limits()
@@ -43,6 +44,17 @@ def test_every_job_is_reported_with_its_end(job):
     }  # fmt: skip
     assert found["bad"].message == "no such file"
     assert found["bad"].attempts == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="cores are chosen on Linux")
+def test_only_cores_that_the_process_may_use_are_counted():
+    allowed = os.sched_getaffinity(0)
+    assert usable_cores() == len(allowed)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        assert usable_cores() == 1
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def test_outcomes_come_as_jobs_end(job):
