@@ -100,6 +100,8 @@ class FitControl:
         is abandoned where the first part of the records is far from it.
     is_late
         Asked before each step; `FitAbandoned` is raised once it is true.
+    keeps_best
+        Whether a fit that is late ends at the best point so far instead.
     max_tolerances
         Tolerances by which constants of the structure may move at most.
     to_convergence
@@ -113,6 +115,7 @@ class FitControl:
 
     cost_to_beat: float | None = None
     is_late: Callable[[], bool] | None = None
+    keeps_best: bool = False
     max_tolerances: float = np.inf
     to_convergence: bool = False
     data: tuple[int, int] = (1, 1)
@@ -125,10 +128,12 @@ class FitControl:
             self.compared.append(comparison)
         return comparison.is_beaten(self.cost_to_beat)
 
-    def check_time(self) -> None:
-        """Raise `FitAbandoned` once it is late."""
-        if self.is_late is not None and self.is_late():
+    def has_ended(self) -> bool:
+        """Whether it is late and the best so far is kept; raise `FitAbandoned` otherwise."""
+        late = self.is_late is not None and self.is_late()
+        if late and not self.keeps_best:
             raise FitAbandoned
+        return late
 
 
 DEFAULT_CONTROL = FitControl()
@@ -347,7 +352,7 @@ def minimise(
     Raises
     ------
     FitAbandoned
-        Once it is late.
+        Once it is late, unless the best point so far is kept.
     FloatingPointError
         Where a free run from the start grows beyond bounds.
 
@@ -366,7 +371,8 @@ def minimise(
     damping, slow = INITIAL_DAMPING, 0
     data = sum(weights.data for weights in problem.weights)
     for number in range(MAX_STEPS):
-        control.check_time()
+        if control.has_ended():
+            break
         beyond = point.cost - WRONG_MODEL_CHI2 * data
         enough = MIN_GAIN
         if not control.to_convergence:

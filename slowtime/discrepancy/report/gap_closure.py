@@ -28,8 +28,8 @@ from .likeness import Likeness, describe_likeness
 
 NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
 FIRST_SHARE = 0.6
-"""[share of the budget] That the first of two surfaces may use. Source: judgement; the one
-beside no other law is fitted first, and most often does."""
+"""[share of the budget] Of the first of two surfaces; the second has the rest at least. Source:
+judgement; the one beside no other law is fitted first, and is most often adopted."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +95,15 @@ def close_gap(
     -------
     The surface that was adopted; a sentence that says why there is none otherwise.
     """
-    fitted = _fitted(found, trials, kinds, demand)
-    if not fitted:
+    made = _fitted(found, trials, kinds, demand)
+    if not made:
         return NO_ELEMENT
+    fitted = [one for one, before in made if _explains(one, before)]
+    if not fitted:
+        return (
+            f"A force surface was fitted at {made[0][0].place}, but not adopted: with it, the "
+            "model leaves more of the training records than without it."
+        )
     told = []
     for one in sorted(fitted, key=lambda one: unexplained_by(one.fit)):
         fit = one.fit if held_out else _refit_on_heads(one, trials)
@@ -121,19 +127,33 @@ def _fitted(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     demand: SurfaceDemand,
-) -> list[SurfaceFit]:
-    """Fit a surface beside each start within one budget; those that leave less than without."""
+) -> list[tuple[SurfaceFit, Fit]]:
+    """Fit a surface beside each start; give each with the fit without it.
+
+    Where none leaves less than without, one more is begun flat.
+    """
     fitted = []
+    starts = list(_starts(found, trials))
     with metered() as meter:
-        for number, (before, localized) in enumerate(_starts(found, trials)):
-            share = FIRST_SHARE if number == 0 else 1.0
-            left = share * MAX_WORK - meter.spent
+        for number, (before, localized) in enumerate(starts):
+            first = FIRST_SHARE * MAX_WORK
+            left = max(MAX_WORK - meter.spent, MAX_WORK - first) if number else first
             one = fit_force_surface(
                 before, localized, trials, kinds, max_work=left, demand=demand
             )
-            if one is not None and unexplained_by(one.fit) < unexplained_by(before):
-                fitted.append(one)
+            if one is not None:
+                fitted.append((one, before))
+    if starts and not any(_explains(*pair) for pair in fitted):
+        before, localized = starts[-1]
+        one = fit_force_surface(before, localized, trials, kinds, demand=demand, flat=True)
+        if one is not None:
+            fitted.append((one, before))
     return fitted
+
+
+def _explains(one: SurfaceFit, before: Fit) -> bool:
+    """Whether a surface leaves less of the training records than the fit without it."""
+    return unexplained_by(one.fit) < unexplained_by(before)
 
 
 def _refit_on_heads(one: SurfaceFit, trials: Sequence[Trial]) -> Fit:

@@ -37,12 +37,12 @@ MAX_WORK = 1.5e9
 (`slowtime.dynamics.work`). Source: a decision: about a minute, as derivatives of a law of some
 twenty coefficients, which are not counted, took nine times the counted steps in one profile."""
 HORIZONS = (0.05, 0.15, 0.4)
-"""[share of each record] Fitted one after the other, before the whole. Source: judgement; from
-the regression on the recovered force, a free run keeps its phase for as long."""
+"""[share of each record] Fitted one after the other before the whole, where the free run of the
+recovered force loses its phase in the whole. Source: judgement."""
 
 MAX_LEFT = 0.1
-"""[share of the variance of the motion] That a surface may leave before segments are fitted
-first. Source: judgement; a third of the amplitude, left only by a run that is out of phase."""
+"""[share of the variance of the motion] That a surface may leave before parts or segments are
+fitted first. Source: judgement; a third of the amplitude, as a run out of phase leaves."""
 
 MIN_P_VALUE = 1e-3
 """[probability] Of what the demanded shape leaves beyond a surface of any shape, were it right,
@@ -95,6 +95,7 @@ def fit_force_surface(
     *,
     max_work: float = MAX_WORK,
     demand: SurfaceDemand = AUTO,
+    flat: bool = False,
 ) -> SurfaceFit | None:
     """Fit a force surface at the likeliest element, with all constants, to the free run.
 
@@ -113,6 +114,8 @@ def fit_force_surface(
         more than noise with the shape that was demanded or chosen.
     demand
         Shape that the surface is to have, where the records allow it.
+    flat
+        Whether to begin without the force, instead of with the recovered one.
 
     Returns
     -------
@@ -131,6 +134,8 @@ def fit_force_surface(
     shaped = _chosen_terms(kinds, scales, space, demand)
     if shaped is None:
         return None
+    if flat:
+        return _from_no_force(shaped, before, place, trials, kinds, max_work)
     found = _fit_terms(shaped, before, space, trials, kinds, max_work)
     if shaped.shape == FREE:
         return found
@@ -267,26 +272,47 @@ def fit_stages(
     finished
         Whether all stages came to their end.
     """
-    for share in (*HORIZONS, 1.0):
+    reached = [(values, states)]
+    in_phase = _share_of_run(plant, trials, values, states) < MAX_LEFT
+    for share in (1.0,) if in_phase else (*HORIZONS, 1.0):
         parts = [_head(trial, share) for trial in trials]
         try:
             fit = refit(
-                plant, parts, noise=noise if share < 1 else None, free=free, values=values,
-                states=states, horizons=(1.0,), control=FitControl(is_late=late),
+                plant, parts, noise=noise if share < 1 else None, free=free,
+                values=reached[-1][0], states=reached[-1][1], horizons=(1.0,),
+                control=FitControl(is_late=late, keeps_best=True),
             )  # fmt: skip
-        except FitAbandoned:
-            break
         except (FloatingPointError, np.linalg.LinAlgError):
             continue
-        values, states = fit.values, fit.states
         if share == 1.0:
-            return fit, True
+            return fit, not late()
+        reached.append((fit.values, fit.states))
+        if late():
+            break
+    # What fits the beginning of a record best may run away later.
+    values, states = min(reached, key=lambda point: _share_of_run(plant, trials, *point))
     try:
         return refit(
             plant, trials, free=[], values=values, states=states, horizons=(1.0,)
         ), False
     except (FloatingPointError, np.linalg.LinAlgError):
         return None, False
+
+
+def _share_of_run(
+    plant: Plant, trials: Sequence[Trial], values: np.ndarray, states: Sequence[np.ndarray]
+) -> float:
+    """Largest share of the variance of a record that a free run leaves (infinite: diverged)."""
+    shares = []
+    for trial, state in zip(trials, states, strict=True):
+        run = plant.simulate(
+            values, trial.inputs, trial.rate_hz, state0=state if state.size else None,
+            start_s=trial.start_s,
+        )  # fmt: skip
+        with np.errstate(over="ignore", invalid="ignore"):
+            left = float(np.var(trial.measured - run, axis=0).sum())
+        shares.append(left / float(np.var(trial.measured, axis=0).sum()))
+    return max(shares) if np.isfinite(shares).all() else np.inf
 
 
 def _share_left(fit: Fit, trials: Sequence[Trial]) -> float:
@@ -317,6 +343,34 @@ def _from_segments(
         )  # fmt: skip
     except (FitAbandoned, FloatingPointError, np.linalg.LinAlgError):
         return None
+
+
+def _from_no_force(
+    shaped: ShapedRegression,
+    before: Fit,
+    place: Place,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    max_work: float,
+) -> SurfaceFit | None:
+    """Fit whole records from the model without the force, its surface flat.
+
+    The recovered force may give more energy than the structure loses, so that runs with it
+    grow without bound.
+    """
+    found = shaped.terms
+    effect = Effect(found.kind.name, place, dict(found.scales))
+    plant, values, states = augmented_start(before, effect, kinds)
+    free = _free_names(plant, found)
+    with metered() as meter:
+        try:
+            fit = refit(
+                plant, trials, free=free, values=values, states=states, horizons=(1.0,),
+                control=FitControl(is_late=lambda: meter.spent > max_work, keeps_best=True),
+            )  # fmt: skip
+        except (FloatingPointError, np.linalg.LinAlgError):
+            return None
+    return SurfaceFit(place, fit, free, meter.spent <= max_work, shaped)
 
 
 def _head(trial: Trial, share: float) -> Trial:

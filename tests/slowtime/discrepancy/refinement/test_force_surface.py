@@ -98,6 +98,26 @@ def test_a_band_widens_outside_the_measured_range(closed):
     assert abs(force[0] - truth[0]) < 0.2 * own["spread_n"]
 
 
+def test_a_surface_that_begins_flat_closes_the_gap_too(closed):
+    """Without the recovered force, whose runs may grow without bound."""
+    first, _, trials = closed
+    located = locate(first, trials[:2])
+    found = fit_force_surface(first, located, trials[:2], KINDS, flat=True)
+    assert found is not None
+    after = relative_errors(trials[2:], free_runs(found.fit, trials[2:]))[0]
+    assert after < 2 * NOISE
+
+
+def test_a_fit_that_is_cut_ends_no_worse_than_its_start(closed):
+    first, _, trials = closed
+    located = locate(first, trials[:2])
+    found = fit_force_surface(first, located, trials[:2], KINDS, max_work=1.0, flat=True)
+    assert found is not None
+    assert not found.finished
+    left, before = (relative_errors(trials[:2], fit.outputs)[0] for fit in (found.fit, first))
+    assert left <= before * (1 + 1e-6)
+
+
 def test_no_surface_is_found_where_nothing_but_noise_is_left():
     trials = records(None, None)
     first = refit(Plant.of(ONE), trials[:2])

@@ -10,7 +10,12 @@ from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refinement.force_surface import SurfaceShape
+from slowtime.discrepancy.refinement.force_surface import (
+    SurfaceFit,
+    SurfaceShape,
+    fit_force_surface,
+)
+from slowtime.discrepancy.report import gap_closure
 from slowtime.discrepancy.report.gap_closure import (
     NO_ELEMENT,
     ClosedGap,
@@ -142,6 +147,34 @@ def test_why_no_surface_is_adopted_is_said(closed):
     assert isinstance(told, str)
     assert "not adopted" in told
     assert str(PLACE) in told
+
+
+def test_a_recovered_force_that_runs_away_is_replaced_by_a_flat_start(closed, monkeypatch):
+    _, found, trials, test = closed
+    asked = []
+
+    def diverging(*given, flat=False, **how):
+        asked.append(flat)
+        return fit_force_surface(*given, flat=True, **how) if flat else None
+
+    monkeypatch.setattr(gap_closure, "fit_force_surface", diverging)
+    told = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
+    assert asked == [False, True]
+    assert isinstance(told, ClosedGap)
+    assert told.error < 0.05
+
+
+def test_a_surface_that_leaves_more_than_without_it_is_not_adopted(closed, monkeypatch):
+    told, found, trials, test = closed
+    worse = dataclasses.replace(
+        told.fit, residual=tuple(100 * one for one in told.fit.residual)
+    )
+    fitted = SurfaceFit(told.place, worse, (), True, told.shaped)
+    monkeypatch.setattr(gap_closure, "fit_force_surface", lambda *_, **__: fitted)
+    said = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
+    assert isinstance(said, str)
+    assert "leaves more of the training records than without it" in said
+    assert str(PLACE) in said
 
 
 def test_where_nothing_but_noise_is_left_no_surface_is_fitted():
