@@ -21,20 +21,25 @@ EACH = 40
 
 @pytest.fixture
 def recording(tmp_path, features):
-    """Features of twelve assets, of two boots, some early, late or twice."""
+    """Features of twelve assets, of two boots, some early, late or twice.
+
+    None comes after the next boot of its asset has begun: it would be refused, or not, by
+    whether a server had concluded the former boot yet.
+    """
     rng = np.random.default_rng(36)
-    messages = []
+    messages, first_boot = [], 25
     for turn in range(EACH):
         for number, asset in enumerate(ASSETS):
             messages.append(
                 features(
-                    turn % 25, asset=asset, boot="b1" if turn < 25 else "b2",
+                    turn % first_boot, asset=asset, boot="b1" if turn < first_boot else "b2",
                     frequency_hz=3.0 + 0.1 * number + 0.004 * rng.standard_normal(),
                 )
             )  # fmt: skip
     for place in rng.choice(len(messages) - 40, 60, replace=False):
         other = place + rng.integers(1, 40)
-        messages[place], messages[other] = messages[other], messages[place]
+        if messages[place].boot == messages[other].boot:
+            messages[place], messages[other] = messages[other], messages[place]
     for place in rng.choice(len(messages), 30, replace=False):
         messages.insert(place, messages[place])
     path = tmp_path / "fleet.mcap"
