@@ -165,7 +165,8 @@ def _correlations(
     return found
 
 
-_Solved = tuple[Complex[np.ndarray, " pole"], Complex[np.ndarray, "channel pole"]]
+_Solved = tuple[Complex[np.ndarray, " _"], Complex[np.ndarray, "channel _"]]
+"""Poles of one order, and their shapes; orders differ in how many they have."""
 
 
 def _solve(
