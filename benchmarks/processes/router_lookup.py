@@ -12,7 +12,7 @@ the aim is at most 1.5. Each session waits until the router has worked off its d
 declared faster than that for five seconds, Zenoh closes the link, and all is declared again.
 `--unwatched` leaves out that the server watches the tokens: Zenoh compares each new token with
 all that match the same subscription to tokens, so that declaring takes a time that grows with
-the square of the number of assets, at 100,000 more than half an hour of processor time.
+the square of the number of assets, at 100,000 more than 25 minutes of processor time.
 `--former` measures keys of the former version, SITE/ASSET/STREAM, where
 the time of a publication grows with the number of assets, and that of all declarations with
 its square.

@@ -16,7 +16,7 @@ class LocalEngine(Engine):
     Parameters
     ----------
     workers
-        How many run beside each other; as many as this process may use cores if 0.
+        How many run beside each other; 0 for one on each core that this process may use.
     """
 
     workers: int = 0

@@ -8,7 +8,11 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refinement.force_surface import fit_force_surface, surface_band
+from slowtime.discrepancy.refinement.force_surface import (
+    fit_force_surface,
+    fitting,
+    surface_band,
+)
 from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Parameter, catalogue
 from slowtime.dynamics.plant import Plant
@@ -116,6 +120,45 @@ def test_a_fit_that_is_cut_ends_no_worse_than_its_start(closed):
     assert not found.finished
     left, before = (relative_errors(trials[:2], fit.outputs)[0] for fit in (found.fit, first))
     assert left <= before * (1 + 1e-6)
+
+
+def stages_from(found, trials, late):
+    """Fit in stages, starting where a surface ended."""
+    fit = found.fit
+    return fitting.fit_stages(
+        fit.plant, trials, fit.noise, found.free, fit.values, fit.states, late
+    )
+
+
+def test_a_run_that_is_in_phase_is_fitted_to_whole_records_at_once(closed, monkeypatch):
+    _, found, trials = closed
+    lengths = []
+
+    def recorded(plant, parts, **how):
+        lengths.append([len(part.outputs) for part in parts])
+        return found.fit
+
+    monkeypatch.setattr(fitting, "refit", recorded)
+    given = stages_from(found, trials[:2], lambda: False)
+    assert given == (found.fit, True)
+    assert lengths == [[len(trial.outputs) for trial in trials[:2]]]
+
+
+def test_a_budget_that_ends_midway_leaves_what_is_best_over_whole_records(closed, monkeypatch):
+    _, found, trials = closed
+    worse = dataclasses.replace(found.fit, values=1.5 * found.fit.values)
+    begun = []
+
+    def recorded(plant, parts, *, free, values, **how):
+        begun.append(values)
+        return worse if free else found.fit
+
+    monkeypatch.setattr(fitting, "refit", recorded)
+    monkeypatch.setattr(fitting, "MAX_LEFT", 0.0)  # no run is in phase
+    given = stages_from(found, trials[:2], lambda: True)
+    assert given == (found.fit, False)
+    assert len(begun) == 2
+    np.testing.assert_array_equal(begun[-1], found.fit.values)
 
 
 def test_no_surface_is_found_where_nothing_but_noise_is_left():
