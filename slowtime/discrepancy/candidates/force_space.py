@@ -65,7 +65,7 @@ class ForceSpace:
         self.along: list[ForceSpectra] = []
         self.signal: list[Float[np.ndarray, " frequency"]] = []
         self.where: list[np.ndarray] = []
-        self.square = 0.0
+        self.square, self.count = 0.0, 0
         for i, one in enumerate(tuned):
             lines, force = located.lines[i], found.forces[i]
             motion = lines.motion + found.shifts[i] + one.free.moved(force.state)
@@ -82,6 +82,7 @@ class ForceSpace:
             matrix[np.ix_(at, at)] += inner[:-1, :-1]
             right[at] += inner[:-1, -1]
             self.square += float(inner[-1, -1])
+            self.count += 2 * residual.size
             unit = one.transfer(self.source) / np.sqrt(lines.noise)
             self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
             self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))

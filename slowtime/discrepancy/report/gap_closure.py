@@ -212,6 +212,7 @@ def describe_gap_closure(
             " Its fit was stopped by its own computing budget; --patience does not change that."
         )
     text += _describe_shape(closed.shaped) + _describe_refusals(closed.shaped)
+    text += _describe_level(closed)
     return text + describe_likeness(like, kinds, unit)
 
 
@@ -231,6 +232,38 @@ def _describe_shape(shaped: ShapedRegression) -> str:
     if shaped.gain > 0:
         return f"{told}: the log evidence is {shaped.gain:.2g} higher than without."
     return f"{told}, as --surface demands."
+
+
+def _describe_level(closed: ClosedGap) -> str:
+    """Say what the stiffness slowly changes with, and by how much."""
+    plant = closed.fit.plant
+    own = plant.effects[-1].parameters
+    if "xl1_n" not in closed.shaped.terms.leading:
+        return ""
+    number = len(plant.effects) - 1
+    named = dict(zip(plant.parameters, closed.fit.values.tolist(), strict=True))
+    one, two, three = (named["effect", number, f"xl{i}_n"] for i in (1, 2, 3))
+    unit = plant.description.unit_of_coordinate
+    level, cause, when = {
+        0.0: (
+            "recent vibration",
+            f"the last {own['level_s']:.2g} s",
+            "vibration of mean level",
+        ),
+        1.0: (
+            "largest elongation so far",
+            "since a record began",
+            "the largest elongation",
+        ),
+        2.0: ("age", f"a time constant of {own['level_s']:.2g} s", "long times"),
+    }[own["level_of"]]
+    size = 0.5 if own["level_of"] == 0.0 else 1.0
+    change = (one + (two + three * size) * size) * size / max(-own["low_m"], own["high_m"])
+    stiffness = "N m/rad" if unit == "rad" else f"N/{unit}"
+    return (
+        f" Its stiffness changes with the {level} ({cause}): at {when} it is {change:+.2g} "
+        f"{stiffness} beside the element's own."
+    )
 
 
 def _describe_refusals(shaped: ShapedRegression) -> str:

@@ -139,7 +139,7 @@ def fit_force_surface(
     found = _fit_terms(shaped, before, space, trials, kinds, max_work)
     if shaped.shape == FREE:
         return found
-    if found is not None and found.fit.chi2_in_band < 1 + 3 * found.fit.in_band_sd:
+    if found is not None and _is_at_the_noise(found.fit):
         return found
     free = _chosen_terms(kinds, scales, space, ANY_SHAPE)
     assert free is not None
@@ -185,15 +185,45 @@ def _fit_terms(
     kinds: Mapping[str, Kind],
     max_work: float,
 ) -> SurfaceFit | None:
-    """Fit a surface of chosen terms, with all constants; None where its free run diverges."""
-    found, place = shaped.terms, space.place
+    """Fit a surface of chosen terms, with all constants; None where its free run diverges.
+
+    Leading terms are fitted first. Many small ones are there only because the recovered motion
+    is not exact, and with them a free run may diverge before they are fitted.
+    """
+    terms = shaped.terms
+    led = _fit_from_force(shaped, terms.leading, before, space, trials, kinds, max_work)
+    if terms.leading.keys() == terms.coefficients.keys():
+        return led
+    if led is None or _share_left(led.fit, trials) > MAX_LEFT:
+        whole = _fit_from_force(
+            shaped, terms.coefficients, before, space, trials, kinds, max_work
+        )
+    elif _is_at_the_noise(led.fit):
+        return led
+    else:
+        whole = _fit_further(led, trials, max_work)
+    fits = [one for one in (led, whole) if one is not None]
+    return min(fits, key=lambda one: _share_left(one.fit, trials), default=None)
+
+
+def _fit_from_force(
+    shaped: ShapedRegression,
+    coefficients: Mapping[str, float],
+    before: Fit,
+    space: ForceSpace,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    max_work: float,
+) -> SurfaceFit | None:
+    """Fit some coefficients, from their values on the recovered force."""
+    found, place = dataclasses.replace(shaped.terms, coefficients=coefficients), space.place
     forces = [force_along(found.kind, found.parameters, m.motion) for m in space.latents]
     start = start_with_force(before, space.lines_of([f[:, None] for f in forces]), space)
     # Coefficients stay zero in the description, as the mean of their prior.
     effect = Effect(found.kind.name, place, dict(found.scales))
     plant, values, states = augmented_start(before, effect, kinds, start)
     number = len(plant.effects) - 1
-    for name, value in found.coefficients.items():
+    for name, value in coefficients.items():
         values[plant.parameters.index(("effect", number, name))] = value
     free = _free_names(plant, found)
     with metered() as meter:
@@ -209,6 +239,29 @@ def _fit_terms(
             ):
                 fit, finished = other, True
     return None if fit is None else SurfaceFit(place, fit, free, finished, shaped)
+
+
+def _fit_further(
+    led: SurfaceFit, trials: Sequence[Trial], max_work: float
+) -> SurfaceFit | None:
+    """Fit all coefficients, from where the leading ones ended."""
+    fit = led.fit
+    free = _free_names(fit.plant, led.regression)
+    with metered() as meter:
+        whole, finished = fit_stages(
+            fit.plant, trials, fit.noise, free, fit.values, fit.states,
+            lambda: meter.spent > max_work,
+        )  # fmt: skip
+    return (
+        None
+        if whole is None
+        else dataclasses.replace(led, fit=whole, free=free, finished=finished)
+    )
+
+
+def _is_at_the_noise(fit: Fit) -> bool:
+    """Whether a fit leaves no more than noise, within three standard deviations."""
+    return fit.chi2_in_band < 1 + 3 * fit.in_band_sd
 
 
 def _chosen_terms(

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from jaxtyping import Float, Int
 
 from slowtime.discrepancy.candidates.force_space import ForceSpace
@@ -23,6 +24,18 @@ from .scales import Block
 MIN_GAIN = 3.0
 """[nats] Of log evidence by which a group of terms must gain. Source: Kass and Raftery (1995):
 strong from there on."""
+LEADING_GAIN = 2e-3
+"""[share of the log evidence of the surface] By which a leading group must gain. Source: that
+of demanded shapes (`MAX_LOSS_SHARE` in `shape_choice`), as a regression along a recovered
+motion is no more exact than that."""
+LEVEL = "level"
+"""Group of the terms that depend on a slow level."""
+REFINED_WITHIN = 3.0
+"""[1] Factor within which the time constant of the level is refined. Source: the neighbours of
+a value that was tried."""
+REFINED_TO = 0.01
+"""[1] Relative exactness of that time constant. Source: a cost in evidence that no longer
+matters for slow changes of some ten per cent."""
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
 """[times the largest recovered force] Standard deviations of the prior that are tried. Source:
 a force is made of terms of about its own size."""
@@ -44,6 +57,9 @@ class Regression:
         Value of each chosen coefficient [N].
     evidence
         Log evidence over that of no force [nats].
+    leading
+        Values of the coefficients of the leading groups, fitted without the others [N]. The
+        others may say no more than errors of the recovered motion.
     """
 
     kind: Kind
@@ -51,6 +67,7 @@ class Regression:
     scales: Mapping[str, float]
     coefficients: Mapping[str, float]
     evidence: float
+    leading: Mapping[str, float]
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -73,6 +90,10 @@ class Equations:
     matrix: Float[np.ndarray, "column column"]
     right: Float[np.ndarray, " column"]
     places: tuple[Int[np.ndarray, " own"], ...]
+
+    def tempered(self, excess: float) -> "Equations":
+        """Give the equations under noise whose variance is larger by a factor."""
+        return dataclasses.replace(self, matrix=self.matrix / excess, right=self.right / excess)
 
     def solve(
         self, chosen: Sequence[int], spread: float
@@ -117,29 +138,94 @@ def choose_terms(
     .. [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992).
     """
     equations = equations_of(kind, scales, blocks, space)
-    best: tuple[float, float, list[int]] = (0.0, 1.0, [])
+    excess = _excess(equations, scales["spread_n"], space)
+    equations = equations.tempered(excess)
+    best: tuple[float, float, list[int], list[int]] = (0.0, 1.0, [], [])
     for factor in SPREAD_FACTORS:
         spread = factor * scales["spread_n"]
-        evidence, chosen = _forward(equations, blocks, spread)
+        evidence, chosen, leading = _forward(equations, blocks, spread)
         if evidence > best[0]:
-            best = evidence, spread, chosen
-    evidence, spread, chosen = best
+            best = evidence, spread, chosen, leading
+    evidence, spread, chosen, leading = best
     if not chosen:
         return None
+    level = next((i for i in leading if blocks[i].group == LEVEL), None)
+    if level is not None:
+        refined = _refined(kind, scales, [blocks[i] for i in leading], spread, space)
+        blocks = [refined if i == level else block for i, block in enumerate(blocks)]
+        equations = equations_of(kind, scales, blocks, space).tempered(excess)
+        evidence = equations.solve(chosen, spread)[0]
     kept = tuple(blocks[i] for i in chosen)
-    found = equations.solve(chosen, spread)[1].tolist()
-    names = [name for block in kept for name in block.names]
     own = {**scales, "spread_n": spread}
     for block in kept:
         own |= block.scales
-    return Regression(kind, kept, own, dict(zip(names, found, strict=True)), evidence)
+    every, first = (
+        _coefficients(equations, blocks, some, spread) for some in (chosen, leading)
+    )
+    return Regression(kind, kept, own, every, evidence, first)
+
+
+def _coefficients(
+    equations: Equations, blocks: Sequence[Block], chosen: Sequence[int], spread: float
+) -> dict[str, float]:
+    """Solve for the coefficients of some blocks, by name [N]."""
+    names = [name for i in chosen for name in blocks[i].names]
+    return dict(zip(names, equations.solve(chosen, spread)[1].tolist(), strict=True))
+
+
+def _excess(equations: Equations, spread: float, space: ForceSpace) -> float:
+    """Chi squared per datum that all columns together leave, at least 1.
+
+    The recovered motion is not exact. What no surface explains along it counts as noise, or
+    every group of terms would gain evidence by its errors.
+    """
+    everything = range(len(equations.places))
+    largest = max(SPREAD_FACTORS) * spread
+    coefficients = equations.solve(everything, largest)[1]
+    explained = float(
+        2 * equations.right @ coefficients - coefficients @ equations.matrix @ coefficients
+    )
+    return max((space.cost_without - explained) / space.count, 1.0)
+
+
+def _refined(
+    kind: Kind,
+    scales: Mapping[str, float],
+    chosen: Sequence[Block],
+    spread: float,
+    space: ForceSpace,
+) -> Block:
+    """Give the block of the slow level with the time constant of most evidence.
+
+    A run loses its phase where a slow change is off by a few per cent.
+    """
+    at = next(i for i, block in enumerate(chosen) if block.group == LEVEL)
+    block = chosen[at]
+
+    def with_time(log_factor: float) -> Block:
+        time = block.scales["level_s"] * math.exp(log_factor)
+        return dataclasses.replace(block, scales={**block.scales, "level_s": time})
+
+    def loss(log_factor: float) -> float:
+        own = [with_time(log_factor) if i == at else one for i, one in enumerate(chosen)]
+        return -equations_of(kind, scales, own, space).solve(range(len(own)), spread)[0]
+
+    reach = math.log(REFINED_WITHIN)
+    found = scipy.optimize.minimize_scalar(
+        loss, bounds=(-reach, reach), method="bounded", options={"xatol": REFINED_TO}
+    )
+    return with_time(float(found.x))
 
 
 def _forward(
     equations: Equations, blocks: Sequence[Block], spread: float
-) -> tuple[float, list[int]]:
-    """Add the block of most evidence until none gains enough, then drop needless ones."""
+) -> tuple[float, list[int], list[int]]:
+    """Add the block of most evidence until none gains enough, then drop needless ones.
+
+    Gives the log evidence, the blocks, and those of them that lead.
+    """
     chosen: list[int] = []
+    leading: list[int] | None = None
     evidence = 0.0
     while True:
         open_ = [i for i in range(len(blocks)) if _fits(blocks, chosen, i)]
@@ -147,6 +233,8 @@ def _forward(
         gained = max(tried, default=(-math.inf, -1))
         if not gained[0] > evidence + MIN_GAIN:
             break
+        if leading is None and gained[0] - evidence < LEADING_GAIN * gained[0]:
+            leading = chosen
         evidence, chosen = gained[0], [*chosen, gained[1]]
         less = [
             (equations.solve([j for j in chosen if j != i], spread)[0], i) for i in chosen[:-1]
@@ -154,7 +242,7 @@ def _forward(
         lost = max(less, default=(-math.inf, -1))
         if lost[0] > evidence:
             evidence, chosen = lost[0], [j for j in chosen if j != lost[1]]
-    return evidence, chosen
+    return evidence, chosen, [i for i in leading or chosen if i in chosen]
 
 
 def _fits(blocks: Sequence[Block], chosen: Sequence[int], i: int) -> bool:

@@ -26,6 +26,15 @@ joints to yielding of springs."""
 LAG_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
 """[periods of the strongest line] Times over which memory fades. Source: shorter ones are no
 memory, longer ones a spring."""
+LEVEL_PERIODS = (3.0, 10.0, 30.0, 100.0)
+"""[periods of the strongest line] Times over which the level of the recent vibration fades.
+Source: shorter ones follow the motion itself, longer ones than most records are ageing."""
+PEAK_LAG = 0.1
+"""[periods of the strongest line] In which the largest elongation so far is followed. Source:
+short beside a period, and no shorter than the samples of most records."""
+AGE_SHARES = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""[share of the time at which the last record ends] Times of ageing. Source: from one that ends
+within the first records to one that is nearly a straight line."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -79,6 +88,9 @@ def fixed_scales(latents: Sequence[LatentForce]) -> dict[str, float] | None:
         "path_m": PATH_SHARES[1] * max(abs(low), abs(high)),
         "lag_s": LAG_SHARES[2] / _pitch_hz(latents),
         "lag_of": 0.0,
+        "level_s": LEVEL_PERIODS[1] / _pitch_hz(latents),
+        "level_of": 0.0,
+        "level_mean": float(np.mean(v**2)) / (MARGIN * float(np.abs(v).max())) ** 2,
     }
 
 
@@ -97,6 +109,9 @@ def blocks_of(
     e = np.concatenate([one.motion.e for one in latents])
     v = np.concatenate([one.motion.v for one in latents])
     pitch = _pitch_hz(latents)
+    end_s = max(float(one.motion.times[-1]) for one in latents)
+    levels = [(periods / pitch, 0.0) for periods in LEVEL_PERIODS]
+    levels += [(PEAK_LAG / pitch, 1.0)] + [(share * end_s, 2.0) for share in AGE_SHARES]
     scales: dict[str, list[dict[str, float]]] = {
         "friction": [{"vs_m_per_s": s * float(np.std(v))} for s in DIRECTION_SHARES],
         "side": [{"eq_m": s * float(np.std(e))} for s in SIDE_SHARES],
@@ -104,6 +119,7 @@ def blocks_of(
         "time": [
             {"lag_s": share / pitch, "lag_of": of} for share in LAG_SHARES for of in (0.0, 1.0)
         ],
+        "level": [{"level_s": time, "level_of": of} for time, of in levels],
     }
     return [
         Block(group, names, scale)

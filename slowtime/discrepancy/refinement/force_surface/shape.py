@@ -22,7 +22,8 @@ _FACTORS = {"g": EVEN, "h": EVEN, "mu": ODD, "ga": ODD}
 """Parity of the factor that a spline stands before."""
 _PLAIN = {
     "x_n": ODD, "y_n": ODD, "q_n": ODD, "qy_n": EVEN, "w_n": ODD, "r_n": ODD, "xw_n": EVEN,
-    "xr_n": EVEN,
+    "xr_n": EVEN, "xl1_n": ODD, "xl2_n": ODD,
+    "xl3_n": ODD, "yl_n": ODD,
 }  # fmt: skip
 """Parity of the terms that are no splines."""
 

@@ -146,7 +146,8 @@ def _monotone(
     held = dataclasses.replace(
         loose,
         scales={**loose.scales, **shape.parameters},
-        coefficients=dict(zip(names, found.tolist(), strict=True)),
+        coefficients=(within := dict(zip(names, found.tolist(), strict=True))),
+        leading=within,
         evidence=loose.evidence - loss,
     )
     return held, shape

@@ -6,7 +6,8 @@ measured, a direction :math:`s = \tanh(v/v_s)` and a side
 
 .. math::
    F = a_x x + a_y y + g(e) + h(v) + \mu(e) s + \gamma(e) y + a_q q + a_{qy} q y
-       + (a_w + a_{xw} x) w + (a_r + a_{xr} x) r ,
+       + (a_w + a_{xw} x) w + (a_r + a_{xr} x) r
+       + (a_{l1} l + a_{l2} l^2 + a_{l3} l^3) x + a_{yl} l y ,
 
 where :math:`g, h, \mu, \gamma` are cubic B-splines with equal intervals of the warped position
 :math:`W((e - e_c)/e_d)` or speed :math:`W(v/v_d)`, with
@@ -14,7 +15,12 @@ where :math:`g, h, \mu, \gamma` are cubic B-splines with equal intervals of the 
 motion dwells. Beyond the measured range :math:`g` and :math:`h` continue as straight lines,
 while :math:`\mu` and :math:`\gamma` keep their values. The state :math:`w` is a memory of the
 path, :math:`\dot w = (v - |v| w)/l` (Dahl), and :math:`r` one of the past motion in time,
-:math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`.
+:math:`\dot r = (y - r)/\tau` or :math:`\dot r = (s - r)/\tau`. Stiffness and damping may
+change with a level :math:`l` that is slow beside the motion: the recent vibration (heat, say,
+or amplitude), :math:`l = m/(m + \bar m)` with :math:`\dot m = (y^2 - m)/\tau_l` and the mean
+:math:`\bar m` of :math:`y^2`; the largest elongation so far, :math:`l = m` with
+:math:`\dot m = \max(|x| - m, 0)/\tau_l` [2]_; or the age, :math:`l = 1 - e^{-t/\tau_l}`.
+All stay between 0 and 1 within the measured range, so that runs of the model stay bounded.
 
 A surface may be odd or even: with the parity :math:`\pi = -1` or :math:`1`, the force is
 :math:`\tfrac12 (F(e, v, w, r) + \pi F(-e, -v, -w, -r))`. It may rise or fall throughout with
@@ -24,6 +30,7 @@ B-splines monotone [1]_, and those of terms that depend on both e and v are zero
 References
 ----------
 .. [1] J. O. Ramsay, "Monotone regression splines in action", Stat. Sci. 3 (1988).
+.. [2] L. Mullins, "Softening of rubber by deformation", Rubber Chem. Technol. 42 (1969).
 """
 
 import math
@@ -178,28 +185,30 @@ def surface(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 @compiled
-def remembered(e: float, w: float, r: float, p: Any) -> float:
-    """Give the part of the surface that depends on past motion [N].
+def remembered(e: float, v: float, w: float, r: float, level: float, p: Any) -> float:
+    """Give the part of the surface that depends on past motion or on age [N].
 
     Parameters
     ----------
-    e
-        Elongation [m].
-    w, r
-        Memories of the path and of the time [1].
+    e, v
+        Elongation [m] and its rate [m/s].
+    w, r, level
+        Memories of the path and of the time, and the slow level [1].
     p
         Parameters of the surface with memory.
     """
     x = min(max(e, p[4]), p[5]) / max(abs(p[4]), abs(p[5]))
-    return float((p[59] + p[60] * x) * w + (p[61] + p[62] * x) * r)
+    changed = (p[66] + (p[67] + p[68] * level) * level) * x + p[69] * v / p[7]
+    return float((p[62] + p[63] * x) * w + (p[64] + p[65] * x) * r + changed * level)
 
 
 def surface_with_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of the surface with memory [N]."""
-    here = static(e, v, p) + remembered(e, z[0], z[1], p)
+    level = level_of(t, z[2], p)
+    here = static(e, v, p) + remembered(e, v, z[0], z[1], level, p)
     if p[53] == 0.0:
         return float(here)
-    there = static(-e, -v, p) + remembered(-e, -z[0], -z[1], p)
+    there = static(-e, -v, p) + remembered(-e, -v, -z[0], -z[1], level, p)
     return float(mirrored(here, there, p[53]))
 
 
@@ -214,6 +223,31 @@ def time_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
     return float((drive - z[1]) / p[57])
 
 
+@compiled
+def level_of(t: float, m: float, p: Any) -> float:
+    """Give the slow level [1].
+
+    Parameters
+    ----------
+    t
+        Campaign time [s].
+    m
+        Mean of the recent y^2, or largest |x| so far [1].
+    p
+        Parameters of the surface with memory.
+    """
+    if p[60] > 1.5:
+        return 1.0 - math.exp(-max(t, 0.0) / p[59])
+    return min(m, 1.0) if p[60] > 0.5 else max(m, 0.0) / (max(m, 0.0) + p[61])
+
+
+def level_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Rate of the level of the recent vibration, or of the largest elongation [1/s]."""
+    if p[60] > 0.5:
+        return float(max(abs(e) / max(abs(p[4]), abs(p[5])) - z[2], 0.0) / p[59])
+    return float(((v / p[7]) ** 2 - z[2]) / p[59])
+
+
 TERMS = (
     ("position", (("x_n", "x"), *((f"g{i + 1}_n", f"C{i + 1}(e)") for i in range(FINE + 3)))),
     ("speed", (("y_n", "y"), *((f"h{i + 1}_n", f"C{i + 1}(v)") for i in range(SPEED + 3)))),
@@ -226,6 +260,7 @@ each stands before; Ck is the sum of the B-splines from the k-th on."""
 MEMORY_TERMS = (
     ("path", (("w_n", "w"), ("xw_n", "x w"))),
     ("time", (("r_n", "r"), ("xr_n", "x r"))),
+    ("level", (("xl1_n", "x l"), ("xl2_n", "x l^2"), ("xl3_n", "x l^3"), ("yl_n", "y l"))),
 )
 """The same of memory."""
 
@@ -264,7 +299,7 @@ DIRECTIONS: Mapping[str, str] = {
 """Parameter that says which sign a coefficient must have, by the name of the coefficient."""
 MIXED = (
     *(f"{name}{i + 2}_n" for name in ("mu", "ga") for i in range(COARSE + 2)),
-    "qy_n", "xw_n", "xr_n",
+    "qy_n", "xw_n", "xr_n", "xl1_n", "xl2_n", "xl3_n", "yl_n",
 )  # fmt: skip
 """Coefficients of terms that depend on the elongation and on the motion besides: zero in a
 monotone surface, as their slope changes sign with the rate or the memory."""
@@ -294,6 +329,19 @@ MEMORY_SCALES = (
     Parameter(
         name="lag_of", unit="", meaning="what r remembers: 0 the speed y, 1 the direction s",
         choices=(0.0, 1.0), fitted=False,
+    ),
+    Parameter(
+        name="level_s", unit="s", meaning="time over which the level l follows", low=0.0,
+        nonzero=True, default=1.0, fitted=False,
+    ),
+    Parameter(
+        name="level_of", unit="", default=0.0, choices=(0.0, 1.0, 2.0), fitted=False,
+        meaning="what l is: 0 the recent vibration m/(m + level_mean), 1 the largest |x| so "
+        "far, 2 the age, 1 - exp(-t/level_s)",
+    ),
+    Parameter(
+        name="level_mean", unit="", meaning="mean of y^2", low=0.0, nonzero=True, default=1.0,
+        fitted=False,
     ),
 )  # fmt: skip
 """The same of memory."""
@@ -365,12 +413,13 @@ KINDS = (
         family="measured force",
         where="element",
         parameters=(*_STATIC, *MEMORY_SCALES, *_coefficients(MEMORY_TERMS)),
-        equation=f"{_SUM}, w, x w, r and x r; {_SYMBOLS}; ẇ = (v − |v| w)/path, "
-        "ṙ = (y − r)/lag or (s − r)/lag",
-        source=f"{_SOURCE}; memory: Dahl 1968, Maxwell 1867",
+        equation=f"{_SUM}, w, x w, r, x r, x l, x l², x l³ and y l; {_SYMBOLS}; "
+        "ẇ = (v − |v| w)/path, ṙ = (y − r)/lag or (s − r)/lag; l = m/(m + mean) with "
+        "ṁ = (y² − m)/level, l = m with ṁ = max(|x| − m, 0)/level, or l = 1 − exp(−t/level)",
+        source=f"{_SOURCE}; memory: Dahl 1968, Maxwell 1867, Mullins 1969",
         sentence="The force as estimated from the records, which depends on past motion, where "
         "no law of the catalogue fits.",
-        action=Law(force=surface_with_memory, rates=(path_memory, time_memory)),
+        action=Law(force=surface_with_memory, rates=(path_memory, time_memory, level_memory)),
         is_surface=True,
         contradiction=contradiction,
     ),

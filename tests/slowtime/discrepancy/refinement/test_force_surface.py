@@ -1,6 +1,7 @@
 """A force surface closes the gap that a law outside the list leaves, and none of noise."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -32,12 +33,20 @@ def relief(e, v, t, z, p):
     return p[0] * (p[1] if v > 0 else -p[1]) + 0.1 * p[0] * (v - (p[1] if v > 0 else -p[1]))
 
 
-def outside(name, law, **values):
+def heated(e, v, t, z, p):
+    return -p[0] * e * math.tanh(z[0])
+
+
+def heating(e, v, t, z, p):
+    return ((v / p[1]) ** 2 - z[0]) / p[2]
+
+
+def outside(name, law, *rates, **values):
     """A law that no list holds, as an effect and a kind."""
     parameters = tuple(Parameter(name=n, unit="", meaning=n) for n in values)
     kind = Kind(
         name=name, family="outside", where="element", parameters=parameters,
-        equation=name, source="test", sentence="Outside.", action=Law(force=law),
+        equation=name, source="test", sentence="Outside.", action=Law(force=law, rates=rates),
     )  # fmt: skip
     return kind, Effect(name, PLACE, values)
 
@@ -178,6 +187,23 @@ def test_a_surface_closes_the_gap_of_a_law_of_speed():
     )
     assert before > 4 * NOISE
     assert after < 2 * NOISE
+
+
+@pytest.mark.long
+def test_a_surface_follows_a_stiffness_that_falls_with_the_recent_vibration():
+    slow = outside("slow", heated, heating, dk=160.0, v0=0.4, tau=8.0)
+    trials = records(*slow)
+    first = refit(Plant.of(ONE), trials[:2])
+    found = fit_force_surface(first, locate(first, trials[:2]), trials[:2], KINDS)
+    assert found is not None
+    before, after = (
+        relative_errors(trials[2:], free_runs(fit, trials[2:]))[0] for fit in (first, found.fit)
+    )
+    assert before > 50 * NOISE
+    assert after < 4 * NOISE
+    own = found.fit.plant.effects[-1].parameters
+    assert own["level_of"] == 0.0
+    assert own["level_s"] == pytest.approx(8.0, rel=0.05)
 
 
 def test_a_fit_that_is_cut_keeps_where_it_is():

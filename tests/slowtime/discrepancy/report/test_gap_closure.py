@@ -80,6 +80,38 @@ def test_the_shape_of_a_surface_is_described(closed):
     assert "does not fit these records" not in text
 
 
+@pytest.mark.parametrize(
+    ("level_of", "cause", "change"),
+    [
+        (0.0, "recent vibration (the last 8 s): at vibration of mean level", "+75"),
+        (
+            1.0,
+            "largest elongation so far (since a record began): at the largest elongation",
+            "+3e+02",
+        ),
+        (2.0, "age (a time constant of 8 s): at long times", "+3e+02"),
+    ],
+)
+def test_what_a_stiffness_slowly_changes_with_is_told_with_the_change(
+    closed, level_of, cause, change
+):
+    told, _, trials, _ = closed
+    scales = {
+        "vs_m_per_s": 0.01, "eq_m": 2e-4, "centre_m": 0.0, "dense_m": 5e-4, "low_m": -0.01,
+        "high_m": 0.008, "dense_m_per_s": 0.02, "high_m_per_s": 0.1, "spread_n": 4.0,
+        "path_m": 1e-3, "lag_s": 0.05, "lag_of": 0.0, "level_s": 8.0, "level_of": level_of,
+    }  # fmt: skip
+    slow = Effect("measured_force_with_memory", PLACE, scales | {"xl2_n": 3.0})
+    plant = Plant.of(dataclasses.replace(ONE, effects=(slow.entry(),)))
+    fit = refit(plant, trials, free=[])
+    terms = dataclasses.replace(told.shaped.terms, leading={"xl1_n": 0.0, "xl2_n": 3.0})
+    shaped = dataclasses.replace(told.shaped, terms=terms)
+    text = describe_gap_closure(
+        dataclasses.replace(told, fit=fit, shaped=shaped), 1.0, [], KINDS
+    )
+    assert f"changes with the {cause} it is {change} N/m beside the element's own." in text
+
+
 def test_a_demanded_shape_that_does_not_fit_is_named_with_what_it_costs(closed):
     told, _, _, _ = closed
     bent = dataclasses.replace(told.shaped, refused=(("even", 40.2),))

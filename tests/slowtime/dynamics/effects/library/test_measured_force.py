@@ -32,7 +32,7 @@ SCALES = {
     "vs_m_per_s": 0.01, "eq_m": 2e-4, "centre_m": 2e-4, "dense_m": 5e-4, "low_m": -2e-3,
     "high_m": 3e-3, "dense_m_per_s": 0.02, "high_m_per_s": 0.1, "spread_n": 4.0,
 }  # fmt: skip
-MEMORY = {"path_m": 1e-3, "lag_s": 0.05, "lag_of": 0.0}
+MEMORY = {"path_m": 1e-3, "lag_s": 0.05, "lag_of": 0.0, "level_s": 0.2, "level_mean": 0.05}
 GROUPS = {group: [name for name, _ in terms] for group, terms in TERMS}
 
 
@@ -108,6 +108,52 @@ def test_memory_of_time_forgets_as_an_exponential_does():
     np.testing.assert_allclose(found, (1 - np.exp(-t / 0.05)) * 5 * 0.02 / 0.1, atol=1e-6)
     held = force_along(REMEMBERS, SCALES | MEMORY | {"w_n": 5.0}, seen)
     np.testing.assert_allclose(held, 5 * (1 - np.exp(-0.02 * t / 1e-3)), atol=1e-5)
+
+
+def test_a_level_follows_the_recent_vibration():
+    t = np.arange(400) / 500.0
+    seen = Motion(e=0.02 * t, v=np.full(400, 0.02), a=np.zeros(400), times=t)
+    recent = (0.02 / 0.1) ** 2 * (1 - np.exp(-t / 0.2))
+    level = recent / (recent + 0.05)
+    for name, factor in (("xl1_n", 0.02 * t / 3e-3), ("yl_n", 0.02 / 0.1)):
+        found = force_along(REMEMBERS, SCALES | MEMORY | {name: 5.0}, seen)
+        inside = 0.02 * t < SCALES["high_m"]
+        np.testing.assert_allclose(found[inside], (5 * factor * level)[inside], atol=1e-6)
+
+
+def test_a_level_keeps_the_largest_elongation():
+    t = np.arange(1000) / 500.0
+    size = np.where(t < 0.5, 2.4e-3, 0.9e-3)
+    seen = Motion(
+        e=size * np.sin(40 * t), v=40 * size * np.cos(40 * t), a=np.zeros(1000), times=t
+    )
+    own = SCALES | MEMORY | {"level_s": 0.004, "level_of": 1.0, "yl_n": 5.0}
+    found = force_along(REMEMBERS, own, seen)
+    told = 5 * (2.4 / 3) * seen.v / 0.1
+    np.testing.assert_allclose(found[500:], told[500:], atol=0.01 * np.abs(told).max())
+
+
+def test_a_level_of_age_goes_on_from_record_to_record():
+    for start in (0.0, 50.0):
+        t = start + np.arange(200) / 500.0
+        seen = Motion(e=np.full(200, 3e-3), v=np.zeros(200), a=np.zeros(200), times=t)
+        own = SCALES | MEMORY | {"level_s": 20.0, "level_of": 2.0, "xl1_n": 2.0, "xl2_n": 3.0}
+        level = 1 - np.exp(-t / 20.0)
+        np.testing.assert_allclose(
+            force_along(REMEMBERS, own, seen), (2 + 3 * level) * level, atol=1e-9
+        )
+
+
+def test_a_file_without_a_level_is_the_surface_that_it_was():
+    own = random_surface(REMEMBERS, np.random.default_rng(9))
+    without = {n: v for n, v in own.items() if not n.startswith(("level_", "xl", "yl"))}
+    rng = np.random.default_rng(10)
+    seen = motion(2e-3 * rng.uniform(-1, 1, 50), 0.1 * rng.uniform(-1, 1, 50))
+    silent = dict.fromkeys(("xl1_n", "xl2_n", "xl3_n", "yl_n"), 0.0)
+    np.testing.assert_array_equal(
+        force_along(REMEMBERS, without, seen),
+        force_along(REMEMBERS, own | silent | {"level_of": 1.0}, seen),
+    )
 
 
 def random_surface(kind, rng, **options):
