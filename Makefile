@@ -77,17 +77,17 @@ faults: .venv/dev  ## fault-injection tests of real processes; N=200 SEED=1 SECO
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \
 		--jobs $(or $(JOBS),4) --shards $(or $(SHARDS),1) --out var/faults
 
-mutation: .venv/dev  ## change random lines and report those that no test notices; LINES=200 SEED=1 ROOMS="slowtime twin_server edge_agent"
+mutation: .venv/dev  ## change random lines and report those that no test notices; LINES=200 SEED=1 PACKAGES="slowtime twin_server edge_agent"
 	$(BIN)/python -m tests.mutation --lines $(or $(LINES),200) --seed $(or $(SEED),1) \
-		--rooms $(or $(ROOMS),slowtime twin_server edge_agent)
+		--rooms $(or $(PACKAGES),slowtime twin_server edge_agent)
 
 load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory; DURATION_S=1800
 	$(BIN)/python -m benchmarks.processes.load --seconds $(or $(DURATION_S),1800)
 
-bench: .venv/dev .venv-peers/ready  ## print all figures of speed, memory and accuracy, as ratios
+bench: .venv/dev .venv-peers/ready  ## print most figures of speed, memory and accuracy, as ratios
 	$(BIN)/python -m benchmarks
 
-tutorials: .venv/dev  ## run each tutorial as written, in an empty folder; ONLY="first_hour or court"
+tutorials: .venv/dev  ## run each tutorial as written, in an empty folder with the files that it links to; ONLY="first_hour or court"
 	$(BIN)/python -m pytest -q -m slow tests/docs/test_tutorials.py -k "$(or $(ONLY),tutorial)"
 
 site: .venv/dev  ## the documentation site in var/site; warnings are errors; NOTEBOOKS=off, URL=https://... of the repository
@@ -127,7 +127,7 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@test -x $(BIN)/python || { echo "Making a virtual environment in .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
 	@echo "Installing slowtime and what it needs into .venv: about 45 packages, a minute or two, this once ..."
 	@$(PIP_INSTALL) -e '.[all]' && touch $@
-	@echo "Installed. \`$(BIN)/slowtime --help\` lists the verbs."
+	@echo "Installed. \`$(BIN)/slowtime --help\` lists the commands."
 
 .venv/dev: .venv/run
 	@echo "Installing the development tools into .venv: about 75 packages more, this once ..."

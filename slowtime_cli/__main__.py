@@ -100,7 +100,7 @@ VERBS = {
     ),
     "import": Verb(
         "records.import_record:import_",
-        "Turn a text, NumPy or MATLAB record into an MCAP recording.",
+        "Turn a record into an MCAP recording.",
     ),
     "identify": Verb(
         "records.identify:identify",

@@ -23,7 +23,7 @@ def import_(
     start_ns: int | None,
     block_s: float,
 ) -> None:
-    """Turn a text, NumPy or MATLAB record into an MCAP recording."""
+    """Turn a record into an MCAP recording."""
     name = asset or _as_name(path)
     begin = _start_ns(record, start_ns)
     total = -(-len(record.samples) // max(1, round(block_s * record.rate_hz)))

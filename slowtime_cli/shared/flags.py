@@ -37,7 +37,7 @@ class SettingsFile(click.Path):
 
 
 class Effects(click.Path):
-    """A Python file that is there, or the name of an installed part, which has no dot."""
+    """A Python file that is there, or the name of an installed plug-in, which has no dot."""
 
     def __init__(self) -> None:
         super().__init__(exists=True, dir_okay=False, path_type=Path)

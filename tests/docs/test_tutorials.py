@@ -96,7 +96,7 @@ def alarms(folder, said):
     assert re.search(r"^[\d.]+ alarm Stiffness change below −3 % with", said, re.M)
     assert re.search(r"^[\d.]+ alarm Stiffness change below −2 % with", said, re.M)
     assert re.search(r"^Stiffness change at −10 %: 10 %: by ", said, re.M)
-    assert re.search(r"ops is told: A test alarm, sent by .* to ops\.", said)
+    assert re.search(r"ops is told: This is a test alarm to ops, requested by .*\.", said)
     assert re.search(r"^Seen by Ann$", said, re.M)
     assert "a forgery" not in said
 

@@ -209,7 +209,10 @@ class Alarms:
                 f"to: {there}. Add a route to its registration's alarm_routes.",
             )
         names = [route.receiver for route in routes]
-        message = f"A test alarm, sent by {by} to {', '.join(names)}. Nothing has happened."
+        message = (
+            f"This is a test alarm to {', '.join(names)}, requested by {by}. "
+            "No limit was passed."
+        )
         details = {"receivers": names, "by": by}
         event = self._event(twin_id, TEST, "info", message, details)
         now_ns, body = self._clock.now_ns(), json.loads(event.body)

@@ -16,7 +16,7 @@ COUNTERS: Mapping[str, str] = {
     "garbage_bytes": "bytes that are not what the layout declares",
     "sensor_restarts": "restarts of the device",
     "sensor_reconnects": "how often the connection was lost",
-    "source_restarts": "how often a part of one's own ended or hung, and was started again",
+    "source_restarts": "how often a source plug-in ended or hung, and was started again",
     "sensor_bursts": "how often much came at once, after a pause",
     "sensor_silences": "how often nothing came for `silent_after_s`",
     "sensor_silent_s": "for how long nothing has come, if that is longer than it; else 0",

@@ -22,7 +22,7 @@ Examples:
 
 The file names design variables with their bounds, random inputs, an objective, and limit
 states with the probability of failure that is accepted; with a model file, variables add
-stiffness, damping or mass to it, and formulas speak of its responses under a load.
+stiffness, damping or mass to it, and formulas may use its responses under a load.
 docs/design.md lists what it may hold.
 """,
 )
@@ -49,7 +49,13 @@ docs/design.md lists what it may hold.
     metavar="FILE.yaml",
     help="Write the model with the design built in.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random inputs.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def design(alphas: tuple[float, ...], out_model: Path | None, **_given: object) -> None:
     """Choose a damper, mass or stiffness: cheap, robust and safe.

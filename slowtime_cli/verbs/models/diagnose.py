@@ -203,9 +203,9 @@ def diagnose(
     """Find effects that a model lacks, with their place and size.
 
     The model's constants are refitted first, so that wrong constants are not reported as
-    effects. Records have the channels of the model by name, on one clock; each may be MCAP,
-    text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of one, in
-    seconds from its beginning.
+    effects. Records have the channels of the model by name, on one clock; each may be text
+    with a header, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, Parquet, UFF, MCAP and
+    others (docs/files.md). FILE@FROM:TO is a part of one, in seconds from its beginning.
 
     With --history, find what drives the slow changes of a twin: temperature, load, time, a
     step. To adopt the result, order the same diagnosis on the twin's page or by REST (`clock:

@@ -22,8 +22,8 @@ Examples:
   slowtime fatigue record.csv --model frame.yaml --quantity force --element k1 \\
     --factor 2e-5 --factor-unit MPa --detail-category 71
 
-S-N curves speak of ranges, which are twice the amplitudes: N = constant / range^slope, at the
-median. A constant for amplitudes is multiplied by 2^slope.
+S-N curves are given for stress ranges, which are twice the amplitudes: N = constant /
+range^slope, at the median. A constant for amplitudes is multiplied by 2^slope.
 """,
 )
 @record_flags

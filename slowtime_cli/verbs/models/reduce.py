@@ -22,7 +22,9 @@ Examples:
   slowtime reduce tower.yaml --modes 20 --span 0.5 --trials 5 --json
 
 The model file has `slowtime_model: 2` and either `matrices`, files of stiffness, mass and of
-what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
+what each parameter scales, or `frame`. docs/matrices.md lists formats and keys. Give one of
+--modes and --band-hz. A key `band_hz` of the file replaces neither of them; it determines the
+modes of a model file (.yaml or .json) that --out writes.
 """,
 )
 @click.argument("model", type=EXISTING)
@@ -66,7 +68,13 @@ what each parameter scales, or `frame`. docs/matrices.md lists formats and keys.
     type=OutFile(".html"),
     help="HTML page to write: frequencies, and animated mode shapes in space.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random parameters of --trials.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def reduce(modes: int | None, band_hz: float | None, **_given: object) -> None:
     """Reduce finite-element matrices to a small model and verify it.

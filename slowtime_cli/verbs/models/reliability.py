@@ -66,7 +66,13 @@ your own.
     show_default=True,
     help="Maximum number of evaluations of the limit state, for each method.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random samples.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def reliability(problem: Path, limit_state: Path | None, **_given: object) -> None:
     """Compute a probability of failure by several methods.

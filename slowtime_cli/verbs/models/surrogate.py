@@ -44,7 +44,13 @@ A table is text with a heading and one run a row, between commas, semicolons or 
 )
 @click.option("--at", type=EXISTING, help="Table of points at which to predict.")
 @click.option("--out", type=OutFile(), help="CSV file for the predictions: value, sd, lo, hi.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the division into folds for cross-validation.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def surrogate(at: Path | None, out: Path | None, **_given: object) -> None:
     """Fit a fast surrogate to runs of a slow model.

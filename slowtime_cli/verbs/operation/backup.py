@@ -52,6 +52,8 @@ def restore(**_given: object) -> None:
     """Restore a twin's database from a backup.
 
     Stop the server first. The current database is kept under a new name, which is printed.
-    When the server starts, it asks the edges to resend the features measured since the backup;
-    those that an edge no longer holds are reported as lost, with their numbers.
+    When the server starts, it requests the features since the backup from the edges. Edges hold
+    only those that were never acknowledged. The others come from a recording: play it with
+    `slowtime replay` before the edges connect, because features that no edge holds are then
+    reported as lost, with their numbers, and refused afterwards.
     """

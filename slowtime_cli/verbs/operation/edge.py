@@ -50,7 +50,13 @@ underscores); flags overrule the environment, which overrules the file.
     type=click.Choice(sorted(STRUCTURES)),
     help="Read a simulated structure instead of a sensor.",
 )
-@click.option("--file", "file", type=EXISTING, help="Read a text, NumPy or MATLAB record.")
+@click.option(
+    "--file",
+    "file",
+    type=EXISTING,
+    help="Read a record: text, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, UFF and others "
+    "(docs/files.md).",
+)
 @click.option("--recording", type=EXISTING, help="Read the raw blocks of an MCAP recording.")
 @click.option(
     "--source",

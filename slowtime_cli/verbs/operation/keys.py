@@ -34,9 +34,9 @@ Examples:
   slowtime twin --credentials keys/server --connect tls/10.0.0.2:7447
   slowtime edge --credentials keys/edge-beam --connect tls/10.0.0.2:7447 --config edge.toml
 
-Each process gets its own folder and no other; keys/authority stays where nobody else is. A
-router reads who may do what when it starts: copy keys/router again and restart it after each
-change. Edges keep their features meanwhile.
+Copy to each process its own folder and no other; keep keys/authority where nobody else has
+access. A router reads access rights when it starts: copy keys/router again and restart it
+after each change. Edges keep their features meanwhile.
 """
 )
 def keys() -> None:

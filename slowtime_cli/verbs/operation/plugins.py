@@ -14,8 +14,8 @@ Examples:
   slowtime plugins
   slowtime plugins --timeout-s 5
 
-A part is an entry point of an installed distribution, in the group slowtime.sources, .readers,
-.effects, .identifiers or .alarms. Each is imported in a process of its own.
+A plug-in is an entry point of an installed distribution, in the group slowtime.sources,
+.readers, .effects, .identifiers or .alarms. Each is imported in a process of its own.
 """,
 )
 @click.option(

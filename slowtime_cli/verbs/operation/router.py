@@ -52,7 +52,7 @@ def router(**_given: object) -> None:
     epilog="""\b
 Examples:
   slowtime status
-  slowtime status --asset demo.tower && echo "the tower is listened to"
+  slowtime status --asset demo.tower && echo "the tower's edge agent is online"
 """,
 )
 @connect_option

@@ -31,8 +31,7 @@ Examples:
   slowtime tokens list
   slowtime tokens revoke 1a2b3c4d
 
-A running server heeds changes from the next request on. The file holds no token, only what a
-token can be recognised by.
+A running server applies changes from the next request on. The file holds hashes of tokens.
 """
 )
 def tokens() -> None:

@@ -178,7 +178,8 @@ def identify(
 ) -> None:
     """Identify natural frequencies and damping, with uncertainty.
 
-    RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
+    RECORD is text of any delimiter, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, Parquet,
+    UFF, MCAP and others (docs/files.md). Frequencies are undamped natural
     frequencies; errors are standard deviations. If no mode exceeds the noise, none is
     reported.
     """

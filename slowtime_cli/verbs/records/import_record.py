@@ -46,9 +46,10 @@ Examples:
     help="Length of a raw block.",
 )
 def import_(**_given: object) -> None:
-    """Turn a text, NumPy or MATLAB record into an MCAP recording.
+    """Turn a record into an MCAP recording.
 
-    The recording holds raw blocks with their rate, channels and units; the same file gives the
-    same bytes. `slowtime edge --recording` and `slowtime identify` read it; so do Foxglove's
-    and other MCAP tools.
+    RECORD is text of any delimiter, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, Parquet,
+    UFF and others (docs/files.md). The recording holds raw blocks with their rate, channels and
+    units; the same file gives the same bytes. `slowtime edge --recording` and `slowtime
+    identify` read it; so do Foxglove's and other MCAP tools.
     """

@@ -69,8 +69,9 @@ Examples:
     default="first",
     show_default=True,
     type=click.Choice(["first", "zero", "band_limited"]),
-    help="Interpolation of inputs between samples: linear (first), held (zero), or limited to "
-    "half the sampling rate (band_limited).",
+    help="With --model: interpolation between samples of inputs that have no `hold` in the "
+    "model file: linear (first), held (zero), or limited to half the sampling rate "
+    "(band_limited). An imposed displacement is always band_limited.",
 )
 @click.option(
     "--effects",

@@ -69,7 +69,11 @@ cubic_hardening or van_der_pol.
     type=float,
     help="Slow time to which each constant is forecast, from five records on.",
 )
-@click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Of the records.")
+@click.option(
+    "--rate-hz",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Sampling rate of the records [Hz].",
+)
 @click.option(
     "--out", type=OutFile(), help="CSV file of the constants, one row for each record."
 )

@@ -25,7 +25,12 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 """,
 )
 @twin_flags
-@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
+@click.option(
+    "--horizon",
+    type=POSITIVE,
+    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, natural "
+    "periods T0 (bridge: days) for a simulated structure. The command prints the unit.",
+)
 @click.option(
     "--points",
     type=click.IntRange(1, 200),

@@ -22,7 +22,12 @@ Limit states stand in the registration (`limit_states`): docs/risk.md.
 """,
 )
 @twin_flags
-@click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
+@click.option(
+    "--horizon",
+    type=POSITIVE,
+    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, natural "
+    "periods T0 (bridge: days) for a simulated structure. `slowtime forecast` prints the unit.",
+)
 @click.option(
     "--out",
     type=OutFile(stdout=True),
