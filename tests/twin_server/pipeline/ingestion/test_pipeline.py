@@ -5,6 +5,7 @@ import itertools
 import json
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -369,6 +370,73 @@ def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_
         assert eventually(lambda: store.count("lab.beam") == 100)
         pipeline.stop()
     store.close()
+
+
+def test_calls_to_a_busy_pipeline_are_not_counted_as_lost_messages(
+    open_twin, features, sample, settings, eventually
+):
+    small = settings.model_copy(update={"pipeline": PipelineSettings(inbox_messages=10)})
+    bus, blocked = MemoryBus(), threading.Event()
+    pipeline, store = open_twin(bus, with_settings=small)
+    with ThreadPoolExecutor(2) as pool:
+        pool.submit(pipeline.call, lambda: blocked.wait(60))
+        assert eventually(lambda: not pipeline._calls)
+        for number in range(12):
+            message = sample(features(number))
+            bus.publish(message.key, message.payload, encoding="application/json")
+        asked = pool.submit(pipeline.call, lambda: 5)
+        assert eventually(lambda: len(pipeline._calls))
+        blocked.set()
+        assert asked.result(60) == 5
+    assert eventually(lambda: store.count("lab.beam") == 10)
+    assert pipeline.refusals.counts["inbox_full"] == 2
+    assert pipeline.tallies()["inbox_dropped"] == 2
+
+
+def test_a_call_while_the_worker_ends_is_answered(open_twin, eventually):
+    ending, released, answers = threading.Event(), threading.Event(), []
+
+    class Signing:
+        def step(self):
+            pass
+
+        def sign(self, now_ns):
+            ending.set()
+            released.wait(60)
+
+    pipeline, _ = open_twin()
+    pipeline.ledger_signer = Signing()
+    stopping = threading.Thread(target=pipeline.stop)
+    stopping.start()
+    assert ending.wait(60)
+    asking = threading.Thread(
+        target=lambda: answers.append(pipeline.call(lambda: 5)), daemon=True
+    )
+    asking.start()
+    assert eventually(lambda: answers == [5], timeout_s=10.0)
+    released.set()
+    stopping.join()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_call_that_waits_is_answered_where_the_worker_dies(
+    open_twin, monkeypatch, eventually
+):
+    pipeline, answers, dying = open_twin()[0], [], threading.Event()
+
+    def die(*_given, **_options):
+        dying.set()
+        eventually(lambda: pipeline._calls)
+        raise MemoryError
+
+    monkeypatch.setattr(pipeline._inbox, "take", die)
+    assert dying.wait(60)
+    asking = threading.Thread(
+        target=lambda: answers.append(pipeline.call(lambda: 5)), daemon=True
+    )
+    asking.start()
+    assert eventually(lambda: answers == [5], timeout_s=10.0)
+    assert eventually(lambda: not pipeline.working)
 
 
 def test_an_asset_nobody_registered_is_refused_where_settings_say_so(
