@@ -39,6 +39,7 @@ from twin_server.collect import (
     Change,
     EdgeQuery,
     Holding,
+    Received,
     Reception,
     Refusals,
     SensorWatch,
@@ -466,25 +467,55 @@ class Pipeline:
 
     def _take(self, samples: Sequence[Sample]) -> int:
         """Process one batch; return the number of messages from senders with wrong clocks."""
-        now_ns = self._clock.now_ns()
-        received = self._reception.read(samples, now_ns)
-        arrivals, healths = received.arrivals, received.healths
+        received = self._reception.read(samples, self._clock.now_ns())
+        # What a replay holds comes once: one part that fails must not cost the others.
+        self._run_each(
+            functools.partial(self._take_features, received),
+            functools.partial(self._take_assessed, received),
+            functools.partial(self._take_healths, received),
+            *(functools.partial(self._take_told, told) for told in received.asset_events),
+        )
+        return received.misdated
+
+    def _run_each(self, *parts: Callable[[], object]) -> None:
+        """Run all parts, whichever of them fails; then raise the first failure."""
+        failures: list[Exception] = []
+        for part in parts:
+            try:
+                part()
+            except Exception as error:
+                failures.append(error)
+        if failures:
+            self.failing = f"{type(failures[0]).__name__}: {failures[0]}"
+            raise failures[0]
+
+    def _take_features(self, received: Received) -> None:
+        """Take registrations, and the features that may follow from them."""
+        arrivals = received.arrivals
         for twin_id, registration in received.registrations:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
-            healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        now_ns = self._clock.now_ns()
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         self._account.disbelieve(received.disbelieved)
+
+    def _take_assessed(self, received: Received) -> None:
         if kept := self._assessed.take(received.assessed, self._twins):
             self.counts["fatigue"] += kept
-        if healths:
-            self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
-            self._hear_of_sensors([health for health, replayed in healths if not replayed])
-        for told in received.asset_events:
-            self._take_told(told)
-        return received.misdated
+
+    def _take_healths(self, received: Received) -> None:
+        healths = received.healths
+        if not self.settings.auto_register:
+            healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        if not healths:
+            return
+        live = [health for health, replayed in healths if not replayed]
+        self._run_each(
+            lambda: self._durably(lambda c: self._account.hear(healths, time.monotonic(), c)),
+            lambda: self._hear_of_sensors(live),
+        )
 
     def virtual(self, twin_id: str) -> list[Virtual]:
         """Latest windows of virtual quantities, since this server began."""
@@ -492,11 +523,15 @@ class Pipeline:
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
         """Make events of live sensors; for registered twins only."""
-        healths = [health for health in healths if (health.site, health.asset) in self._twins]
-        for notice in self._sensors.hear(healths, time.monotonic()):
-            site, asset, kind, severity, message, details = notice
+        now_s = time.monotonic()
+        for health in healths:
+            site, asset = health.site, health.asset
+            if (site, asset) not in self._twins:
+                continue
             try:
-                self._note(f"{site}.{asset}", kind, severity, message, details)
+                for notice in self._sensors.hear([health], now_s):
+                    _, _, kind, severity, message, details = notice
+                    self._note(f"{site}.{asset}", kind, severity, message, details)
             except StoreError:
                 self._sensors.forget(site, asset)  # and tell it once it can be kept
                 raise

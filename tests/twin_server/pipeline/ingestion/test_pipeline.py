@@ -326,6 +326,36 @@ def test_what_a_database_that_is_away_did_not_take_is_not_acknowledged(
         assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
 
 
+@pytest.mark.parametrize("fails", ["write", "events"])
+def test_silent_sensors_are_told_of_once_the_store_is_back(store, monkeypatch, fails):
+    def silent(asset, sequence):
+        health = Health(
+            site="lab", asset=asset, boot="b1", sequence=sequence, t_ns=2 * 10**18,
+            last_sequence=-1, first_held=-1, uptime_s=1.0, counters={"sensor_silent_s": 11},
+        )  # fmt: skip
+        return Sample(HEALTH.key("lab", asset), encode(health), None, replayed=False)
+
+    assets = ("arch", "beam", "crane")
+    pipeline = Pipeline(TwinSettings(), store)
+    for asset in assets:
+        pipeline.register(f"lab.{asset}", Registration())
+    given = {"write": store.write, "events": store.events}[fails]
+
+    def away(about, *more, **options):
+        if "beam" in repr(getattr(about, "events", about)):
+            raise StoreError("The database is away.")
+        return given(about, *more, **options)
+
+    with monkeypatch.context() as faulty:
+        faulty.setattr(store, fails, away)
+        with pytest.raises(StoreError, match="is away"):
+            pipeline.ingest(silent(asset, 0) for asset in assets)
+    pipeline.ingest(silent(asset, 1) for asset in assets)
+    for asset in assets:
+        kinds = [json.loads(row.body)["kind"] for row in store.events(f"lab.{asset}")]
+        assert kinds.count("sensor_silent") == 1
+
+
 def _full(cut):
     raise StoreError("disk full")
 
