@@ -124,3 +124,14 @@ def requoted(
         numbers=numbers,
         sentence=sentence_of(kinds[effect.kind], effect.place, numbers),
     )
+
+
+def percent(share: float) -> str:
+    """Write a share [1] in per cent, with two digits below ten.
+
+    Examples
+    --------
+    >>> percent(0.123), percent(0.0123)
+    ('12 %', '1.2 %')
+    """
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

@@ -237,6 +237,14 @@ connect_option = click.option(
     help="Endpoint of the router; may be repeated.",
 )
 
+server_option = click.option(
+    "--server",
+    metavar="URL",
+    default="http://127.0.0.1:8000",
+    show_default=True,
+    help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
+)
+
 credentials_option = click.option(
     "--credentials",
     type=click.Path(exists=True, file_okay=False, path_type=Path),

@@ -2,7 +2,7 @@
 
 from .account import Account
 from .backfill import Backfill
-from .reception import Reception
+from .reception import Received, Reception
 from .refusals import Refusals
 from .rivals import contest_reading
 from .runs import (
@@ -31,6 +31,7 @@ __all__ = [
     "LostRange",
     "OldReading",
     "Ordered",
+    "Received",
     "Reception",
     "Refusals",
     "RepeatedFeatures",

@@ -162,7 +162,12 @@ class Jobs:
                     return
                 self._current = waiting = self._queue.popleft()
                 self._stage, self._share, self._began_s = "starting", 0.0, time.monotonic()
-            ended = self._run(waiting)
+            try:
+                ended = self._run(waiting)
+            except Exception as error:  # the others in the queue have their turn
+                logger.exception("Diagnosis %d failed in the server.", waiting.number)
+                text = f"It failed in the server: {error!r:.200}. Order it again."
+                ended = Ended("failed", text)
             shutil.rmtree(waiting.folder, ignore_errors=True)
             if ended is not None:
                 try:
@@ -210,7 +215,7 @@ class Jobs:
         if process.returncode == 0:
             try:
                 return Ended("done", outcome=read_outcome(waiting.folder))
-            except OSError as error:
+            except (OSError, UnicodeDecodeError) as error:
                 return Ended("failed", f"It ended without a report: {error}.")
         return Ended("failed", said[-1] if said else self._died(process.returncode, log))
 
@@ -248,7 +253,8 @@ class Jobs:
 
     def _died(self, status: int, log: Path) -> str:
         with contextlib.suppress(OSError):
-            logger.error("A diagnosis ended with %d: %s", status, log.read_text()[-_LONGEST:])
+            text = log.read_text(encoding="utf-8", errors="replace")
+            logger.error("A diagnosis ended with %d: %s", status, text[-_LONGEST:])
         return (
             f"Its process ended with status {status} and without a message, probably for "
             "lack of memory. Give fewer samples, or raise diagnose.max_memory_bytes. See "

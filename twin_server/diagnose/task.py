@@ -69,6 +69,8 @@ def read_outcome(folder: Path) -> Outcome:
     ------
     OSError
         Where it has left nothing.
+    UnicodeDecodeError
+        Where what it has left is no text.
     """
     model = folder / AUGMENTED
     return Outcome(

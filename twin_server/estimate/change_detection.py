@@ -1,8 +1,9 @@
 """Detects sudden changes of the level of a twin's estimates.
 
-A process is learnt from the readings so far, and now and then anew; `evolution.jumps` asks of
-each reading whether a rival with a jump before one of the last ones is likelier. Once it is,
-the rival takes over, and the past before the jump is let go.
+A process is learnt from the readings so far, and now and then anew;
+`evolution.events.change_detection` asks of each reading whether a rival with a jump before one
+of the last ones is likelier. Once it is, the rival takes over, and the past before the jump is
+let go.
 """
 
 import dataclasses

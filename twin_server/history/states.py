@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
 from slowtime.evolution import explain
 
@@ -140,12 +140,6 @@ def blank(count: int) -> States:
 def from_bytes(rows: Iterable[bytes]) -> States:
     """States out of the bytes they were kept as, a row or many at a time."""
     return np.frombuffer(b"".join(rows), STATE)
-
-
-def estimates_of(states: States, name: str) -> Float[np.ndarray, "time 4"]:
-    """Value, sd, lo and hi of one quantity over time."""
-    columns: Float[np.ndarray, "time 4"] = states[name]
-    return columns
 
 
 def shown(states: States) -> Sequence[str]:

@@ -29,7 +29,9 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
     _must_exist(database)
     if database.stat().st_size == 0:
         raise WrongStoreError(f"{database} is empty. Give the database of a twin server.")
-    with _made_whole(out) as part:
+    if out.exists():
+        raise WrongStoreError(f"{out} exists. Give a new file, or take that one away.")
+    with _partial(out) as part:
         try:
             with (
                 contextlib.closing(open_reader(database)) as reader,
@@ -44,6 +46,9 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
                 "at the room on the disk."
             ) from error
         verify_file(part, tell, source=database)
+        _sync(part)
+        part.rename(out)
+        _sync(out.parent)
 
 
 def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None:
@@ -56,15 +61,15 @@ def restore(copy: Path, database: Path, tell: Tell | None = None) -> Path | None
     Raises
     ------
     WrongStoreError
-        Where `copy` is no sound backup, or a server uses `database`.
+        Where `copy` is no sound backup, a server uses `database`, or the disk has no room;
+        the previous database stays in its place then.
     """
     _must_exist(copy)
-    verify_file(copy, tell)
-    with guarding(database):
-        aside = _set_aside(database)
-        with _made_whole(database) as part:
-            shutil.copyfile(copy, part)
-    return aside
+    with guarding(database), _partial(database) as part:
+        shutil.copyfile(copy, part)
+        verify_file(part, tell, source=copy)
+        _sync(part)
+        return _exchange(part, database)
 
 
 def _must_exist(path: Path) -> None:
@@ -73,39 +78,68 @@ def _must_exist(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _made_whole(path: Path) -> Iterator[Path]:
-    """Yield a name to write under; `path` is afterwards complete on disk, or absent."""
-    if path.exists():
-        raise WrongStoreError(f"{path} exists. Give a new file, or take that one away.")
+def _partial(path: Path) -> Iterator[Path]:
+    """Yield a name beside `path` to write under; what is left of it in the end is removed."""
     part = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         part.unlink(missing_ok=True)
         yield part
-        _sync(part)
-        part.rename(path)
-        _sync(path.parent)
     except OSError as error:
         raise WrongStoreError(f"{path} cannot be written: {error}.") from error
     finally:
-        for name in (part, *(part.with_name(part.name + end) for end in _LEFTOVERS)):
+        for name in _with_side_files(part):
             name.unlink(missing_ok=True)
 
 
-def _set_aside(database: Path) -> Path | None:
-    """Rename a database and its side files; none of them is lost."""
-    if not database.exists():
-        for end in _LEFTOVERS:
-            database.with_name(database.name + end).unlink(missing_ok=True)
-        return None
+def _exchange(part: Path, database: Path) -> Path | None:
+    """Set a database aside and put a copy in its place; where that fails, move it back."""
+    aside = _name_aside(database) if database.exists() else None
+    try:
+        if aside is None:
+            for name in _with_side_files(database):
+                name.unlink(missing_ok=True)
+        else:
+            _move(database, aside)
+        part.rename(database)
+        _sync(database.parent)
+    except OSError as error:
+        raise WrongStoreError(
+            f"{database} cannot be replaced: {error}. {_move_back(aside, database)}"
+        ) from error
+    return aside
+
+
+def _move_back(aside: Path | None, database: Path) -> str:
+    """Undo `_exchange`; return a sentence that says where the previous database is."""
+    if aside is None:
+        return "There was no previous database."
+    try:
+        _move(aside, database)
+    except OSError as error:
+        return (
+            f"The previous database could not be moved back from {aside}: {error}. Rename it, "
+            "and the files beside it whose names begin like it."
+        )
+    return "The previous database is in its place."
+
+
+def _name_aside(database: Path) -> Path:
     number = 1
     while (aside := database.with_name(f"{database.name}.aside-{number}")).exists():
         number += 1
-    for end in ("", *_LEFTOVERS):
-        old = database.with_name(database.name + end)
-        if old.exists():
-            old.rename(aside.with_name(aside.name + end))
     return aside
+
+
+def _move(database: Path, to: Path) -> None:
+    """Rename a database and its side files, as far as they are there."""
+    for old, new in zip(_with_side_files(database), _with_side_files(to), strict=True):
+        if old.exists():
+            old.replace(new)
+
+
+def _with_side_files(path: Path) -> list[Path]:
+    return [path.with_name(path.name + end) for end in ("", *_LEFTOVERS)]
 
 
 def _sync(path: Path) -> None:

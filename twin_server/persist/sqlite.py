@@ -57,7 +57,7 @@ class SqliteStore(SqlStore):
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = threading.RLock()
         self._local = threading.local()
-        self._readers: list[sqlite3.Connection] = []
+        self._idle: list[sqlite3.Connection] = []
         self._closed = False
         self._lock_s = lock_s
         self._guard = _guard(self.path)
@@ -94,9 +94,9 @@ class SqliteStore(SqlStore):
         """Leave; readers in other threads must have ended."""
         with self._lock:
             self._closed = True
-            for reader in self._readers:
+            for reader in self._idle:
                 reader.close()
-            self._readers.clear()
+            self._idle.clear()
             if hasattr(self, "_writer"):
                 self._writer.close()
             if self._guard is not None:
@@ -163,30 +163,41 @@ class SqliteStore(SqlStore):
     def _reading(self) -> Iterator[sqlite3.Connection]:
         """Hold a connection of this thread that sees one snapshot of the database."""
         reader: sqlite3.Connection | None = getattr(self._local, "reader", None)
-        if reader is None or self._closed:
-            reader = self._local.reader = self._open_reader()
-        if reader.in_transaction:
+        if reader is not None:
             yield reader
             return
+        reader = self._take()
         try:
             reader.execute("begin")
+            self._local.reader = reader
             try:
                 yield reader
             finally:
+                self._local.reader = None
                 with contextlib.suppress(sqlite3.OperationalError):
                     reader.execute("rollback")
         except sqlite3.Error as error:
             if _is_damage(error):
                 raise _damaged(self.path, str(error)) from error
             raise StoreError(f"{self.path} cannot be read: {error}. {_cure(error)}") from error
+        finally:
+            self._give(reader)
 
-    def _open_reader(self) -> sqlite3.Connection:
+    def _take(self) -> sqlite3.Connection:
+        """Take an idle reader, or open one: threads end, and their readers serve others."""
         with self._lock:
             if self._closed:
                 raise StoreError(f"{self.path} has been closed.")
-            reader = open_reader(self.path, self._lock_s)
-            self._readers.append(reader)
-            return reader
+            if self._idle:
+                return self._idle.pop()
+        return open_reader(self.path, self._lock_s)
+
+    def _give(self, reader: sqlite3.Connection) -> None:
+        with self._lock:
+            if self._closed or reader.in_transaction:
+                reader.close()
+            else:
+                self._idle.append(reader)
 
 
 def open_reader(path: Path, lock_s: float = LOCK_S) -> sqlite3.Connection:
@@ -241,7 +252,7 @@ def audit_file(
     kept: Head | None = None,
     tell: Callable[[str, int], None] | None = None,
 ) -> Audit:
-    """Compare a sound database with its ledger (see `auditing.audit`)."""
+    """Compare a sound database with its ledger (see `ledger_audit.audit`)."""
     with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
         reader.execute("begin")
         return audit(reader, public=public, kept=kept, tell=tell)

@@ -316,9 +316,31 @@ class Recordings:
         if partial.stat().st_size > self._room():
             raise self._no_room()
         try:
-            os.link(partial, path)
+            _give_name(partial, path)
         except FileExistsError:
             raise _name_taken_error(path.name) from None
+        except OSError as error:
+            raise ProblemError(
+                507,
+                "not-kept",
+                f"{path.name} cannot be kept in the recordings folder: {error.strerror}. Make "
+                "room on its disk, and let the server's user write there.",
+            ) from error
+
+
+def _give_name(partial: Path, path: Path) -> None:
+    """Give a file its name unless that is taken."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError:  # exFAT and some network drives have no hard links
+        path.touch(exist_ok=False)
+        try:
+            partial.replace(path)
+        except OSError:
+            path.unlink()
+            raise
 
 
 def _name_taken_error(name: str) -> ProblemError:

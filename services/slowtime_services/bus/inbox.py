@@ -38,7 +38,7 @@ class Inbox(Generic[T]):
         self._sizes: collections.deque[int] = collections.deque()
         self._bytes = 0
         self._dropped = 0
-        self._closed = False
+        self._closed = self._woken = False
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         self._waiting = 0
@@ -63,16 +63,25 @@ class Inbox(Generic[T]):
     def take(self, limit: int | None = None, timeout_s: float | None = 0.0) -> list[T]:
         """Up to `limit` items in order of arrival; waits for the first one up to `timeout_s`.
 
-        None waits for as long as the inbox is open.
+        None waits for as long as the inbox is open. `wake` ends the wait.
         """
         with self._lock:
             if not self._items and (timeout_s is None or timeout_s > 0):
                 self._waiting += 1
-                self._changed.wait_for(lambda: self._items or self._closed, timeout_s)
+                self._changed.wait_for(
+                    lambda: self._items or self._closed or self._woken, timeout_s
+                )
                 self._waiting -= 1
+            self._woken = False
             count = len(self._items) if limit is None else min(limit, len(self._items))
             self._bytes -= sum(self._sizes.popleft() for _ in range(count))
             return [self._items.popleft() for _ in range(count)]
+
+    def wake(self) -> None:
+        """End the wait of `take`, now or when it is called next, without an item."""
+        with self._lock:
+            self._woken = True
+            self._changed.notify()
 
     def close(self) -> None:
         """Accept no more messages; those in the queue can still be taken."""

@@ -11,7 +11,7 @@ from slowtime.dynamics.description import Sensor
 from slowtime_schemas.files.diagnosis import DiagnosisFile
 from slowtime_services.reports import Chart
 
-from .labels import named, placed
+from .labels import named, placed, rounded
 
 MEASURED, NOMINAL, REFITTED, AUGMENTED = "#5b6770", "#b3541e", "#c99a2e", "#0b6fb8"
 WINDOW_SAMPLES = 1200
@@ -198,8 +198,8 @@ def _decibels(power: Series) -> Series:
 
 def _line(x: Series, y: Series, name: str, colour: str, width: float = 1.5) -> Plain:
     return {
-        "x": _rounded(x),
-        "y": _rounded(y),
+        "x": rounded(x),
+        "y": rounded(y),
         "name": name,
         "mode": "lines",
         "line": {"color": colour, "width": width},
@@ -208,17 +208,12 @@ def _line(x: Series, y: Series, name: str, colour: str, width: float = 1.5) -> P
 
 def _cloud(x: Series, y: Series, name: str, colour: str, size: float) -> Plain:
     return {
-        "x": _rounded(x),
-        "y": _rounded(y),
+        "x": rounded(x),
+        "y": rounded(y),
         "name": name,
         "mode": "markers",
         "marker": {"color": colour, "size": size, "opacity": 0.6},
     }
-
-
-def _rounded(values: Series) -> list[float | None]:
-    """Round to six digits, enough for a chart; None for values that are not finite."""
-    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
 def _axes(x: str, y: str) -> Mapping[str, Any]:

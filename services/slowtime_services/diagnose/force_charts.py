@@ -8,7 +8,7 @@ from jaxtyping import Float
 from slowtime.discrepancy.diagnosis import ForceCut, MeasuredForce
 from slowtime_services.reports import Chart
 
-from .labels import placed
+from .labels import placed, rounded
 
 BAND_SDS = 1.96
 """[standard deviations] Half width of the band that is drawn. Source: 95 % of a normal
@@ -113,19 +113,19 @@ def _band(cut: ForceCut, law: str) -> list[Plain]:
     edge: Plain = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
     unlisted = edge | {"showlegend": False}
     lines: list[Plain] = [
-        {"x": _plain(cut.at), "y": _plain(low), "name": "lower edge"} | unlisted,
+        {"x": rounded(cut.at), "y": rounded(low), "name": "lower edge"} | unlisted,
         {
-            "x": _plain(cut.at), "y": _plain(high), "name": "95 % band", "fill": "tonexty",
+            "x": rounded(cut.at), "y": rounded(high), "name": "95 % band", "fill": "tonexty",
             "fillcolor": "rgba(11, 111, 184, 0.22)",
         } | edge,
         {
-            "x": _plain(cut.at), "y": _plain(cut.force), "name": "measured force surface",
+            "x": rounded(cut.at), "y": rounded(cut.force), "name": "measured force surface",
             "mode": "lines", "line": {"color": FORCE, "width": 2.5},
         },
     ]  # fmt: skip
     if cut.law is not None:
         lines.append({
-            "x": _plain(cut.at), "y": _plain(cut.law), "name": law, "mode": "lines",
+            "x": rounded(cut.at), "y": rounded(cut.law), "name": law, "mode": "lines",
             "line": {"color": LAW, "width": 2, "dash": "dash"},
         })  # fmt: skip
     return lines
@@ -137,13 +137,13 @@ def _coverage(measured: MeasuredForce, coordinate: str) -> Chart:
     size = float(np.nanmax(np.abs(measured.grid_force), initial=0.0)) or 1.0
     traces: list[Plain] = [
         {
-            "type": "heatmap", "x": _plain(measured.grid_e), "y": _plain(measured.grid_v),
-            "z": [_plain(row) for row in measured.grid_force], "zmin": -size, "zmax": size,
+            "type": "heatmap", "x": rounded(measured.grid_e), "y": rounded(measured.grid_v),
+            "z": [rounded(row) for row in measured.grid_force], "zmin": -size, "zmax": size,
             "colorscale": "RdBu", "name": "force",
             "colorbar": {"title": {"text": f"force [{unit}]"}},
         },
         {
-            "x": _plain(measured.e), "y": _plain(measured.v), "mode": "markers",
+            "x": rounded(measured.e), "y": rounded(measured.v), "mode": "markers",
             "name": "samples of the records", "hoverinfo": "skip",
             "marker": {"color": SAMPLE, "size": 2.5, "opacity": 0.5},
         },
@@ -176,8 +176,3 @@ def _coverage(measured: MeasuredForce, coordinate: str) -> Chart:
         "Force of the surface where the records measured it, over elongation and rate; dots "
         "are samples of the records. Empty: no record comes there. Dotted: the measured range.",
     )
-
-
-def _plain(values: Series) -> list[float | None]:
-    """Round to six digits, enough for a chart; None for values that are not finite."""
-    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]

@@ -2,6 +2,9 @@
 
 import re
 
+import numpy as np
+from jaxtyping import Float
+
 from slowtime_schemas.files.diagnosis import Estimated
 
 UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
@@ -93,3 +96,14 @@ def number(estimated: Estimated) -> str:
     else:
         text = f"{estimated.value:.5g} ± {estimated.sd:.2g}"
     return f"{text} {estimated.unit}".rstrip()
+
+
+def rounded(values: Float[np.ndarray, " point"]) -> list[float | None]:
+    """Round to six digits, enough for a chart; None for values that are not finite.
+
+    Examples
+    --------
+    >>> rounded(np.array([1.23456789, np.nan]))
+    [1.23457, None]
+    """
+    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist()]

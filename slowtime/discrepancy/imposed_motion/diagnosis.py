@@ -23,7 +23,7 @@ from slowtime.discrepancy.diagnosis import (
     When,
 )
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import sentence_of, unit_at
+from slowtime.discrepancy.quoting import percent, sentence_of, unit_at
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import doubts_about, fault_of
 from slowtime.discrepancy.thresholds import LIMITS
@@ -270,7 +270,7 @@ def _notes(campaign: Campaign, found: _Found, kinds: Mapping[str, Kind]) -> tupl
     skipped = 1 - float(np.mean(regression.used))
     if skipped > 0:
         notes.append(
-            f"{_percent(skipped)} of the samples were not fitted, because the element stands "
+            f"{percent(skipped)} of the samples were not fitted, because the element stands "
             "still or reverses there, or because its force depends on motion before the record."
         )
     notes.append(f"Constant force: {last.constants[2]:.4g} (N, or N m).")
@@ -324,13 +324,9 @@ def _closing(held_out: bool, found: _Found) -> str:
         "the law does not hold on the validation samples."
     )
     return (
-        f" The error of the force on {on} is {_percent(errors[-1])}; without a law "
-        f"{_percent(errors[0])}.{worse}"
+        f" The error of the force on {on} is {percent(errors[-1])}; without a law "
+        f"{percent(errors[0])}.{worse}"
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def _rms(series: Sequence[np.ndarray]) -> float:

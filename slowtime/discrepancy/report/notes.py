@@ -12,6 +12,7 @@ from slowtime.discrepancy.estimation.input_hold import told_of_holds
 from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.noise import has_rigid_motion
+from slowtime.discrepancy.quoting import percent
 from slowtime.discrepancy.refinement.free_run_refit import FreeRunRefit
 from slowtime.discrepancy.selection.many_laws import pieces_of_one
 from slowtime.discrepancy.thresholds import LIMITS
@@ -30,7 +31,6 @@ from .final_model import KeptModel
 from .gap_closure import describe_gap_closure
 from .judgement import Judgement
 from .likeness import Likeness
-from .sentences import percent
 
 NOT_HELD_OUT = (
     "No record was held out: the error is that on the last third of each record, of a "

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.discrepancy.diagnosis import NamedEffect, Verdict
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.quoting import moved_of, renumbered
+from slowtime.discrepancy.quoting import moved_of, percent, renumbered
 from slowtime.discrepancy.selection.probabilities import verdict_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import FreeRunResult
@@ -173,8 +173,3 @@ def closing_sentence(kept: FreeRunResult, evaluation: Evaluation) -> str:
     close = after <= floor / FALLEN_ERROR_SHARE
     rest = ", the noise floor." if close else f"; noise alone would give {percent(floor)}."
     return f" {opening} on {on} {course} {percent(after)}{rest}"
-
-
-def percent(share: float) -> str:
-    """Write a share [1] in per cent, with two digits below ten."""
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

@@ -3,18 +3,7 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.flags import F
-from slowtime_cli.shared.options import POSITIVE, Name
-
-
-def _server(function: F) -> F:
-    return click.option(
-        "--server",
-        metavar="URL",
-        default="http://127.0.0.1:8000",
-        show_default=True,
-        help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
-    )(function)
+from slowtime_cli.shared.options import POSITIVE, Name, server_option
 
 
 @click.group(
@@ -42,7 +31,7 @@ def alarms() -> None:
     show_default=True,
     help="How long to wait for the delivery.",
 )
-@_server
+@server_option
 def send_test(**_given: object) -> None:
     """Send a test alarm of TWIN (SITE.ASSET), and print which receivers it reached.
 
@@ -52,6 +41,6 @@ def send_test(**_given: object) -> None:
 
 @alarms.command(cls=Deferred, work="twins.alarms:deliveries", extra="analysis")
 @click.argument("twin", type=Name(parts=2))
-@_server
+@server_option
 def deliveries(**_given: object) -> None:
     """Show deliveries of TWIN (SITE.ASSET) by route, and the reasons of failures."""

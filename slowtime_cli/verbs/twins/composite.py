@@ -6,15 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import POSITIVE, Name, OutFile
-
-_SERVER = click.option(
-    "--server",
-    default="http://127.0.0.1:8000",
-    show_default=True,
-    metavar="URL",
-    help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
-)
+from slowtime_cli.shared.options import POSITIVE, Name, OutFile, server_option
 
 
 @click.group(
@@ -37,7 +29,7 @@ def composite() -> None:
 @composite.command(cls=Deferred, work="twins.composite:add", extra="analysis")
 @click.argument("file", type=EXISTING)
 @click.option("--id", "composite_id", required=True, type=Name(parts=2), help="SITE.NAME.")
-@_SERVER
+@server_option
 def add(**_given: object) -> None:
     """Register the composite in FILE; an existing one is replaced.
 
@@ -47,7 +39,7 @@ def add(**_given: object) -> None:
 
 
 @composite.command("list", cls=Deferred, work="twins.composite:list_", extra="analysis")
-@_SERVER
+@server_option
 def list_(**_given: object) -> None:
     """List all composites with their members and health."""
 
@@ -56,7 +48,7 @@ def list_(**_given: object) -> None:
 @click.argument("composite_id", type=Name(parts=2))
 @click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
 @click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
-@_SERVER
+@server_option
 def show(**_given: object) -> None:
     """Show health, failure probability, importance and pooled rates of a composite."""
 
@@ -72,7 +64,7 @@ def show(**_given: object) -> None:
     help="Relationship from a whole to its parts, besides has_member, contains and hasPart.",
 )
 @click.option("--dry-run", is_flag=True, help="Only print what would be registered.")
-@_SERVER
+@server_option
 def import_(**_given: object) -> None:
     """Register the composites that a graph of digital twins describes.
 
@@ -94,6 +86,6 @@ def import_(**_given: object) -> None:
     help="Version of the models, or JSON-LD without models.",
 )
 @click.option("--out", required=True, type=OutFile(".json", ".jsonld"), help="File to write.")
-@_SERVER
+@server_option
 def export(site: str | None, form: str, out: Path, server: str) -> None:
     """Write twins, composites and their relationships as a graph."""

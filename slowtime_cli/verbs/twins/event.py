@@ -6,20 +6,10 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, F
-from slowtime_cli.shared.options import POSITIVE, Name, Number, PlainText
+from slowtime_cli.shared.options import POSITIVE, Name, Number, PlainText, server_option
 
 KINDS = ("repair", "replacement", "inspection", "load_test", "note")
 SHARE = Number(min=0, max=1)
-
-
-def _server(function: F) -> F:
-    return click.option(
-        "--server",
-        metavar="URL",
-        default="http://127.0.0.1:8000",
-        show_default=True,
-        help="URL of the twin server; its token, if it needs one, in SLOWTIME_TOKEN.",
-    )(function)
 
 
 def _said(function: F) -> F:
@@ -96,7 +86,7 @@ def event() -> None:
     "--file", "file", type=EXISTING, help="JSON file of events, instead of the options above."
 )
 @_said
-@_server
+@server_option
 def add(kind: str | None, file: object, **given: Any) -> None:
     """Record an event of TWIN (SITE.ASSET); the same id twice is one event."""
     if (kind is None) == (file is None):
@@ -109,7 +99,7 @@ def add(kind: str | None, file: object, **given: Any) -> None:
 
 @event.command(cls=Deferred, work="twins.event:list_events", extra="analysis", name="list")
 @click.argument("twin", type=Name(parts=2))
-@_server
+@server_option
 def list_events(**_given: object) -> None:
     """List the events of TWIN (SITE.ASSET), and unanswered questions."""
 
@@ -118,7 +108,7 @@ def list_events(**_given: object) -> None:
 @click.argument("twin", type=Name(parts=2))
 @click.argument("reverses", metavar="EVENT")
 @_said
-@_server
+@server_option
 def undo(**_given: object) -> None:
     """Undo EVENT of TWIN (SITE.ASSET): the forecast is as if it had not been reported.
 

@@ -50,6 +50,21 @@ def test_a_waiting_worker_wakes_for_an_item_and_for_the_end():
     assert inbox.dropped == 1
 
 
+def test_a_worker_that_is_woken_takes_nothing_and_nothing_is_counted():
+    inbox, taken = Inbox[int](max_items=1), []
+    worker = threading.Thread(target=lambda: taken.append(inbox.take(timeout_s=None)))
+    worker.start()
+    inbox.wake()
+    worker.join(60)
+    assert taken == [[]]
+    inbox.put(1)
+    inbox.wake()
+    assert inbox.take(timeout_s=None) == [1]
+    assert inbox.dropped == 0
+    inbox.wake()
+    assert inbox.take(timeout_s=None) == []
+
+
 def test_senders_in_many_threads_lose_nothing():
     inbox = Inbox[int]()
     senders = [

@@ -22,6 +22,8 @@ SLEEPS = TELL + (
 DEAF = TELL + 'print(\'{"stage": "deaf", "share": 0}\', flush=True)\ntime.sleep(600)\n'
 REFUSES = TELL + "print(json.dumps({'error': 'There is no channel u.'}))\nsys.exit(1)\n"
 DIES = "import os\nos.abort()\n"
+DIES_GARBLED = "import os\nos.write(2, b'caf\\xe9 is full')\nos.abort()\n"
+GARBLED = DONE + "(here / 'report.json').write_bytes(b'caf\\xe9')\n"
 RAMBLES = "print('not json')\n" + DONE
 
 
@@ -110,6 +112,8 @@ def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
     [
         (REFUSES, {}, "There is no channel u."),
         (DIES, {}, "ended with status -6 and without a message.*max_memory_bytes"),
+        (DIES_GARBLED, {}, "ended with status -6 and without a message"),
+        (GARBLED, {}, "without a report"),
         (SLEEPS, {"max_s": 0.3}, "took longer than 0.3 s.*diagnose.max_s"),
         ("pass\n", {}, "without a report"),
     ],
@@ -123,6 +127,21 @@ def test_one_that_fails_says_why_and_the_next_one_runs(
     assert queue.told[1].state == "failed"
     assert re.search(says, queue.told[1].error)
     (tmp_path / "work.py").write_text(RAMBLES)
+    queue.give(2)
+    assert eventually(lambda: 2 in queue.told)
+    assert queue.told[2].state == "done"
+
+
+def test_a_fault_of_the_server_fails_one_diagnosis_and_the_next_one_runs(
+    jobs, eventually, monkeypatch
+):
+    queue = jobs(DONE)
+    with monkeypatch.context() as faulty:
+        faulty.setattr("twin_server.diagnose.jobs.read_outcome", lambda folder: 1 // 0)
+        queue.give(1)
+        assert eventually(lambda: 1 in queue.told)
+    assert queue.told[1].state == "failed"
+    assert "failed in the server" in queue.told[1].error
     queue.give(2)
     assert eventually(lambda: 2 in queue.told)
     assert queue.told[2].state == "done"

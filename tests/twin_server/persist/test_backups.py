@@ -1,9 +1,12 @@
 """Backups under load, and their way back."""
 
 import contextlib
+import errno
+import os
 import shutil
 import sqlite3
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -70,6 +73,46 @@ def test_what_was_there_is_kept_aside_with_its_log(tmp_path):
     assert (tmp_path / "busy.sqlite.aside-1-wal").exists()
     assert not (tmp_path / "busy.sqlite-wal").exists()
     assert restore(tmp_path / "a.sqlite", tmp_path / "busy.sqlite") != aside
+
+
+def _disk_full(*_names):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("fails", ["copying", "syncing", "renaming"])
+def test_a_backup_that_cannot_be_restored_leaves_the_database_in_place(
+    tmp_path, monkeypatch, fails
+):
+    path = tmp_path / "twin.sqlite"
+    SqliteStore(path).close()
+    backup(path, tmp_path / "copy")
+    path.with_name("twin.sqlite-wal").write_bytes(b"a log")
+    before = {one.name: one.read_bytes() for one in tmp_path.iterdir()}
+    if fails == "renaming":
+        monkeypatch.setattr(Path, "rename", _disk_full)
+    else:
+        monkeypatch.setattr(*{"copying": (shutil, "copyfile"), "syncing": (os, "fsync")}[fails],
+                            _disk_full)  # fmt: skip
+    with pytest.raises(WrongStoreError, match="No space left on device"):
+        restore(tmp_path / "copy", path)
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+
+
+def test_a_database_that_cannot_be_moved_back_is_named(tmp_path, monkeypatch):
+    path = tmp_path / "twin.sqlite"
+    SqliteStore(path).close()
+    backup(path, tmp_path / "copy")
+    before = path.read_bytes()
+    replace = Path.replace
+    monkeypatch.setattr(Path, "rename", _disk_full)
+    monkeypatch.setattr(
+        Path, "replace", lambda old, new: (replace if old == path else _disk_full)(old, new)
+    )
+    with pytest.raises(
+        WrongStoreError, match=r"not be moved back from .*twin\.sqlite\.aside-1"
+    ):
+        restore(tmp_path / "copy", path)
+    assert (tmp_path / "twin.sqlite.aside-1").read_bytes() == before
 
 
 def test_a_damaged_database_gives_no_backup_and_a_damaged_backup_is_not_restored(tmp_path):

@@ -2,6 +2,7 @@
 
 import sqlite3
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from twin_server.persist import (
     WrongStoreError,
     open_store,
 )
+from twin_server.persist.sqlite import open_reader
 
 
 def run_row(number, *, last, asset="beam", closed=False):
@@ -204,6 +206,36 @@ def test_readers_see_whole_cuts_while_one_writes(store):
         reader.join()
     assert not odd
     assert store.count("lab.beam") == 600
+
+
+def test_threads_that_come_and_go_share_their_connections(tmp_path, monkeypatch):
+    opened = []
+
+    def opening(*given):
+        opened.append(open_reader(*given))
+        return opened[-1]
+
+    monkeypatch.setattr("twin_server.persist.sqlite.open_reader", opening)
+    store = SqliteStore(tmp_path / "x.sqlite")
+    write(store, 1, [(0, 1, 0.0)])
+    counted = []
+    for _ in range(50):
+        thread = threading.Thread(target=lambda: counted.append(store.count("lab.beam")))
+        thread.start()
+        thread.join()
+    assert counted == [1] * 50
+    assert len(opened) == 1
+    with store._reading() as one, ThreadPoolExecutor(1) as pool:
+        assert store.count("lab.beam") == 1  # within the snapshot of this thread
+        assert pool.submit(store.count, "lab.beam").result() == 1
+        assert one is opened[0]
+    assert len(opened) == 2
+    store.close()
+    for reader in opened:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            reader.execute("select 1")
+    with pytest.raises(StoreError, match="has been closed"):
+        store.count("lab.beam")
 
 
 def test_forgetting_one_twin_leaves_the_others_and_reuses_no_number(store):

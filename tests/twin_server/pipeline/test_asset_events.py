@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slowtime_schemas.streams import ASSET_EVENT
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import CurveOfMessage, Fatigue, FatiguePoint
+from slowtime_schemas.streams import ASSET_EVENT, FATIGUE
 from slowtime_services.bus import MemoryBus, Sample
 from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
-from twin_server.persist import SqliteStore
+from twin_server.persist import SqliteStore, StoreError
 from twin_server.pipeline import AssetEvents, ModelChangeMonitor, Pipeline, TwinKnowledge
 from twin_server.pipeline.analysis.forecast_cache import ForecastCache
 from twin_server.registration.twin import Registration
@@ -138,6 +140,43 @@ def test_the_alarm_on_the_damaged_state_clears_after_the_repair(opened, life, sa
     kinds = [json.loads(row.body)["kind"] for row in store.events(TWIN, limit=100)]
     about = [kind for kind in kinds if kind in ("alarm", TOLD, "alarm_cleared")]
     assert about == ["alarm", TOLD, "alarm_cleared"]
+
+
+def test_what_is_replayed_beside_features_that_are_not_stored_is_stored(
+    opened, life, sample, monkeypatch
+):
+    pipeline, store, asset_events = opened("first")
+    record(asset_events, REPAIR | {"slow_time": 3.0})
+    (row,) = store.asset_events(TWIN)
+    told = Sample(ASSET_EVENT.key("lab", "beam"), row.body.encode(), None, replayed=True)
+    sums = Fatigue(
+        site="lab", asset="beam", boot="b1", sequence=0, time_base="recorded",
+        start_ns=life[0].t_ns, t_ns=life[9].t_ns,
+        points=(
+            FatiguePoint(
+                name="k.stress", unit="MPa", bins=(60,), half_cycles=(100,), damage=1e-4,
+                closed_damage=1e-4, ln_sd=0.5, slope=3.0,
+                curve=CurveOfMessage(constant=1e12, slope=3.0), seconds=3_600.0,
+            ),
+        ),
+    )  # fmt: skip
+    fatigue = Sample(FATIGUE.key("lab", "beam"), encode(sums), None, replayed=True)
+    pipeline, store, _ = opened("second")
+    write = store.write
+
+    def full(cut):
+        if cut.features:
+            raise StoreError("disk full")
+        return write(cut)
+
+    with monkeypatch.context() as faulty:
+        faulty.setattr(store, "write", full)
+        with pytest.raises(StoreError, match="disk full"):
+            pipeline.ingest([*(sample(one, replayed=True) for one in life[:10]), fatigue, told])
+    assert "disk full" in pipeline.failing
+    assert store.count(TWIN) == 0
+    assert [one.event for one in store.asset_events(TWIN)] == ["r1"]
+    assert len(store.fatigue(TWIN)) == 1
 
 
 def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened, life, sample):

@@ -39,6 +39,7 @@ from twin_server.collect import (
     Change,
     EdgeQuery,
     Holding,
+    Received,
     Reception,
     Refusals,
     SensorWatch,
@@ -113,10 +114,11 @@ class Pipeline:
         self._clock = clock or SystemClock()
         self.refusals = Refusals()
         self._reception = Reception(settings.admission, self.refusals)
-        self._inbox: Inbox[Sample | None] = Inbox(
+        self._inbox: Inbox[Sample] = Inbox(
             settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
         )
         self._calls: collections.deque[Callable[[], None]] = collections.deque()
+        self._takes_calls, self._calling = False, threading.Lock()
         self._pressing, self._next_s = threading.Event(), 0.0
         self._answered: collections.deque[Answered] = collections.deque()
         self._lock = threading.RLock()
@@ -152,7 +154,8 @@ class Pipeline:
 
     def start(self) -> None:
         """Begin to work, and to listen where there is a bus."""
-        self._worker = threading.Thread(target=self._work, name="twin", daemon=True)
+        self._worker = threading.Thread(target=self._run, name="twin", daemon=True)
+        self._takes_calls = True
         self._election.start()
         self._worker.start()
         if self._bus is None:
@@ -267,9 +270,6 @@ class Pipeline:
 
     def call(self, function: Callable[[], T]) -> T:
         """Do something between two batches, and wait for it."""
-        if not self.working or threading.current_thread() is self._worker:
-            with self._lock:
-                return function()
         future: concurrent.futures.Future[T] = concurrent.futures.Future()
 
         def run() -> None:
@@ -278,8 +278,10 @@ class Pipeline:
             except BaseException as error:
                 future.set_exception(error)
 
-        self._later(run)
-        return future.result()
+        if threading.current_thread() is not self._worker and self._later(run):
+            return future.result()
+        with self._lock:
+            return function()
 
     def twin(self, twin_id: str) -> Twin | None:
         """One twin as its features have left it."""
@@ -325,10 +327,15 @@ class Pipeline:
             "inbox_dropped": self._inbox.dropped,
         }
 
-    def _later(self, call: Callable[[], None]) -> None:
-        self._calls.append(call)
-        self._inbox.put(None)
+    def _later(self, call: Callable[[], None]) -> bool:
+        """Leave the worker a call; False where there is none that would see to it."""
+        with self._calling:
+            if not self._takes_calls:
+                return False
+            self._calls.append(call)
+        self._inbox.wake()
         self._pressing.set()
+        return True
 
     def _receive(self, sample: Sample) -> None:
         """Enqueue, nothing else: this is a thread of the bus."""
@@ -347,26 +354,41 @@ class Pipeline:
         if (of := address_of(key)) is not None and alive_key(*of) == key:
             self._later(lambda: self._account.watch(*of, alive=alive))
 
+    def _run(self) -> None:
+        try:
+            self._work()
+        finally:  # whatever ended it: somebody waits for each call
+            with self._calling:
+                self._takes_calls = False
+            with self._lock:
+                while self._calls:
+                    self._guarded(self._calls.popleft())
+
+    def _may_end(self) -> bool:
+        """Take no more calls, unless some are due."""
+        with self._calling:
+            self._takes_calls = bool(self._calls)
+            return not self._takes_calls
+
     def _work(self) -> None:
         limit = self.settings.pipeline.batch_messages
         while True:
-            samples: list[Sample | None] = []
+            samples: list[Sample] = []
             if self._gathered(limit):
                 wait_s = ACK_EVERY_S if self._publisher.owes else 0.25
                 samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
                     self._guarded(self._calls.popleft())
-                real = [sample for sample in samples if sample is not None]
-                if real:
+                if samples:
                     self._next_s = time.monotonic() + self.settings.pipeline.gather_s
-                    self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
+                    self._guarded(functools.partial(self._take, samples))
                 self._guarded(self._election.step)
                 if not self._stale:  # else the account counts what is not durable
                     self._guarded(self._publisher.acknowledge)
                 self._guarded(lambda: self._publisher.announce_all(self._twins))
                 self._guarded(self._sign_ledger)
-            if self._inbox.closed and not samples and not self._calls and not self._inbox:
+            if self._inbox.closed and not samples and not self._inbox and self._may_end():
                 self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
 
@@ -445,25 +467,55 @@ class Pipeline:
 
     def _take(self, samples: Sequence[Sample]) -> int:
         """Process one batch; return the number of messages from senders with wrong clocks."""
-        now_ns = self._clock.now_ns()
-        received = self._reception.read(samples, now_ns)
-        arrivals, healths = received.arrivals, received.healths
+        received = self._reception.read(samples, self._clock.now_ns())
+        # What a replay holds comes once: one part that fails must not cost the others.
+        self._run_each(
+            functools.partial(self._take_features, received),
+            functools.partial(self._take_assessed, received),
+            functools.partial(self._take_healths, received),
+            *(functools.partial(self._take_told, told) for told in received.asset_events),
+        )
+        return received.misdated
+
+    def _run_each(self, *parts: Callable[[], object]) -> None:
+        """Run all parts, whichever of them fails; then raise the first failure."""
+        failures: list[Exception] = []
+        for part in parts:
+            try:
+                part()
+            except Exception as error:
+                failures.append(error)
+        if failures:
+            self.failing = f"{type(failures[0]).__name__}: {failures[0]}"
+            raise failures[0]
+
+    def _take_features(self, received: Received) -> None:
+        """Take registrations, and the features that may follow from them."""
+        arrivals = received.arrivals
         for twin_id, registration in received.registrations:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
-            healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        now_ns = self._clock.now_ns()
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         self._account.disbelieve(received.disbelieved)
+
+    def _take_assessed(self, received: Received) -> None:
         if kept := self._assessed.take(received.assessed, self._twins):
             self.counts["fatigue"] += kept
-        if healths:
-            self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
-            self._hear_of_sensors([health for health, replayed in healths if not replayed])
-        for told in received.asset_events:
-            self._take_told(told)
-        return received.misdated
+
+    def _take_healths(self, received: Received) -> None:
+        healths = received.healths
+        if not self.settings.auto_register:
+            healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        if not healths:
+            return
+        live = [health for health, replayed in healths if not replayed]
+        self._run_each(
+            lambda: self._durably(lambda c: self._account.hear(healths, time.monotonic(), c)),
+            lambda: self._hear_of_sensors(live),
+        )
 
     def virtual(self, twin_id: str) -> list[Virtual]:
         """Latest windows of virtual quantities, since this server began."""
@@ -471,11 +523,15 @@ class Pipeline:
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
         """Make events of live sensors; for registered twins only."""
-        healths = [health for health in healths if (health.site, health.asset) in self._twins]
-        for notice in self._sensors.hear(healths, time.monotonic()):
-            site, asset, kind, severity, message, details = notice
+        now_s = time.monotonic()
+        for health in healths:
+            site, asset = health.site, health.asset
+            if (site, asset) not in self._twins:
+                continue
             try:
-                self._note(f"{site}.{asset}", kind, severity, message, details)
+                for notice in self._sensors.hear([health], now_s):
+                    _, _, kind, severity, message, details = notice
+                    self._note(f"{site}.{asset}", kind, severity, message, details)
             except StoreError:
                 self._sensors.forget(site, asset)  # and tell it once it can be kept
                 raise

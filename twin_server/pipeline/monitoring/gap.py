@@ -25,7 +25,7 @@ from slowtime_services.plugins.discovery import exception_text
 from slowtime_services.replay import block_of
 from twin_server.diagnose import Piece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring
-from twin_server.persist import Store
+from twin_server.persist import Store, TwinRow
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
@@ -49,6 +49,8 @@ class _TwinGap:
     ----------
     key
         Of the nominal model that it is about.
+    records
+        The newest ones, to which that model's constants are fitted.
     tuned
         The model, its constants fitted within tolerance.
     failed
@@ -57,7 +59,7 @@ class _TwinGap:
 
     key: str
     kept: collections.deque[dict[str, Any]]
-    records: list[Record] = dataclasses.field(default_factory=list)
+    records: collections.deque[Record]
     learning: list[tuple[float, float]] = dataclasses.field(default_factory=list)
     tuned: str = ""
     usual: measuring.GapBaseline | None = None
@@ -141,7 +143,7 @@ class GapMonitor:
 
     def _run(self) -> None:
         while not self._stop.wait(self._settings.every_s):
-            for row in self._store.twins():
+            for row in self._rows():
                 if self._stop.is_set():
                     return
                 try:
@@ -160,6 +162,15 @@ class GapMonitor:
                 except Exception:
                     if not self._stop.is_set():
                         logger.exception("A comparison of %s failed; continuing.", row.id)
+
+    def _rows(self) -> list[TwinRow]:
+        """All twins; none where the store fails, which is asked again after the interval."""
+        try:
+            return self._store.twins()
+        except Exception:
+            if not self._stop.is_set():
+                logger.exception("The twins to compare cannot be read; continuing.")
+            return []
 
     def _mind(self, twin_id: str) -> None:
         """Compare one twin once, where there is something new."""
@@ -182,8 +193,9 @@ class GapMonitor:
             mind.records.append(piece.record)
             if len(mind.records) < self._settings.tune:
                 return
-            mind.tuned = self._compute(measuring.tune, nominal.model_dump_json(), mind.records)
-            records, mind.records = mind.records, []
+            records = list(mind.records)
+            mind.tuned = self._compute(measuring.tune, nominal.model_dump_json(), records)
+            mind.records.clear()
         else:
             records = [piece.record]
         models = [mind.tuned]
@@ -222,7 +234,11 @@ class GapMonitor:
         mind = self._gaps.get(twin_id)
         if mind is not None and mind.key == key:
             return mind
-        mind = _TwinGap(key, collections.deque(maxlen=self._settings.kept))
+        mind = _TwinGap(
+            key,
+            collections.deque(maxlen=self._settings.kept),
+            collections.deque(maxlen=self._settings.tune),
+        )
         events = self._store.events(twin_id, limit=10_000, newest=True)
         for row in reversed(events):
             body = json.loads(row.body)

@@ -72,7 +72,7 @@ class _File(StreamingResponse):
         self._files = files
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # Who takes nothing of it is cut off by `serve.connections`, which ends it.
+        # Who takes nothing of it is cut off by `http.connections`, which ends it.
         try:
             await super().__call__(scope, receive, send)
         finally:

@@ -34,7 +34,7 @@ class AcknowledgementOrder(Frozen):
     note: Annotated[str, Field(max_length=1_000), Plain] = ""
 
 
-class TrialOrder(Frozen):
+class TestAlarmOrder(Frozen):
     """The receiver of a test alarm."""
 
     model_config = ConfigDict(

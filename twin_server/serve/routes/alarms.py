@@ -89,7 +89,7 @@ def routes(
         responses=_PROBLEMS,
     )
     def test(
-        request: Request, twin_id: TwinId, registration: Known, order: models.TrialOrder
+        request: Request, twin_id: TwinId, registration: Known, order: models.TestAlarmOrder
     ) -> Response:
         """Send a test alarm to the receivers of the twin's routes, or to one of them."""
         by = principal_of(request.scope).name

@@ -195,7 +195,7 @@ def steps(path, ask):
     def count():
         counted[0] += 1
 
-    for reader in store._readers:
+    for reader in store._idle:
         reader.set_progress_handler(count, 100)
     ask(store)
     store.close()

@@ -5,6 +5,7 @@ import itertools
 import json
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -325,6 +326,36 @@ def test_what_a_database_that_is_away_did_not_take_is_not_acknowledged(
         assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
 
 
+@pytest.mark.parametrize("fails", ["write", "events"])
+def test_silent_sensors_are_told_of_once_the_store_is_back(store, monkeypatch, fails):
+    def silent(asset, sequence):
+        health = Health(
+            site="lab", asset=asset, boot="b1", sequence=sequence, t_ns=2 * 10**18,
+            last_sequence=-1, first_held=-1, uptime_s=1.0, counters={"sensor_silent_s": 11},
+        )  # fmt: skip
+        return Sample(HEALTH.key("lab", asset), encode(health), None, replayed=False)
+
+    assets = ("arch", "beam", "crane")
+    pipeline = Pipeline(TwinSettings(), store)
+    for asset in assets:
+        pipeline.register(f"lab.{asset}", Registration())
+    given = {"write": store.write, "events": store.events}[fails]
+
+    def away(about, *more, **options):
+        if "beam" in repr(getattr(about, "events", about)):
+            raise StoreError("The database is away.")
+        return given(about, *more, **options)
+
+    with monkeypatch.context() as faulty:
+        faulty.setattr(store, fails, away)
+        with pytest.raises(StoreError, match="is away"):
+            pipeline.ingest(silent(asset, 0) for asset in assets)
+    pipeline.ingest(silent(asset, 1) for asset in assets)
+    for asset in assets:
+        kinds = [json.loads(row.body)["kind"] for row in store.events(f"lab.{asset}")]
+        assert kinds.count("sensor_silent") == 1
+
+
 def _full(cut):
     raise StoreError("disk full")
 
@@ -369,6 +400,73 @@ def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_
         assert eventually(lambda: store.count("lab.beam") == 100)
         pipeline.stop()
     store.close()
+
+
+def test_calls_to_a_busy_pipeline_are_not_counted_as_lost_messages(
+    open_twin, features, sample, settings, eventually
+):
+    small = settings.model_copy(update={"pipeline": PipelineSettings(inbox_messages=10)})
+    bus, blocked = MemoryBus(), threading.Event()
+    pipeline, store = open_twin(bus, with_settings=small)
+    with ThreadPoolExecutor(2) as pool:
+        pool.submit(pipeline.call, lambda: blocked.wait(60))
+        assert eventually(lambda: not pipeline._calls)
+        for number in range(12):
+            message = sample(features(number))
+            bus.publish(message.key, message.payload, encoding="application/json")
+        asked = pool.submit(pipeline.call, lambda: 5)
+        assert eventually(lambda: len(pipeline._calls))
+        blocked.set()
+        assert asked.result(60) == 5
+    assert eventually(lambda: store.count("lab.beam") == 10)
+    assert pipeline.refusals.counts["inbox_full"] == 2
+    assert pipeline.tallies()["inbox_dropped"] == 2
+
+
+def test_a_call_while_the_worker_ends_is_answered(open_twin, eventually):
+    ending, released, answers = threading.Event(), threading.Event(), []
+
+    class Signing:
+        def step(self):
+            pass
+
+        def sign(self, now_ns):
+            ending.set()
+            released.wait(60)
+
+    pipeline, _ = open_twin()
+    pipeline.ledger_signer = Signing()
+    stopping = threading.Thread(target=pipeline.stop)
+    stopping.start()
+    assert ending.wait(60)
+    asking = threading.Thread(
+        target=lambda: answers.append(pipeline.call(lambda: 5)), daemon=True
+    )
+    asking.start()
+    assert eventually(lambda: answers == [5], timeout_s=10.0)
+    released.set()
+    stopping.join()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_call_that_waits_is_answered_where_the_worker_dies(
+    open_twin, monkeypatch, eventually
+):
+    pipeline, answers, dying = open_twin()[0], [], threading.Event()
+
+    def die(*_given, **_options):
+        dying.set()
+        eventually(lambda: pipeline._calls)
+        raise MemoryError
+
+    monkeypatch.setattr(pipeline._inbox, "take", die)
+    assert dying.wait(60)
+    asking = threading.Thread(
+        target=lambda: answers.append(pipeline.call(lambda: 5)), daemon=True
+    )
+    asking.start()
+    assert eventually(lambda: answers == [5], timeout_s=10.0)
+    assert eventually(lambda: not pipeline.working)
 
 
 def test_an_asset_nobody_registered_is_refused_where_settings_say_so(

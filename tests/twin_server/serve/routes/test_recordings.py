@@ -1,10 +1,13 @@
 """Recordings over REST: taken in once sound, given out to the byte, played, in bounds."""
 
 import datetime
+import errno
 import io
+import os
 import struct
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import httpx
 import pytest
@@ -92,6 +95,48 @@ def test_a_replay_is_stopped_and_only_one_goes_on_at_a_time(
     assert eventually(lambda: listed(server)["slow.mcap"]["replay"]["state"] == "stopped")
     assert server.client.delete(f"{BASE}/slow.mcap").status_code == 200
     assert server.get(f"{BASE}/slow.mcap").status_code == 404
+
+
+def no_links(*_names):
+    raise PermissionError(errno.EPERM, "Operation not permitted")
+
+
+def test_a_folder_without_hard_links_keeps_recordings_and_replaces_none(
+    keeper, ageing, tmp_path, monkeypatch
+):
+    server, folder = keeper
+    content = recording(tmp_path / "a.mcap", ageing(5))
+    monkeypatch.setattr(os, "link", no_links)
+    assert put(server, "exfat.mcap", content).status_code == 201
+    assert server.get(f"{BASE}/exfat.mcap").content == content
+    again = put(server, "exfat.mcap", content)
+    assert (again.status_code, again.json()["type"][-13:]) == (409, "there-already")
+    assert server.client.delete(f"{BASE}/exfat.mcap").status_code == 200
+    monkeypatch.setattr(Path, "replace", no_links)
+    before = sorted(path.name for path in folder.iterdir())
+    refused = put(server, "exfat.mcap", content)
+    assert refused.status_code == 507
+    assert "Operation not permitted. Make room on its disk" in refused.json()["detail"]
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_name_that_is_taken_while_a_recording_arrives_is_not_replaced(
+    keeper, ageing, tmp_path, monkeypatch, links
+):
+    server, folder = keeper
+    content = recording(tmp_path / "a.mcap", ageing(5))
+    link, taken = os.link, folder / "taken.mcap"
+
+    def late(partial, path):
+        taken.write_bytes(b"of another process")
+        (link if links else no_links)(partial, path)
+
+    monkeypatch.setattr(os, "link", late)
+    refused = put(server, "taken.mcap", content)
+    assert (refused.status_code, refused.json()["type"][-13:]) == (409, "there-already")
+    assert taken.read_bytes() == b"of another process"
+    taken.unlink()
 
 
 def bomb():
