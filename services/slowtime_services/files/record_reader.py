@@ -149,7 +149,7 @@ def _record(
 ) -> Record:
     """Decide the columns, check them against the heading, and collect the samples."""
     names = sheet.names
-    told = clock_of_sheet(sheet, said)
+    told = of_all_rows = clock_of_sheet(sheet, said)
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
     if said.rate_hz is None:
         refuse_several_sensors(file, sheet)
@@ -184,7 +184,11 @@ def _record(
         return _series(sheet, kept, verdict, notes)
     assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
     others = {n: _column_values(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
-    start_ns, said_start = start_of(sheet, axis, told)
+    start_ns, said_start = start_of(sheet, axis, of_all_rows)
+    by_clock = axis is not None and axis.start_ns is not None
+    if start_ns is not None and not by_clock and missing.skip and lost.any():
+        # The heading tells when the first row was taken, which may have been left out.
+        start_ns += round(int(rows[0]) * 1e9 / rate)
     assumptions += said_start
     if lost.any():
         notes += (describe_missing(values, lost, missing),)
