@@ -1,10 +1,10 @@
 """Reading of a whole record from a file of any kind.
 
 The stages: a file becomes a `Sheet` of columns with names, units and the figures of its
-heading (`opening`); its clock is told apart (`record_clock`), then what is no channel
-(`channel_choice`); what remains is held against the heading (`plausibility`), which also
-decides whether columns are channels or one series. What was taken for granted on the way
-stands in the record.
+heading (`file_sheet`); its clock is found (`clocks.record_clock`), then columns that are no
+channels (`channels.selection`); the rest is compared with the heading (`plausibility`), which
+also decides whether columns are channels or one series. Assumptions made on the way are noted
+in the record.
 """
 
 import dataclasses
