@@ -265,11 +265,15 @@ def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
         beats = 0
         while not over.wait(every):
             beats += 1
-            publisher.health()
-            if int(beats * every / settings.publish.about_every_s) > int(
-                (beats - 1) * every / settings.publish.about_every_s
-            ):
-                publisher.about()
+            try:
+                publisher.health()
+                if int(beats * every / settings.publish.about_every_s) > int(
+                    (beats - 1) * every / settings.publish.about_every_s
+                ):
+                    publisher.about()
+            except Exception:
+                publisher.count("failed_heartbeats")
+                logger.exception("Health could not be published; the next one follows.")
 
     thread = threading.Thread(target=beat, name="heartbeat", daemon=True)
     thread.start()

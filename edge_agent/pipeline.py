@@ -225,7 +225,13 @@ class SourceRun:
         self._publisher.count("outliers", message.quality.outliers)
         if not message.modes:
             self._publisher.count("unidentified")
-        self._publisher.features(message)
+        try:
+            self._publisher.features(message)
+        except Exception:
+            self._publisher.count("failed_features")
+            logger.exception(
+                "Features %d could not be published; the stream continues.", message.sequence
+            )
 
 
 def listen(

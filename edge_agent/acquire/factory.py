@@ -53,7 +53,7 @@ def open_source(
         return FileSource(settings, pacer, covariates=covariates)
     if isinstance(settings, LiveInput):
         opened = importing(check(settings))(settings, TransportContext(clock, bus, twin))
-        return LiveSource(settings, opened, clock, stop)
+        return LiveSource(settings, opened, stop)
     if isinstance(settings, BoardsInput):
         raise ValueError("Several boards are opened one by one.")
     return RecordingSource(settings, pacer)

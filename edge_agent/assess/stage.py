@@ -1,6 +1,7 @@
 """The assess stage: virtual quantities of blocks, fatigue of stresses, and their messages."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 
 from edge_agent.settings import EdgeSettings, Origin
@@ -10,6 +11,8 @@ from slowtime_schemas.messages import Fatigue, Virtual
 from .fatigue import CycleCount, Point
 from .virtual_sensors import RunningSensor, VirtualStage
 
+logger = logging.getLogger(__name__)
+
 AssessMessage = Fatigue | Virtual
 
 
@@ -17,6 +20,8 @@ AssessMessage = Fatigue | Virtual
 class AssessState:
     """State of the stage: running sensors, cycle counts, and the number of messages made."""
 
+    channels: tuple[str, ...] = ()
+    """Of the last block."""
     running: RunningSensor | None = None
     counted: Mapping[str, CycleCount] = dataclasses.field(default_factory=dict)
     first_ns: int | None = None
@@ -54,6 +59,8 @@ class Assess:
         self, state: AssessState, block: Block
     ) -> tuple[AssessState, tuple[AssessMessage, ...]]:
         """Take one conditioned block; give the messages that are due."""
+        if state.channels != block.channels:
+            self._report_unknown_points(block)
         counted = dict(state.counted)
         messages: list[AssessMessage] = []
         running, sequence = state.running, state.virtual_sequence
@@ -80,10 +87,7 @@ class Assess:
             if at in self._outputs:
                 continue
             if at not in block.channels:
-                raise ValueError(
-                    f"Fatigue is asked at {at!r}, which is no channel and no virtual output. "
-                    f"Allowed: {', '.join([*block.channels, *self._outputs])}."
-                )
+                continue
             column = block.channels.index(at)
             counted[at] = point.step(
                 counted.get(at, CycleCount()),
@@ -93,6 +97,7 @@ class Assess:
             )
         state = dataclasses.replace(
             state,
+            channels=block.channels,
             running=running,
             counted=counted,
             first_ns=block.start_ns if state.first_ns is None else state.first_ns,
@@ -105,6 +110,18 @@ class Assess:
             state, due = self._tell(state)
             messages += due
         return state, tuple(messages)
+
+    def _report_unknown_points(self, block: Block) -> None:
+        """Log the points of fatigue that blocks of these channels do not have."""
+        known = (*block.channels, *self._outputs)
+        unknown = [p.settings.at for p in self._points if p.settings.at not in known]
+        if unknown:
+            logger.error(
+                "Fatigue is asked at %s, which is no channel and no virtual output; it is not "
+                "counted there. Allowed in fatigue.points[].at: %s.",
+                ", ".join(map(repr, unknown)),
+                ", ".join(known),
+            )
 
     def finish(self, state: AssessState) -> tuple[AssessState, tuple[AssessMessage, ...]]:
         """Make the fatigue message at the end of the stream."""

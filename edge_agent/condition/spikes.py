@@ -10,13 +10,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 REACH = 24
-"""Samples on either side that can decide whether one is a spike: `PASSES` of six, and more."""
+"""Samples on either side that can decide whether one is a spike [samples]. Source: derivation,
+each of `PASSES` looks six samples further (five for the median, one for the deviation), and a
+run of `LONGEST` is looked at beyond; the rest of 24 is margin."""
 PASSES = 3
-"""Passes in which spikes are sought, each after those found before are bridged."""
+"""Passes in which spikes are sought, each after those found before are bridged [1]. Source:
+judgement; no study is recorded."""
 LONGEST = 3
-"""Samples in a row that can be a spike; more are an event."""
+"""Samples in a row that can be a spike; more are an event [samples]. Source: judgement; no
+study is recorded."""
 RELIABLE = 64
-"""Samples from which the usual deviation of a chunk is taken on its own word."""
+"""Samples from which the usual deviation of a chunk is taken without that of the chunk before
+[samples]. Source: derivation, the median absolute deviation of n normal values has a relative
+standard deviation of 1.17 / sqrt(n), 15 % of 64."""
 
 Windows = Float[np.ndarray, "chunk time channel"]
 Which = Bool[np.ndarray, "chunk time channel"]

@@ -17,7 +17,7 @@ from .multiple_modes import MultiModeReader
 from .plugin import PluginIdentifier
 from .reader import Memory, ModeReading, Reader, Window
 from .single_mode import SingleModeReader
-from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
+from .windows import Gathered, Marks, Rows, Stretch, belongs, gather, part_of_stretch
 
 logger = logging.getLogger(__name__)
 
@@ -93,8 +93,8 @@ class Extract:
         stretch, windows, out = gathered.stretches[-1], gathered.windows, []
         skip = gathered.skip
         while stretch.count >= skip + length:
-            stretch, skip = between(stretch, skip, stretch.count, gathered.latest), 0
-            window = between(stretch, 0, length, gathered.latest)
+            stretch, skip = part_of_stretch(stretch, skip, stretch.count, gathered.latest), 0
+            window = part_of_stretch(stretch, 0, length, gathered.latest)
             overlapping = ("overlapping",) if windows and hop < length else ()
             state, message = self._read(state, gathered.latest, window, 0, overlapping)
             out.append(message)

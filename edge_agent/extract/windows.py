@@ -79,7 +79,7 @@ def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: i
     return dataclasses.replace(gathered, latest=block, stretches=(*before, joined))
 
 
-def between(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
+def part_of_stretch(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
     """Rows `first` to `last` of a stretch, as a stretch that begins there.
 
     Where a clock model stamps the blocks, the latest one knows best when any row was taken.

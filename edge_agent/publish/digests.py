@@ -4,6 +4,7 @@ Another agent may send under the same asset and boot: a device that was cloned, 
 that was fixed and used twice. Then an acknowledgement of its features must not clear ours.
 """
 
+import threading
 from array import array
 from typing import Literal
 
@@ -18,9 +19,13 @@ Verdict = Literal["agrees", "differs", "unknown"]
 
 
 class DigestCheck:
-    """Running sums of the digests of one boot's features."""
+    """Running sums of the digests of one boot's features.
+
+    Features are noted by the thread that makes them, and compared by one of the bus.
+    """
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._base = 0
         """Sequence of the first sum."""
         self._sums = array("Q")
@@ -34,6 +39,15 @@ class DigestCheck:
 
     def note(self, sequence: int, payload: bytes) -> None:
         """Add features that were made; sequences follow one another."""
+        with self._lock:
+            self._note(sequence, payload)
+
+    def compare(self, first: int | None, last: int, digest: str | None) -> Verdict:
+        """Compare the twin's digest of `first` to `last` with the features made."""
+        with self._lock:
+            return self._compare(first, last, digest)
+
+    def _note(self, sequence: int, payload: bytes) -> None:
         before = self._sum_to(sequence - 1) if sequence == self.newest + 1 else None
         if before is None:  # a gap: sums begin anew, and no range across it can be told
             self._base, self._sums, self._starts = sequence, array("Q"), {sequence - 1: 0}
@@ -42,8 +56,7 @@ class DigestCheck:
         if len(self._sums) > MOST_SUMS:
             self._forget(self._base + MOST_SUMS // 2)
 
-    def compare(self, first: int | None, last: int, digest: str | None) -> Verdict:
-        """Compare the twin's digest of `first` to `last` with the features made."""
+    def _compare(self, first: int | None, last: int, digest: str | None) -> Verdict:
         if last > self.newest:
             return "differs"
         if first is None or digest is None:

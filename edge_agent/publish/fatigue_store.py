@@ -4,6 +4,7 @@ The sums only grow, so that the newest message of a boot holds all that earlier 
 twin that takes the newest of each boot counts each cycle once, however often it is told.
 """
 
+import contextlib
 import logging
 import os
 from collections.abc import Iterator
@@ -46,19 +47,37 @@ class FatigueStore:
             logger.exception("Fatigue of this boot is sent but could not be stored.")
 
     def all(self) -> Iterator[bytes]:
-        """Read the stored messages of all boots."""
+        """Read the stored messages of all boots; files that cannot be read are left out."""
         for path in self._paths():
-            yield path.read_bytes()
+            kept = _read(path)
+            if kept is not None:
+                yield kept
 
     def turn(self) -> bytes | None:
-        """Read the stored messages of one boot at a time, to publish each again in turn."""
+        """Read the stored messages of one boot at a time, to publish each again in turn.
+
+        Files that cannot be read are passed over; None where there is no other.
+        """
         paths = self._paths()
-        if not paths:
-            return None
-        self._turn = (self._turn + 1) % len(paths)
-        return paths[self._turn].read_bytes()
+        for _ in paths:
+            self._turn = (self._turn + 1) % len(paths)
+            kept = _read(paths[self._turn])
+            if kept is not None:
+                return kept
+        return None
 
     def _paths(self) -> list[Path]:
         # Names of boots sort by their beginning, unless a user gives them.
-        paths = self._folder.glob(f"*{SUFFIX}")
-        return sorted(paths, key=lambda path: (path.stat().st_mtime_ns, path.name))
+        found = []
+        for path in self._folder.glob(f"*{SUFFIX}"):
+            with contextlib.suppress(OSError):  # removed meanwhile
+                found.append((path.stat().st_mtime_ns, path.name, path))
+        return [path for *_, path in sorted(found)]
+
+
+def _read(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        logger.warning("The fatigue message %s cannot be read: %s", path, error)
+        return None

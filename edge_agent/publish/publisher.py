@@ -1,7 +1,7 @@
 """Fourth stage of the edge: features to disk and bus; answers to requests.
 
-What is published may not arrive; what is in the spool can always be asked for again. So every
-feature is on disk before it is on the bus, and nothing here waits for anybody.
+Messages may be lost on the bus, while features in the spool can be requested again. So every
+feature is on disk before it is on the bus, and publishing waits for no receiver.
 """
 
 import json
@@ -61,7 +61,7 @@ MOST_RANGES = 1_000
 
 
 class Publisher:
-    """The voice of one edge agent.
+    """Publishes the messages of one edge agent, and answers requests for them.
 
     Parameters
     ----------
@@ -94,6 +94,8 @@ class Publisher:
         self._ring = Ring(settings.ring_s, settings.ring_bytes)
         self._counters: Counter[str] = Counter()
         self._sequences: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        """Of sequences, which messages of several threads take."""
         self._last_features = -1
         self._acknowledged = -1
         self._agreement = DigestCheck()
@@ -141,8 +143,7 @@ class Publisher:
 
     def raw(self, block: Block) -> None:
         """Keep a block for requests, and publish it if the settings say so."""
-        header, body = raw_message(block, self.origin, self._sequences[RAW.name])
-        self._sequences[RAW.name] += 1
+        header, body = raw_message(block, self.origin, self._next_sequence(RAW))
         payload = encode_raw(header, body)
         self._ring.put(block.start_ns, block.end_ns, payload)
         if self._settings.raw == "on":
@@ -152,13 +153,13 @@ class Publisher:
         """Keep and send one features message."""
         began_ns = self._clock.now_ns()
         payload = encode(message)
-        self._agreement.note(message.sequence, payload)
         try:
             self._spool.append(message.sequence, payload)
         except SpoolError:
             # Without a disk the structure is still worth listening to.
             self.count("not_spooled")
             logger.exception("Features %d are sent but could not be stored.", message.sequence)
+        self._agreement.note(message.sequence, payload)
         self._last_features = message.sequence
         self.count("features")
         self._send(FEATURES, payload)
@@ -306,15 +307,19 @@ class Publisher:
         return About(**self._envelope(ABOUT), software=self._software, settings=self._about)
 
     def _envelope(self, stream: Stream) -> dict[str, Any]:
-        sequence = self._sequences[stream.name]
-        self._sequences[stream.name] += 1
         return {
             "site": self.origin.site,
             "asset": self.origin.asset,
             "boot": self.origin.boot,
-            "sequence": sequence,
+            "sequence": self._next_sequence(stream),
             "t_ns": self._clock.now_ns(),
         }
+
+    def _next_sequence(self, stream: Stream) -> int:
+        with self._lock:
+            sequence = self._sequences[stream.name]
+            self._sequences[stream.name] += 1
+        return sequence
 
     def _send_message(self, stream: Stream, message: Message) -> None:
         self._send(stream, encode(message))

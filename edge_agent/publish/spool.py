@@ -1,12 +1,12 @@
 """Spools features on disk until the twin has acknowledged them.
 
 A folder of segment files, each of one boot. A file is named by the boot's place among all, by
-its name and by its first sequence; no clock that was set back changes that place. What is in it
-is told in `framing`.
+its name and by its first sequence; no clock that was set back changes that place. The
+format of a file is described in `spool_records`.
 
-A record that was torn by a power cut, or has rotted on the disk, costs itself and no other: the
-next sound one is found, the damaged bytes are set aside (see `damage`), and the sequences that
-were in them are told with the account, so that the twin reports them as lost.
+A record may be torn by a power cut or damaged on the disk. The records before and after it stay
+readable: the damaged bytes are set aside (see `damaged_bytes`), and the sequences that were in
+them are told with the account, so that the twin reports them as lost.
 
 Of a boot that has been dropped whole because the spool was full, the last sequence stays in
 `dropped.json` until the twin acknowledges it: so that it can report what it never had.

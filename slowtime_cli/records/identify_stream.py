@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from slowtime.identification.automatic.modal_result import ModalResult, join_stabilisation
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes
-from slowtime.signals.block import Block
+from slowtime.signals.block import Block, RateCorrection
+from slowtime.signals.clock.joint_correction import joint_correction
 from slowtime_cli.shared.options import names
 from slowtime_cli.shared.record_input import ReadingFlags, note_reading, overridden_by_flags
 from slowtime_cli.shared.terminal import counting, note, plural
@@ -26,7 +28,7 @@ from slowtime_services.files import (
     streams,
 )
 from slowtime_services.modal import read_geometry
-from slowtime_services.replay import raw_blocks
+from slowtime_services.replay import measured_rate, raw_blocks
 
 from . import identify as identifying
 from . import mode_tables
@@ -129,6 +131,7 @@ def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
                     channels=told.channels,
                     units=told.units,
                     rate_hz=head.rate_hz,
+                    clock=block.clock if given.rate_hz is None else None,
                 ),
                 0.0,
             )
@@ -148,7 +151,11 @@ def _record(block: Block) -> Record:
 
 
 def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
-    """Identify a stream from its first block to its last."""
+    """Identify a stream from its first block to its last.
+
+    Samples are counted at the nominal rate; frequencies are corrected at the end, when the
+    rate is known best.
+    """
     head, rate = opened.head, opened.head.rate_hz
     note_reading(head)
     channels = accelerations(head.channels, head.units)
@@ -158,11 +165,13 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
     recursive = RecursiveModes(rate_hz=rate, band_hz=band, every_s=every_s)
     state = recursive.start()
     modes: tuple[Mode, ...] = ()
+    clocks: list[tuple[RateCorrection | None, int]] = []
     first, end, due = None, 0, every_s
     with counting("Identifying") as tell:
         for block, share in opened.blocks:
             first = block.first_index if first is None else first
             end = block.next_index - first
+            clocks.append((block.clock, len(block.samples)))
             samples = np.asarray(block.samples[:, columns], dtype=float)
             state, modes = recursive.step(state, samples, first_index=block.first_index - first)
             if end / rate >= due:
@@ -170,7 +179,24 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
                 note(f"{end / rate / 3600:.2f} h read: {_listed(modes)}.")
             tell(f"{100 * share:.0f} %, {plural(len(modes), 'mode')} so far")
         modes = recursive.solved(state)
-    _tell(path, opened, channels, end / rate, state.lost, modes, flags)
+    true_hz, said = measured_rate(rate, joint_correction(clocks))
+    opened.end_notes.extend(said)
+    opened = dataclasses.replace(opened, head=dataclasses.replace(head, rate_hz=true_hz))
+    modes = _scaled(modes, true_hz / rate)
+    _tell(path, opened, channels, end / true_hz, state.lost, modes, flags)
+
+
+def _scaled(modes: tuple[Mode, ...], ratio: float) -> tuple[Mode, ...]:
+    """Scale frequencies from the nominal rate to the true one."""
+    return tuple(
+        dataclasses.replace(
+            mode,
+            frequency_hz=Measured(
+                mode.frequency_hz.value * ratio, mode.frequency_hz.sd * ratio
+            ),
+        )
+        for mode in modes
+    )
 
 
 def _guessed_s(opened: RecordStream) -> float:

@@ -22,8 +22,9 @@ that keep a run to a minute."""
 HIGHEST_ORDER = 30
 """Highest model order: two for each mode, and as many again for noise [1]."""
 
-RATES_ALIKE = 1e-6
-"""Relative difference of two sampling rates [1] that is rounding."""
+RATES_ALIKE = 1e-4
+"""Relative difference of two sampling rates [1] that is rounding, or that of a crystal from
+day to day. Source: stated tolerance of crystals, 100 ppm, by which frequencies are wrong."""
 
 
 def merged_records(

@@ -162,10 +162,16 @@ def test_values_are_told_at_the_rate_that_was_asked_for(model):
     assert virtual[-1].valid
 
 
-def test_a_point_that_is_nowhere_says_where_it_could_be(model):
-    settings = settings_of(model, fatigue={"points": [{"at": "x", "detail_category": 71.0}]})
-    with pytest.raises(ValueError, match=r"'x', which is no channel.*a, s, k.stress"):
-        told(settings, [block()])
+def test_a_point_that_is_nowhere_is_said_once_and_costs_no_other(model, caplog):
+    points = [{"at": at, "detail_category": 71.0} for at in ("s", "x", "k.stress")]
+    blocks = list(cut(block(), {2000, 4000}))
+    typo = told(settings_of(model, fatigue={"points": points}), blocks)
+    said = [record.getMessage() for record in caplog.records if "'x'" in record.getMessage()]
+    assert len(said) == 1
+    assert "is no channel and no virtual output" in said[0]
+    assert "a, s, k.stress" in said[0]
+    del points[1]
+    assert typo == told(settings_of(model, fatigue={"points": points}), blocks)
 
 
 @pytest.mark.parametrize(
@@ -234,3 +240,13 @@ def test_each_boot_is_told_again_in_its_turn(tmp_path):
     kept = FatigueStore(tmp_path, "b4")
     assert {kept.turn() for _ in range(3)} == {b"b1", b"b2", b"b3"}
     assert FatigueStore(tmp_path / "nothing", "b").turn() is None
+
+
+def test_a_message_of_a_boot_that_cannot_be_read_hides_no_other(tmp_path, caplog):
+    for boot in ("b1", "b3"):
+        FatigueStore(tmp_path, boot).put(boot.encode())
+    (tmp_path / "b2.fatigue").mkdir()  # what raises OSError when it is read
+    kept = FatigueStore(tmp_path, "b4")
+    assert set(kept.all()) == {b"b1", b"b3"}
+    assert {kept.turn() for _ in range(4)} == {b"b1", b"b3"}
+    assert "b2.fatigue cannot be read" in caplog.text

@@ -14,7 +14,9 @@ from slowtime.signals.clock.sampling_clock import SamplingClock
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import encode_raw
-from slowtime_services.replay import block_of
+from slowtime_schemas.streams import RAW
+from slowtime_services.record import RecordingWriter
+from slowtime_services.replay import block_of, record_of
 from tests.slowtime.identification.oscillators import record
 from tests.slowtime.signals.clock.latencies import Messages, messages
 
@@ -152,6 +154,16 @@ def test_recorded_blocks_keep_the_clock_and_give_the_same_bytes_again(fast):
     again = [block_of(payload) for payload in payloads]
     assert [block.clock for _, block in again] == clocks
     assert list(rerun(again, Processing())) == [encode(message) for message in told(stream)]
+
+
+def test_a_record_of_recorded_blocks_has_the_rate_of_their_last_features(fast, tmp_path):
+    clocks = [RateCorrection(relative=0.01 - 0.01 / k, sd=0.01 / k) for k in range(1, 400)]
+    stream = list(blocks(fast, clocks))
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        for number, block in enumerate(stream):
+            payload = encode_raw(*raw_message(block, ORIGIN, number))
+            writer.write(RAW, "lab", "beam", payload, block.start_ns)
+    assert record_of(tmp_path / "a.mcap").rate_hz == stream[-1].true_rate_hz
 
 
 def scores(seeds):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from edge_agent.__main__ import new_boot, run
 from edge_agent.acquire import ADOPT_AFTER
 from edge_agent.pipeline import Edge, rerun
+from edge_agent.publish import Publisher
 from edge_agent.settings import EdgeSettings, Origin, Processing
 from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.messages import About, Features, Health
@@ -270,6 +271,22 @@ def test_what_fails_inside_a_stage_costs_its_epoch_and_nothing_else(tmp_path, mo
     assert house.health.counters["failed_blocks"] == 1
 
 
+def test_features_that_cannot_be_published_cost_no_others(tmp_path, monkeypatch):
+    real = Publisher.features
+
+    def sometimes(self, message):
+        if message.sequence == 1:
+            raise IndexError("a bug of ours")
+        real(self, message)
+
+    monkeypatch.setattr(Publisher, "features", sometimes)
+    items = [item for n in range(4) for item in (*STRUCTURE.epoch(n), None)]
+    house = House(tmp_path, Given(items))
+    assert house.status == 0
+    assert [m.sequence for m in house.features] == [0, 2, 3]
+    assert house.health.counters["failed_features"] == 1
+
+
 def test_a_sensor_that_is_set_up_anew_is_followed_after_some_blocks(tmp_path):
     anew = [
         dataclasses.replace(b, units=("g",))
@@ -389,6 +406,31 @@ def test_the_heartbeat_beats_while_the_source_is_silent(tmp_path):
     assert len(house.payloads(ABOUT)) >= 3
     words = [decode(HEALTH, payload).sequence for payload in house.payloads(HEALTH)]
     assert words == list(range(len(words)))
+
+
+def test_a_heartbeat_that_fails_is_not_the_last(tmp_path, monkeypatch):
+    asked = []
+    healthy = threading.Event()
+
+    class Silent(Given):
+        def __iter__(self):
+            healthy.wait(10)
+            yield from ()
+
+    real = Publisher.health
+
+    def sometimes(self):
+        asked.append(1)
+        if len(asked) == 2:  # the first of the heartbeat
+            raise OSError(5, "Input/output error")
+        real(self)
+        if len(asked) > 2:
+            healthy.set()
+
+    monkeypatch.setattr(Publisher, "health", sometimes)
+    house = House(tmp_path, Silent([]), publish={"health_every_s": 0.05})
+    assert len(asked) > 3
+    assert house.health.counters["failed_heartbeats"] == 1
 
 
 def test_boots_are_named_so_that_they_sort_and_never_meet():

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slowtime.signals.block import Block
+from slowtime.signals.clock.joint_correction import JointCorrection, joint_correction
 from slowtime_services.files import Record, in_si
+from slowtime_services.replay import measured_rate
 
 
 class NoSamplesError(ValueError):
@@ -26,8 +28,27 @@ class Piece(NamedTuple):
 
 
 def pieces_of(blocks: Iterable[Block]) -> list[Piece]:
-    """Join blocks that follow each other; a gap, a new epoch or another rate begins a piece."""
-    return [_concatenate(run) for run in _runs(blocks)]
+    """Join blocks that follow each other; a gap, a new epoch or another rate begins a piece.
+
+    Pieces of one nominal rate have one measured rate, where the corrections of their blocks
+    agree; else each has that of its own blocks.
+    """
+    runs = list(_runs(blocks))
+    by_rate = {
+        rate: _joint(block for run in runs if run[0].rate_hz == rate for block in run)
+        for rate in {run[0].rate_hz for run in runs}
+    }
+    pieces = []
+    for run in runs:
+        joint = by_rate[run[0].rate_hz]
+        if joint is not None and not joint.is_constant:
+            joint = _joint(run)
+        pieces.append(_concatenate(run, joint))
+    return pieces
+
+
+def _joint(blocks: Iterable[Block]) -> JointCorrection | None:
+    return joint_correction((block.clock, len(block.samples)) for block in blocks)
 
 
 def _runs(blocks: Iterable[Block]) -> Iterator[list[Block]]:
@@ -51,14 +72,16 @@ def _goes_on(last: Block, block: Block) -> bool:
     )
 
 
-def _concatenate(run: list[Block]) -> Piece:
+def _concatenate(run: list[Block], joint: JointCorrection | None) -> Piece:
     first = run[0]
+    rate_hz, notes = measured_rate(first.rate_hz, joint)
     record = Record(
         samples=np.concatenate([block.samples for block in run]),
-        rate_hz=first.rate_hz,
+        rate_hz=rate_hz,
         channels=first.channels,
         units=first.units,
         start_ns=first.start_ns,
+        notes=notes,
     )
     return Piece(in_si(record), first.epoch)
 
@@ -125,6 +148,7 @@ def part(piece: Piece, first: int, last: int) -> Piece:
         channels=record.channels,
         units=record.units,
         start_ns=begins,
+        notes=record.notes,
     )
     return Piece(cut, piece.epoch)
 
@@ -153,7 +177,7 @@ def bounded(blocks: Iterable[Block], max_samples: int, max_seconds: float) -> It
     total, seconds = 0, 0.0
     for block in blocks:
         total += block.samples.size
-        seconds += len(block.samples) / block.rate_hz
+        seconds += len(block.samples) / block.true_rate_hz
         if total > max_samples or seconds > max_seconds + 1e-6:
             raise NoSamplesError(
                 f"More than {max_samples:,} numbers, or {max_seconds:g} s, of samples were "

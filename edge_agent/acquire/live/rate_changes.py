@@ -3,16 +3,20 @@
 import statistics
 
 WINDOW_S = 5.0
-"""Length of a window over which the rate is measured [s]."""
+"""Length of a window over which the rate is measured [s]. Source: judgement, arrivals that
+jitter by 0.05 s tell the rate to 1 to 2 %; no study is recorded."""
 
 IN_A_ROW = 3
-"""Windows in a row that must agree on another rate."""
+"""Windows in a row that must agree on another rate [1]. Source: judgement; no study is
+recorded."""
 
 ALIKE = 0.02
-"""Relative difference within which windows agree with each other [1]."""
+"""Relative difference within which windows agree with each other [1]. Source: what
+jitter leaves uncertain, see `WINDOW_S`; judgement, no study is recorded."""
 
 DIGITS = 3
-"""Significant digits of the rate that is given."""
+"""Significant digits of the rate that is given [1]. Source: judgement; no study is
+recorded."""
 
 
 class RateWatch:

@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from time import monotonic
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from slowtime.signals.block import Block, RateCorrection
 from slowtime.signals.clock.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.bus import Inbox
-from slowtime_services.clock import Clock
 from slowtime_services.files.channels.si_conversion import scaling_of
 
 from .batch import Batch
@@ -45,16 +45,15 @@ class LiveSource:
     time_base: TimeBase = "live"
     slow_time_unit = "s"
 
-    def __init__(
-        self, settings: LiveInput, opened: Opened, clock: Clock, stop: threading.Event
-    ) -> None:
+    def __init__(self, settings: LiveInput, opened: Opened, stop: threading.Event) -> None:
         self._settings, self._opened = settings, opened
-        self._clock, self._stop = clock, stop
+        self._stop = stop
         self.tally = SampleCounts()
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
         self._reader: Reader | None = None
         self._dropped = 0
-        self._heard_ns = clock.now_ns()
+        self._heard_s = monotonic()
+        """When a message came last, on a clock that no adjustment sets back."""
         self._is_silent = False
         self._start_ns = 0
         self._rates: RateWatch
@@ -90,7 +89,7 @@ class LiveSource:
         """Return the counters for `Health`; may be called from any thread."""
         told = self.tally.told()
         told["samples_lost"] = max(0, told["samples_lost"] - self._dropped)
-        silent_s = (self._clock.now_ns() - self._heard_ns) / 1e9
+        silent_s = monotonic() - self._heard_s
         told["sensor_silent_s"] = (
             int(silent_s) if silent_s >= self._settings.silent_after_s else 0
         )
@@ -98,7 +97,7 @@ class LiveSource:
 
     def __iter__(self) -> Iterator[Block]:
         """Blocks, until the source ends or the agent is stopped."""
-        self._heard_ns = self._clock.now_ns()
+        self._heard_s = monotonic()
         if self._reader is None and isinstance(self._opened.transport, DescribingTransport):
             described = self._opened.transport.describe(self._stop)
             if described is not None:
@@ -134,15 +133,14 @@ class LiveSource:
             self._backlog.note(batch.arrival_ns, len(batch.rows))
             if self._bursts.note(batch.arrival_ns, len(batch.rows)):
                 self.tally.add("sensor_bursts")
-        # Where arrivals come from replays or from a clock set back, silence is not negative.
-        self._heard_ns = max(self._heard_ns, batch.arrival_ns)
+        self._heard_s = monotonic()
         if self._is_silent:
             self._is_silent = False
             logger.info("The sensor sends again.")
 
     def _rest(self) -> Iterator[Block]:
         """Handle a time without messages: report lasting silence, pass on complete runs."""
-        quiet_s = (self._clock.now_ns() - self._heard_ns) / 1e9
+        quiet_s = monotonic() - self._heard_s
         if quiet_s > max(2 * self._settings.block_s, self._settings.reorder_s, 2 * IDLE_S):
             for positions in self._positions:
                 for placement in positions.finish():

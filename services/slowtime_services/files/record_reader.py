@@ -1,10 +1,10 @@
 """Reading of a whole record from a file of any kind.
 
 The stages: a file becomes a `Sheet` of columns with names, units and the figures of its
-heading (`opening`); its clock is told apart (`record_clock`), then what is no channel
-(`channel_choice`); what remains is held against the heading (`plausibility`), which also
-decides whether columns are channels or one series. What was taken for granted on the way
-stands in the record.
+heading (`file_sheet`); its clock is found (`clocks.record_clock`), then columns that are no
+channels (`channels.selection`); the rest is compared with the heading (`plausibility`), which
+also decides whether columns are channels or one series. Assumptions made on the way are noted
+in the record.
 """
 
 import dataclasses
@@ -149,7 +149,7 @@ def _record(
 ) -> Record:
     """Decide the columns, check them against the heading, and collect the samples."""
     names = sheet.names
-    told = clock_of_sheet(sheet, said)
+    told = of_all_rows = clock_of_sheet(sheet, said)
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
     if said.rate_hz is None:
         refuse_several_sensors(file, sheet)
@@ -184,7 +184,11 @@ def _record(
         return _series(sheet, kept, verdict, notes)
     assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
     others = {n: _column_values(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
-    start_ns, said_start = start_of(sheet, axis, told)
+    start_ns, said_start = start_of(sheet, axis, of_all_rows)
+    by_clock = axis is not None and axis.start_ns is not None
+    if start_ns is not None and not by_clock and missing.skip and lost.any():
+        # The heading tells when the first row was taken, which may have been left out.
+        start_ns += round(int(rows[0]) * 1e9 / rate)
     assumptions += said_start
     if lost.any():
         notes += (describe_missing(values, lost, missing),)

@@ -34,9 +34,13 @@ _OF_LENGTH = re.compile(
 )
 _NUMBER = r"(?P<number>\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)?"
 _OTHER_QUANTITY = re.compile(
-    r"mag(?!nitude)|gauss|weight|gewicht|mass(?![a-z])|load|force|kraft", re.I
+    r"\b(?:mag[xyz]?|magnet\w*|gauss|weights?|\w*gewicht|mass|load(?:cell)?s?|forces?|\w*kraft)\b"
 )
-"""Names of channels whose ``g`` are grams, and whose ``mG`` are milligauss."""
+"""Words in names of channels whose ``g`` are grams, and whose ``mG`` are milligauss."""
+_ACCELERATION = re.compile(r"\b(?:acc[xyz]?|accel\w*|\w*beschleunigung\w*|a[xyz]|g ?forces?)\b")
+"""Words that say acceleration, whatever other words a name has."""
+_NEW_WORD = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][^\W\d_A-Z])|[\W\d_]+")
+"""Where a word of a name ends: before capitals, and at what is no letter."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -73,10 +77,12 @@ def unit_of(text: str, channel: str = "") -> Unit | None:
     Unit(quantity='acceleration', factor=0.001)
     >>> unit_of("V"), unit_of("mG", "MagX")
     (None, None)
+    >>> unit_of("g", "damaged_acc_1").quantity
+    'acceleration'
     """
     plain = _normalized(text)
     if plain in _GRAVITIES:
-        another = channel and _OTHER_QUANTITY.search(channel)
+        another = _names_other_quantity(channel)
         return None if another else Unit("acceleration", _GRAVITIES[plain])
     match = _OF_LENGTH.fullmatch(plain)
     if match is None:
@@ -120,6 +126,11 @@ def sensitivity_of(text: str) -> Sensitivity:
     of, worth = signal
     per_si = worth / (number * motion.factor) if inverse else number * worth / motion.factor
     return Sensitivity(motion.quantity, of, per_si)
+
+
+def _names_other_quantity(channel: str) -> bool:
+    words = _NEW_WORD.sub(" ", channel).casefold()
+    return bool(_OTHER_QUANTITY.search(words)) and not _ACCELERATION.search(words)
 
 
 def _signal(text: str) -> tuple[Literal["V", "counts"], float] | None:

@@ -1,6 +1,6 @@
 """Recordings in: as messages, as blocks of samples, or played onto a bus as an edge would."""
 
-from .blocks import block_of, raw_blocks, record_of, record_or_foreign
+from .blocks import block_of, measured_rate, raw_blocks, record_of, record_or_foreign
 from .integrity import check
 from .layout import layout_of
 from .ledger_check import Verdict, verdicts
@@ -19,6 +19,7 @@ __all__ = [
     "check",
     "contents",
     "layout_of",
+    "measured_rate",
     "raw_blocks",
     "read_recording",
     "record_of",

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from slowtime.signals.block import Block, RateCorrection
+from slowtime.signals.clock.joint_correction import JointCorrection, joint_correction
 from slowtime_schemas.raw import decode_raw
 from slowtime_schemas.raw_header import RawHeader
 from slowtime_schemas.streams import RAW, parse_key
@@ -62,6 +63,9 @@ def raw_blocks(
 def record_of(path: Path | str, *, channels: tuple[str, ...] | None = None) -> Record:
     """Join the recorded blocks of the one asset of a file into a record.
 
+    Its rate is the measured one where blocks carry the correction of their clock, as that of
+    features is.
+
     Raises
     ------
     RecordingError
@@ -82,15 +86,53 @@ def record_of(path: Path | str, *, channels: tuple[str, ...] | None = None) -> R
             f"{path}: rate or channels change within it, so that its blocks are no one record. "
             "Give a recording of one set-up."
         )
+    joint = joint_correction((block.clock, len(block.samples)) for block in blocks)
+    rate_hz, notes = measured_rate(first.rate_hz, joint)
     record = Record(
         samples=np.concatenate([block.samples for block in blocks]),
-        rate_hz=first.rate_hz,
+        rate_hz=rate_hz,
         channels=first.channels,
         units=first.units,
         start_ns=first.start_ns,
         gaps=tuple(_gaps(path, blocks)),
+        notes=notes,
     )
     return record if channels is None else _only(record, channels)
+
+
+def measured_rate(
+    nominal_hz: float, joint: JointCorrection | None
+) -> tuple[float, tuple[str, ...]]:
+    """Return the sampling rate that a clock model has measured, and a note on it.
+
+    Parameters
+    ----------
+    nominal_hz
+        Rate that the device promises [Hz].
+    joint
+        Correction of the blocks; None where the nominal rate is all that is known.
+
+    Returns
+    -------
+    The measured rate [Hz], and the note; the nominal rate and no note without a correction.
+    """
+    if joint is None:
+        return nominal_hz, ()
+    correction = joint.correction
+    rate_hz = nominal_hz * (1.0 + correction.relative)
+    if not correction.relative and not correction.sd and joint.is_constant:
+        return rate_hz, ()
+    note = (
+        f"Sampled at {rate_hz:.7g} Hz, as measured with a standard deviation of "
+        f"{rate_hz * correction.sd:.2g} Hz; the nominal rate is {nominal_hz:g} Hz."
+    )
+    if not joint.is_constant:
+        low, high = nominal_hz * (1.0 + joint.lowest), nominal_hz * (1.0 + joint.highest)
+        note += (
+            f" The measured rate was between {low:.7g} and {high:.7g} Hz, which is more than "
+            "its uncertainty; the mean is used. Cut the record into parts for the rate of each."
+        )
+    return rate_hz, (note,)
 
 
 def record_or_foreign(path: Path | str) -> Record:
@@ -150,4 +192,5 @@ def _only(record: Record, names: tuple[str, ...]) -> Record:
         units=tuple(record.units[c] for c in columns),
         start_ns=record.start_ns,
         gaps=record.gaps,
+        notes=record.notes,
     )

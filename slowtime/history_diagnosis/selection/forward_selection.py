@@ -337,7 +337,9 @@ def _log_prior(law: CandidateLaw | None, laws: tuple[CandidateLaw, ...]) -> floa
     """Log prior: even for no further term; families by weight; laws of a family alike."""
     if law is None:
         return float(np.log(_NOTHING_PRIOR))
-    total = sum(_FAMILY_WEIGHTS.get(family, 1.0) for family in {k.family for k in laws})
+    # Sorted, because a set of words has another order in each process.
+    families = sorted({k.family for k in laws})
+    total = sum(_FAMILY_WEIGHTS.get(family, 1.0) for family in families)
     share = _FAMILY_WEIGHTS.get(law.family, 1.0) / total
     members = sum(k.family == law.family for k in laws)
     return float(np.log((1.0 - _NOTHING_PRIOR) * share / members))

@@ -1,5 +1,7 @@
 """An acknowledgement clears what it speaks of, and nothing that another agent has made."""
 
+import threading
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,6 +9,8 @@ from hypothesis import strategies as st
 from edge_agent.publish import digests as agreement
 from edge_agent.publish.digests import DigestCheck
 from slowtime_services.digests import digest_of, written
+
+from .interleaving import run_interleaved
 
 
 def payload(sequence, agent="mine"):
@@ -66,3 +70,25 @@ def test_a_twin_that_starts_again_counts_from_where_it_was(first):
     one = made(100)
     assert one.compare(0, 49, digest(0, 49)) == "agrees"
     assert one.compare(first, 99, digest(first, 99)) == "agrees"
+
+
+def test_features_are_noted_while_acknowledgements_are_compared():
+    one, verdicts, over = DigestCheck(), [], threading.Event()
+
+    def note():
+        try:
+            for sequence in range(200):
+                one.note(sequence, payload(sequence))
+        finally:
+            over.set()
+
+    def compare():
+        first = 0
+        while not over.is_set():
+            last = one.newest
+            if last >= first:
+                verdicts.append(one.compare(first, last, digest(first, last)))
+                first = last + 1
+
+    run_interleaved(agreement, note, compare)
+    assert set(verdicts) == {"agrees"}

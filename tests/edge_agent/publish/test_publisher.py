@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from edge_agent.publish import Publisher, Ring, Spool, raw_message
+from edge_agent.publish import publisher as publishing
+from edge_agent.publish.digests import DigestCheck
 from edge_agent.settings import Origin, PublishSettings
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import decode, encode
@@ -15,6 +17,8 @@ from slowtime_schemas.raw import decode_raw
 from slowtime_schemas.streams import ABOUT, ACK, FEATURES, HEALTH, RAW, alive_key, request_key
 from slowtime_services.bus import MemoryBus
 from slowtime_services.clock import HandClock
+
+from .interleaving import run_interleaved
 
 ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="simulated")
 
@@ -166,6 +170,23 @@ def test_health_tells_where_the_account_ends_and_what_has_been_counted(bus, publ
     assert (second.last_sequence, second.first_held, second.dropped) == (2, 0, 0)
     assert second.counters == {"features": 3, "refused_backwards": 2, "ack_version": 2}
     assert second.sequence == first.sequence + 1
+
+
+def test_messages_of_several_threads_have_sequences_of_their_own(bus, publisher):
+    got = heard(bus, HEALTH)
+    run_interleaved(publishing, *[publisher.health] * 8)
+    sequences = [Health.model_validate_json(payload).sequence for payload in got]
+    assert len(set(sequences)) == len(sequences) == 8
+
+
+def test_a_feature_is_on_the_disk_whatever_fails_after(bus, publisher, monkeypatch):
+    def fails(*arguments):
+        raise IndexError("a bug of ours")
+
+    monkeypatch.setattr(DigestCheck, "note", fails)
+    with pytest.raises(IndexError):
+        publisher.features(features(0))
+    assert ask(bus, "features", boot="b1") == [encode(features(0))]
 
 
 def test_about_tells_the_settings_at_the_start_and_on_request(bus, tmp_path):

@@ -339,3 +339,51 @@ def test_a_rate_is_called_assumed_only_where_its_name_has_no_unit(tmp_path, name
     assert record.rate_hz == 200.0
     assert any(f"{name} = 200" in said for said in record.assumptions) == assumed
     assert "line 0" not in " ".join(record.assumptions)
+
+
+def _npz(path, columns):
+    np.savez(path.with_suffix(".npz"), **columns)
+    return path.with_suffix(".npz")
+
+
+def _mat(path, columns):
+    scipy.io.savemat(path.with_suffix(".mat"), {k: v[:, None] for k, v in columns.items()})
+    return path.with_suffix(".mat")
+
+
+def _hdf5(path, columns):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path.with_suffix(".h5"), "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+    return path.with_suffix(".h5")
+
+
+def _parquet(path, columns):
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(pa.table(columns), str(path.with_suffix(".parquet")))
+    return path.with_suffix(".parquet")
+
+
+WRITERS = pytest.mark.parametrize("write_file", [_npz, _mat, _hdf5, _parquet])
+
+
+@WRITERS
+def test_a_counting_clock_that_is_reset_is_refused_whatever_its_type(tmp_path, write_file):
+    us = np.concatenate(
+        (np.arange(20_000_000, 25_000_000, 10_000), np.arange(0, 5_000_000, 10_000))
+    )
+    columns = {"t_us": us.astype(np.uint32), "x": np.random.default_rng(1).normal(size=len(us))}
+    with pytest.raises(RecordError, match="Time does not run forwards at row 500"):
+        read_record(write_file(tmp_path / "a", columns))
+
+
+@WRITERS
+@pytest.mark.parametrize("begin", [0, 2**63 + 10**6, 2**63 - 10**6])
+def test_a_counting_clock_of_any_size_tells_rate_and_gaps(tmp_path, write_file, begin):
+    us = np.uint64(begin) + np.delete(np.arange(0, 5_000_000, 10_000), 100).astype(np.uint64)
+    columns = {"t_us": us, "x": np.random.default_rng(1).normal(size=len(us))}
+    record = read_record(write_file(tmp_path / "a", columns))
+    assert record.rate_hz == 100.0
+    assert [(gap.row, gap.missing) for gap in record.gaps] == [(100, 1)]

@@ -34,3 +34,21 @@ def test_a_channel_that_ends_early_beside_others_is_still_refused(tmp_path):
     path, _, _ = two_tables(tmp_path / "two.csv")
     with pytest.raises(RecordError, match=r"in 40 % of its rows a value is missing"):
         read_record(path, channels=("first", "second"), time_column="t2", skip_missing=True)
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_a_record_whose_first_rows_are_empty_starts_at_the_first_that_is_not(tmp_path, clock):
+    rows = np.random.default_rng(7).standard_normal(200)
+    lines = [
+        "Start time: 2024-04-21 15:00:00",
+        "Sampling rate: 10 Hz",
+        "t,x,y" if clock else "x,y",
+    ]
+    for k, value in enumerate(rows):
+        cells = ["NaN", "NaN"] if k < 20 else [f"{value:.6f}", f"{value / 2:.6f}"]
+        lines.append(",".join([f"{0.1 * k:.1f}"] * clock + cells))
+    path = tmp_path / "late.csv"
+    path.write_text("\n".join(lines) + "\n")
+    record = read_record(path, skip_missing=True)
+    assert (record.rate_hz, len(record.samples)) == (10.0, 180)
+    assert record.start_ns == 1_713_711_600_000_000_000 + 2 * 10**9

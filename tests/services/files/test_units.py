@@ -136,6 +136,34 @@ def test_grams_and_milligauss_are_no_accelerations():
     assert unit_of("g", "magnitude") is not None
 
 
+def test_a_g_that_is_left_is_noted():
+    found = in_si(record(np.ones((2, 3)), ["mG", "g", "g"], ("MagX", "load_cell", "ax")))
+    note = next(text for text in found.notes if "no acceleration" in text)
+    assert "MagX in mG, load_cell in g. If they are accelerations" in note
+    assert "ax" not in note.partition("If they")[0]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "damaged_acc_1", "image_acc", "overload_acc", "reinforced_acc", "imageX", "overload",
+        "reinforced beam", "load_acc_1", "forceAccZ", "AccMag", "gForceX", "G-force", "massif",
+        "payloadAcc", "magnitude", "",
+    ],
+)  # fmt: skip
+def test_g_is_an_acceleration_unless_whole_words_say_otherwise(name):
+    assert unit_of("g", name) == unit_of("g")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["mag", "MAGX", "mag1", "magnetometer_y", "LoadCell", "loadcell2", "force", "Force-1",
+     "MassFlow", "mass_2", "Gesamtgewicht", "Federkraft", "field gauss", "HTTPLoad"],
+)  # fmt: skip
+def test_g_of_a_name_of_another_quantity_is_no_acceleration(name):
+    assert unit_of("g", name) is None
+
+
 @pytest.mark.parametrize("kind", [np.int16, np.float32])
 def test_samples_of_few_bits_stay_small(kind):
     found = in_si(record(np.ones((2, 1), dtype=kind), ["g"]))

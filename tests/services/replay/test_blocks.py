@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from slowtime_schemas.raw import RawHeader, encode_raw
+from slowtime_schemas.raw import ClockCorrection, RawHeader, encode_raw
 from slowtime_schemas.streams import FEATURES, RAW
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import RecordingError, block_of, raw_blocks, record_of
@@ -13,7 +13,16 @@ from slowtime_services.replay import RecordingError, block_of, raw_blocks, recor
 SAMPLES = np.random.default_rng(1).normal(size=(1000, 3)).astype("<f4")
 
 
-def payload(first, last, *, asset="beam", rate_hz=100.0, epoch=None, channels=("x", "y", "z")):
+def payload(
+    first,
+    last,
+    *,
+    asset="beam",
+    rate_hz=100.0,
+    epoch=None,
+    channels=("x", "y", "z"),
+    clock=None,
+):
     samples = SAMPLES[first:last]
     header = RawHeader(
         site="lab",
@@ -31,6 +40,7 @@ def payload(first, last, *, asset="beam", rate_hz=100.0, epoch=None, channels=("
         slow_time=None if epoch is None else float(epoch),
         covariates={"temperature_c": 4.5},
         truth={"stiffness_change": -0.1},
+        clock=None if clock is None else ClockCorrection(relative=clock[0], sd=clock[1]),
     )
     return encode_raw(header, samples.tobytes())
 
@@ -81,6 +91,38 @@ def test_a_record_joins_the_blocks_and_states_the_gaps(tmp_path):
     chosen = record_of(path, channels=("z", "0"))
     assert (chosen.channels, chosen.units) == (("z", "x"), ("mm", "g"))
     np.testing.assert_array_equal(chosen.samples, joined.samples[:, [2, 0]])
+
+
+def test_a_record_has_the_rate_that_its_clock_was_measured_at(tmp_path):
+    clocks = [(0.0, 0.01), (0.02, 0.005), (0.03, 1e-5), (0.03, 1e-5)]
+    path = record(
+        tmp_path / "a.mcap",
+        [payload(250 * i, 250 * (i + 1), clock=clock) for i, clock in enumerate(clocks)],
+    )
+    for joined in (record_of(path), record_of(path, channels=("x",))):
+        assert joined.rate_hz == pytest.approx(103.0, rel=1e-12)
+        assert joined.notes == (
+            "Sampled at 103 Hz, as measured with a standard deviation of 0.001 Hz; the nominal "
+            "rate is 100 Hz.",
+        )
+
+
+def test_a_record_whose_clock_has_changed_has_the_mean_rate_and_a_note(tmp_path):
+    clocks = [(0.0, 0.01), (0.01, 1e-5), (0.03, 1e-5), (0.03, 1e-5)]
+    path = record(
+        tmp_path / "a.mcap",
+        [payload(250 * i, 250 * (i + 1), clock=clock) for i, clock in enumerate(clocks)],
+    )
+    joined = record_of(path)
+    assert joined.rate_hz == pytest.approx(100 * (1 + 0.07 / 3), rel=1e-6)
+    assert "between 101 and 103 Hz" in joined.notes[0]
+    assert "the mean is used" in joined.notes[0]
+
+
+@pytest.mark.parametrize("clock", [None, (0.0, 0.0)])
+def test_a_record_of_the_nominal_rate_says_nothing_of_it(tmp_path, clock):
+    joined = record_of(record(tmp_path / "a.mcap", [payload(0, 1000, clock=clock)]))
+    assert (joined.rate_hz, joined.notes) == (100.0, ())
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,9 @@ import pytest
 import scipy.signal as sps
 
 from slowtime_cli.records import identify_stream
+from slowtime_schemas.raw import ClockCorrection, RawHeader, encode_raw
+from slowtime_schemas.streams import RAW
+from slowtime_services.record import RecordingWriter
 
 RATE = 20.0
 
@@ -27,7 +30,11 @@ def record(path, seconds):
 
 
 def identified(run, path, out, *more):
-    run("identify", path, "--rate-hz", "20", "--out", str(out), *more)
+    return identified_in(run, path, out, "--rate-hz", "20", *more)
+
+
+def identified_in(run, path, out, *more):
+    run("identify", path, "--out", str(out), *more)
     return json.loads(out.read_text())
 
 
@@ -55,6 +62,37 @@ def test_a_stream_says_on_its_way_how_far_it_is_and_what_it_knows(run, tmp_path,
     said = [line for line in done.err.splitlines() if "h read" in line]
     assert len(said) >= 2
     assert re.search(r"1 mode: 2\.(59|60|61)\d\d ± 0\.0\d+ Hz", said[-1])
+
+
+def recording(path, samples, clocks):
+    """A recording of one-minute blocks, each with what was known of its clock."""
+    rows = round(60 * RATE)
+    with RecordingWriter(path) as writer:
+        for i, (relative, sd) in enumerate(clocks):
+            part = samples[rows * i : rows * (i + 1)]
+            header = RawHeader(
+                site="lab", asset="deck", boot="b1", sequence=i, t_ns=10**18 + i * 60 * 10**9,
+                rate_hz=RATE, first_index=rows * i, dtype="<f4", samples=rows,
+                channels=("a", "b"), units=("m/s^2", "m/s^2"),
+                clock=ClockCorrection(relative=relative, sd=sd),
+            )  # fmt: skip
+            writer.write(RAW, "lab", "deck", encode_raw(header, part.tobytes()), header.t_ns)
+    return str(path)
+
+
+@pytest.mark.parametrize("how", ["--stream", "--whole"])
+def test_frequencies_of_a_recording_are_those_of_its_measured_clock(run, tmp_path, how):
+    samples = np.load(record(tmp_path / "nominal.npy", 900))
+    clocks = [(0.0, 0.01), *[(0.03, 1e-5)] * 14]
+    path = recording(tmp_path / "a.mcap", samples, clocks)
+    band = ("--band-hz", "1.4", "3.2", *(("--method", "modes") * (how == "--whole")))
+    known = identified_in(run, path, tmp_path / "a.json", how, *band)
+    nominal = identified_in(run, path, tmp_path / "b.json", "--rate-hz", "20", how, *band)
+    assert (known["rate_hz"], nominal["rate_hz"]) == (pytest.approx(20.6), 20.0)
+    for told, true in ((known, 2.6 * 1.03), (nominal, 2.6)):
+        off = [abs(mode["frequency_hz"]["value"] - true) for mode in told["modes"]]
+        assert min(off) < 0.02
+    assert any("the nominal rate is 20 Hz" in text for text in known["assumptions"])
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from slowtime.signals.block import Block
+from slowtime.signals.block import Block, RateCorrection
 from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.record import RecordingWriter
 from twin_server.diagnose import NoSamplesError, Task, pieces_of, within
-from twin_server.diagnose.samples import held_back
+from twin_server.diagnose.samples import bounded, held_back
 from twin_server.diagnose.samples_diagnosis import _pieces
 from twin_server.orders import DiagnosisOrder
 
@@ -16,8 +16,9 @@ RATE = 100.0
 SECOND = 10**9
 
 
-def block(first, count=100, *, epoch=None, start_s=None, channels=("a", "u")):
-    begins = first / RATE if start_s is None else start_s
+def block(first, count=100, *, epoch=None, start_s=None, channels=("a", "u"), clock=None):
+    rate = RATE if clock is None else RATE * (1 + clock[0])
+    begins = first / rate if start_s is None else start_s
     return Block(
         samples=np.full((count, len(channels)), float(first)),
         rate_hz=RATE,
@@ -26,6 +27,7 @@ def block(first, count=100, *, epoch=None, start_s=None, channels=("a", "u")):
         channels=channels,
         units=("m/s^2", "N")[: len(channels)],
         epoch=epoch,
+        clock=None if clock is None else RateCorrection(relative=clock[0], sd=clock[1]),
     )
 
 
@@ -53,6 +55,27 @@ def test_a_span_cuts_records_to_the_sample():
     assert [piece.record.start_ns for piece in cut] == [SECOND, 4 * SECOND]
     assert lengths(within(pieces, None, None)) == [300, 300]
     assert within(pieces, 100 * SECOND, None) == []
+
+
+def test_pieces_have_the_measured_rate_of_their_device():
+    vague, known = (0.0, 0.01), (0.03, 1e-5)
+    pieces = pieces_of([block(0, 300, clock=vague), block(400, 412, clock=known)])
+    assert [piece.record.rate_hz for piece in pieces] == [103.0, 103.0]
+    assert all("nominal rate is 100 Hz" in piece.record.notes[0] for piece in pieces)
+    cut = within(pieces, round(400 / 103 * SECOND) + SECOND, None)
+    assert lengths(cut) == [309]
+    assert cut[0].seconds == pytest.approx(3.0)
+    assert cut[0].record.notes == pieces[1].record.notes
+
+
+def test_pieces_whose_clocks_contradict_each_other_have_rates_of_their_own():
+    pieces = pieces_of([block(0, clock=(0.01, 1e-5)), block(200, clock=(0.03, 1e-5))])
+    assert [piece.record.rate_hz for piece in pieces] == [101.0, 103.0]
+
+
+def test_samples_are_counted_in_true_seconds():
+    blocks = [block(103 * i, 103, clock=(0.03, 1e-5)) for i in range(10)]
+    assert len(list(bounded(blocks, 10**6, 10.0))) == 10
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,8 @@ class _JsonDecoder:
     def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
         told = json.loads(data)
         parts = told if isinstance(told, list) else [told]
-        return [batch for part in parts for batch in self._part(part, arrival_ns)]
+        batches = [batch for part in parts for batch in self._part(part, arrival_ns)]
+        return _joined(batches) if self._by_message else batches
 
     def _part(self, part: Any, arrival_ns: int) -> list[Batch]:
         rows: Rows
@@ -96,7 +97,7 @@ class _JsonDecoder:
             return [Batch(rows, arrival_ns, counter, stamp, at, self._lane)]
         return split(
             rows, _each(counters, len(rows)), _each(stamps, len(rows)), arrival_ns,
-            self._modulus, self._lane,
+            self._modulus, self._lane, by_message=self._by_message,
         )  # fmt: skip
 
 
@@ -106,6 +107,7 @@ class _CsvDecoder:
         self._counter, self._stamp, channels = layout.places
         self._channels = [channels[n] for n in columns]
         self._modulus = 2 ** (64 if layout.counter is None else layout.counter.bits)
+        self._by_message = layout.counter is not None and layout.counter.counts == "messages"
 
     def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
         rows, counters, stamps = [], [], []
@@ -115,14 +117,15 @@ class _CsvDecoder:
             cells = line.split(None if self._delimiter == " " else self._delimiter)
             rows.append([float(cells[n]) for n in self._channels])
             if self._counter is not None:
-                counters.append(_integer(float(cells[self._counter])))
+                counters.append(_whole_number(cells[self._counter]))
             if self._stamp is not None:
                 stamps.append(_whole_text(cells[self._stamp]))
         if not rows:
             raise GarbledError("It has no line of numbers.")
         return split(
-            rows, counters or None, stamps or None, arrival_ns, self._modulus, self._lane
-        )
+            rows, counters or None, stamps or None, arrival_ns, self._modulus, self._lane,
+            by_message=self._by_message,
+        )  # fmt: skip
 
 
 def split(
@@ -132,8 +135,13 @@ def split(
     arrival_ns: int,
     modulus: int,
     lane: int,
+    *,
+    by_message: bool = False,
 ) -> list[Batch]:
-    """Cut rows with a counter each where it does not go on by one; with stamps alone, each."""
+    """Cut rows with a counter each where it does not go on by one; with stamps alone, each.
+
+    A counter of messages is the same in all rows of a message: rows are cut where it changes.
+    """
     if len(rows) == 1 or (counters is None and stamps is None):
         return [
             Batch(
@@ -145,10 +153,11 @@ def split(
                 lane,
             )
         ]
+    goes_on = 0 if by_message else 1
     cuts = [
         n
         for n in range(1, len(rows))
-        if counters is None or (counters[n] - counters[n - 1]) % modulus != 1
+        if counters is None or (counters[n] - counters[n - 1]) % modulus != goes_on
     ]
     return [
         Batch(
@@ -161,6 +170,17 @@ def split(
         )
         for begin, end in zip([0, *cuts], [*cuts, len(rows)], strict=True)
     ]
+
+
+def _joined(batches: Sequence[Batch]) -> list[Batch]:
+    """Join batches in a row that have the same counter of messages."""
+    out: list[Batch] = []
+    for batch in batches:
+        if out and batch.counter == out[-1].counter:
+            out[-1] = out[-1]._replace(rows=np.concatenate([out[-1].rows, batch.rows]))
+        else:
+            out.append(batch)
+    return out
 
 
 def _path(place: str | int | None, otherwise: str) -> list[str]:
@@ -199,6 +219,14 @@ def _integer(value: Any) -> int:
     if type(value) is float and value.is_integer():
         return int(value)
     raise GarbledError(f"{value!r:.40} is not a whole number.")
+
+
+def _whole_number(text: str) -> int:
+    """Read a counter; as a float, one of 64 bits would lose its last digits."""
+    try:
+        return int(text)
+    except ValueError:
+        return _integer(float(text))
 
 
 def _whole_text(text: str) -> int:

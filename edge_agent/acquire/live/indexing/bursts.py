@@ -3,13 +3,15 @@
 import collections
 
 PAUSE_S = 0.25
-"""Pause that a burst may follow, at least [s]."""
+"""Pause that a burst may follow, at least [s]. Source: judgement; no study is recorded."""
 
 SPACINGS = 8
-"""Pause that a burst may follow, at least, in spacings of what arrives at once."""
+"""Pause that a burst may follow, at least, in spacings of what arrives at once [1]. Source:
+judgement; no study is recorded."""
 
 MADE_UP, WITHIN = 0.5, 0.25
-"""A burst makes up for this part of a pause within this part of its length [1]."""
+"""A burst makes up for this part of a pause within this part of its length [1]. Source:
+judgement; no study is recorded."""
 
 
 class Bursts:
@@ -64,6 +66,8 @@ class Backlog:
     """
 
     SPAN_S, FEWEST, FASTER = 0.5, 3, 1.5
+    """Time [s] and messages [1] over which arrivals are counted, and their rate over the
+    nominal one [1] beyond which a queue is read. Source: judgement; no study is recorded."""
 
     def __init__(self, rate_hz: float) -> None:
         self.lasts = True

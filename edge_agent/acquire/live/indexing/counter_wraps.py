@@ -15,19 +15,23 @@ from edge_agent.acquire.live.batch import Batch
 from .delays import Delays
 
 JITTER_S = 0.05
-"""Least delays of half a second and of the time before it differ by less."""
+"""Least delays of half a second and of the time before it differ by less [s]. Source:
+judgement; no study is recorded."""
 
 SETTLE_S = 0.5
-"""For so long nothing may have been made up for, before a delay is thought to be none."""
+"""For so long nothing may have been made up for, before a delay is thought to be none [s].
+Source: judgement; no study is recorded."""
 
 QUEUE_S = 0.2
-"""A message that was delayed by so much more than those after it was held back with them."""
+"""A message that was delayed by so much more than those after it was held back with them [s].
+Source: judgement; no study is recorded."""
 
 CHANCE = 0.25
-"""Share of a wrap that arrivals are inexact by, beyond which they do not tell wraps."""
+"""Share of a wrap that arrivals are inexact by [1], beyond which they do not tell wraps.
+Source: judgement; no study is recorded."""
 
 LONGEST_S = 5.0
-"""So long batches wait at most."""
+"""So long batches wait at most [s]. Source: judgement; no study is recorded."""
 
 
 class PauseVerdict(NamedTuple):

@@ -13,13 +13,16 @@ from .positions import FOLLOWS_WITHIN, Numbered, Placement, Step
 logger = logging.getLogger(__name__)
 
 PAUSE_S = 0.5
-"""A device that starts takes longer than this, and one that only sends late hardly does."""
+"""A device that starts takes longer than this [s], and one that only sends late hardly does.
+Source: judgement; no study is recorded."""
 
 FEW = 4
-"""A counter that has just begun is below this; the first samples may be lost."""
+"""A counter that has just begun is below this [counts]; the first samples may be lost. Source:
+judgement; no study is recorded."""
 
 RECENT = 64
-"""Messages and gaps that are remembered, to recognise what comes again or late."""
+"""Messages and gaps that are remembered [1], to recognise what comes again or late. Source:
+judgement; no study is recorded."""
 
 
 class ByCounter(Numbered):

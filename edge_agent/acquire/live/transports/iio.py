@@ -15,13 +15,9 @@ from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, JsonLayout, Stamp
 from slowtime_services.clock import Clock
 
+from .limits import AT_ONCE, POLL_S
+
 logger = logging.getLogger(__name__)
-
-POLL_S = 0.2
-"""Time that data are waited for before `stop` is looked at [s]."""
-
-AT_ONCE = 65_536
-"""Bytes that are read at once, at most."""
 
 UNITS = {"accel": "m/s^2", "anglvel": "rad/s", "voltage": "mV", "magn": "G", "temp": "mdegC"}
 """Units after scale and offset, by kind of channel, as the kernel's documents fix them."""

@@ -16,8 +16,7 @@ from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
-POLL_S = 0.2
-"""Time that data are waited for before `stop` is looked at [s]."""
+from .limits import POLL_S
 
 CONNECT_S = 10.0
 """Time that the broker has for its answer to a connection [s]."""

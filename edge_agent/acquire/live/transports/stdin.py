@@ -11,11 +11,7 @@ from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
-AT_ONCE = 65_536
-"""Bytes that are read at once, at most."""
-
-POLL_S = 0.2
-"""Time that data are waited for before `stop` is looked at [s]."""
+from .limits import AT_ONCE, POLL_S
 
 
 class StandardInput:

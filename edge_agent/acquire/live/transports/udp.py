@@ -9,7 +9,8 @@ from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import Clock
 
-from .tcp import POLL_S, Address, address_of
+from .limits import POLL_S
+from .tcp import Address, address_of
 
 LARGEST = 65_535
 """Bytes of the largest datagram of UDP over IPv4, header included."""

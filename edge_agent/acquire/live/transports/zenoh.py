@@ -17,8 +17,7 @@ from slowtime_schemas.streams import SAMPLES
 from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
 from slowtime_services.clock import Clock
 
-POLL_S = 0.2
-"""Time that data are waited for before `stop` is looked at [s]."""
+from .limits import POLL_S
 
 MOST_BYTES = 64 * 2**20
 """That wait between a thread of the bus and the reader."""

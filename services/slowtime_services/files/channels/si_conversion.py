@@ -199,9 +199,9 @@ def _conversion_notes(
     targets: Sequence[str],
     scales: dict[int, _Given],
 ) -> list[str]:
-    """Describe the conversions, and volts that were not converted."""
+    """Describe the conversions, and volts and g that were not converted."""
     groups: dict[tuple[str, str, float], list[str]] = {}
-    volts = []
+    volts, contradicted = [], []
     for column, (name, unit) in enumerate(zip(channels, units, strict=True)):
         if factors[column] != 1.0:
             by_scale = column in scales and unit_of(unit, name) is None
@@ -209,6 +209,8 @@ def _conversion_notes(
             groups.setdefault((targets[column], of, factors[column]), []).append(name)
         elif unit.strip("[]() ").casefold() in VOLTS:
             volts.append(name)
+        elif unit_of(unit) is not None and unit_of(unit, name) is None:
+            contradicted.append(f"{name} in {unit}")
     notes = [
         f"Converted to {target}: {_listed(names)} from {unit} (times {factor:.9g})."
         for (target, unit, factor), names in groups.items()
@@ -218,6 +220,12 @@ def _conversion_notes(
             f"Left in volts, because no sensitivity is known: {_listed(volts)}. "
             "Frequencies do not depend on it; for accelerations, give --sensitivity, "
             "such as 100mV/g."
+        )
+    if contradicted:
+        notes.append(
+            "Left as they are, because their names tell of no acceleration: "
+            f"{_listed(contradicted)}. If they are accelerations, say so in their names, such "
+            "as acc_1, with --columns."
         )
     return notes
 

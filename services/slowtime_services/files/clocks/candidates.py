@@ -13,6 +13,7 @@ from slowtime_services.files.times.time_axis import (
     TimeAxis,
     looks_like_time,
     read_time,
+    signed,
     unwrapped,
 )
 from slowtime_services.files.times.time_units import is_time_name, scale_of, words_of
@@ -192,7 +193,7 @@ def _counted(
     stated_rate_hz: float | None,
 ) -> Clock | RecordError:
     """Read a clock of numbers."""
-    values, notes = column.values, ()
+    values, notes = signed(column.values), ()
     if not np.isfinite(values.astype(float)).all():
         return RecordError(
             f"Column {name!r}, the clock, has values that are missing. Fill them in, or "

@@ -118,9 +118,10 @@ def _said(key: Key) -> str:
 def _column(one: Series) -> Column:
     values = np.asarray(one.values)
     if one.stamps:
+        values = values.astype(np.int64)
         steps = np.diff(values)
         steps = steps[steps > 0]
         quantum = int(np.gcd.reduce(steps[:1000])) if len(steps) else 1
-        stamps = Stamps(values.astype(np.int64), True, True, max(quantum, 1))
-        return Column(one.name, "", values.astype(np.int64), "stamp", stamps)
+        stamps = Stamps(values, True, True, max(quantum, 1))
+        return Column(one.name, "", values, "stamp", stamps)
     return Column(one.name, one.unit, as_double(values))

@@ -14,6 +14,7 @@ __all__ = [
     "is_time_name",
     "looks_like_time",
     "read_time",
+    "signed",
     "unit_scale",
     "unwrapped",
 ]
@@ -96,6 +97,15 @@ def _is_counter(values: Float[np.ndarray, " time"]) -> bool:
     return bool(values[0] in (0.0, 1.0) and (np.diff(values) == 1.0).all())
 
 
+def signed(values: Shaped[np.ndarray, " time"]) -> Shaped[np.ndarray, " time"]:
+    """Return whole numbers as int64, in which steps backwards are below zero.
+
+    Steps across 2**63 and 2**64 are right, as int64 wraps; only the numbers themselves are then
+    those minus 2**64.
+    """
+    return values.astype(np.int64) if values.dtype.kind in "iu" else values
+
+
 def unwrapped(
     values: Shaped[np.ndarray, " time"], period: float | None = None
 ) -> tuple[Shaped[np.ndarray, " time"], float | None]:
@@ -111,7 +121,7 @@ def unwrapped(
     """
     if values.dtype.kind not in "fiu" or len(values) < 3:
         return values, None
-    whole = values.astype(np.int64) if values.dtype.kind in "iu" else values
+    whole = signed(values)
     steps = np.diff(whole)
     back = np.flatnonzero(steps < 0)
     if not back.size or back.size > len(values) // 8:
@@ -161,6 +171,7 @@ def read_time(
     """
     if len(values) < 2:
         raise RecordError("One sample has no rate. Give a record of at least two rows.")
+    values = signed(values)
     seconds = np.asarray(values - values[0], dtype=float) * scale
     digit = (quantum if quantum is not None else _quantum(values)) * scale
     notes: tuple[str, ...] = ()

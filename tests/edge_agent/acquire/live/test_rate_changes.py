@@ -9,7 +9,6 @@ from edge_agent.acquire import LiveSource
 from edge_agent.acquire.live.batch import Packet
 from edge_agent.acquire.live.registry import Opened
 from edge_agent.inputs import LiveInput
-from slowtime_services.clock import HandClock
 
 from .devices import START_NS
 
@@ -39,7 +38,7 @@ def blocks_of(taken_s, seed=0):
     live = LiveInput.of(f"stdin:?layout=csv&counter=0&channels=x&rate_hz={NOMINAL_HZ}")
     came = Arrivals(np.asarray(taken_s), np.random.default_rng(seed))
     opened = Opened(came, live.layout, NOMINAL_HZ)
-    source = LiveSource(live, opened, HandClock(START_NS), threading.Event())
+    source = LiveSource(live, opened, threading.Event())
     return list(source), source.counts()
 
 

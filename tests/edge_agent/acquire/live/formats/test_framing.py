@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from edge_agent.acquire.live.batch import GarbledError
+from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.acquire.live.formats.decoding import decoder_of
 from edge_agent.acquire.live.formats.framing import framer_of
 from edge_agent.acquire.live.formats.packed import checksum
-from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
+from edge_agent.acquire.live.indexing.assembly import Assembler
+from edge_agent.acquire.live.indexing.counters import ByCounter
+from edge_agent.layouts import Counter, CsvLayout, JsonLayout, PackedLayout
 
 CHANNELS = [{"name": name} for name in "xyz"]
 
@@ -119,6 +122,47 @@ def test_lines_of_one_message_are_cut_where_their_counter_is():
     )
     batches = decoder_of(layout)(b"0,254,1\n1,255,2\n2,0,3\n3,9,4\n", 0)
     assert [(batch.counter, len(batch.rows)) for batch in batches] == [(254, 3), (9, 1)]
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [
+        (CsvLayout, b"7,1\n7,2\n7,3\n8,4"),
+        (JsonLayout, b'{"n": [7, 7, 7, 8], "x": [1, 2, 3, 4]}'),
+        (JsonLayout, b'[{"n": 7, "x": [1, 2]}, {"n": 7, "x": 3}, {"n": 8, "x": 4}]'),
+    ],
+)
+def test_rows_that_have_one_counter_of_messages_are_one_batch(layout, message):
+    at = "n" if layout is JsonLayout else 0
+    given = layout(channels=[{"name": "x"}], counter={"at": at, "counts": "messages"})
+    batches = decoder_of(given)(message, 0)
+    assert [batch.counter for batch in batches] == [7, 8]
+    assert [np.ravel(batch.rows).tolist() for batch in batches] == [[1, 2, 3], [4]]
+
+
+def test_no_sample_of_lines_with_a_counter_of_messages_is_overwritten():
+    counter = Counter(at=0, counts="messages")
+    layout = CsvLayout(channels=[{"name": "x"}], counter=counter)
+    decode, tally = decoder_of(layout), SampleCounts()
+    positions = ByCounter(counter, 100.0, 25, tally)
+    assembler, values = Assembler(((0,),), 10, 25, tally), []
+    for number in range(20):
+        lines = b"\n".join(b"%d,%d" % (number, 10 * number + row) for row in range(10))
+        for batch in decode(lines, 10**18 + number * 10**8):
+            for placed in positions.place(batch):
+                assembler.put(placed.first_index, placed.batch.rows)
+    for run in assembler.take(all_of_it=True):
+        values += run.rows[:, 0].tolist()
+    assert values == list(range(200))
+    assert tally["samples_duplicated"] == 0
+
+
+def test_a_counter_of_64_bits_in_a_line_keeps_its_last_digit():
+    layout = CsvLayout(channels=[{"name": "x"}], counter={"at": 0})
+    batches = decoder_of(layout)(b"9007199254740993,1\n9007199254740994,2\n7.0,3", 0)
+    assert [batch.counter for batch in batches] == [9007199254740993, 7]
+    with pytest.raises(GarbledError, match=r"7\.5 is not a whole number"):
+        decoder_of(layout)(b"7.5,1", 0)
 
 
 HOSTILE = [
