@@ -208,8 +208,10 @@ def _record(
 
 
 def _without_rate(file: str, sheet: Sheet) -> RecordError:
+    doubtful = ", ".join(f"{f.text!r} (line {f.line})" for f in sheet.facts.doubtful[:3])
+    may = f" What its heading states, {doubtful}, may be of something else." if doubtful else ""
     return RecordError(
-        f"{file} does not say how often it was sampled: {no_clock(sheet)}. "
+        f"{file} does not say how often it was sampled: {no_clock(sheet)}.{may} "
         "Give --rate-hz, or name the clock with --time-column."
     )
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from slowtime_services.files.binary.signatures import refuse_binary
 from slowtime_services.files.formats import FORMATS
 from slowtime_services.files.headings.common_unit import stated_unit
-from slowtime_services.files.headings.sampling import Facts, find_facts
+from slowtime_services.files.headings.sampling import find_facts
 from slowtime_services.files.headings.start_time import stated_start
 from slowtime_services.files.record import RecordError, looks_like_unit
 from slowtime_services.files.sheet import Column, ColumnKind, Sheet
@@ -107,10 +107,10 @@ def _read_table(
     dialect, preamble = layout.dialect, lines[: layout.first]
     names, units = read_heading(preamble, dialect, len(layout.kinds))
     lines, footer = _without_footer(lines, layout)
-    facts = find_facts(preamble, dialect.decimal)
+    mark = dialect.delimiter
+    facts = find_facts(preamble, dialect.decimal, 1, mark)
     if footer:
-        below = find_facts(footer, dialect.decimal, len(lines) + 1)
-        facts = Facts((*facts.found, *below.found), max(facts.factor, below.factor))
+        facts = facts.joined(find_facts(footer, dialect.decimal, len(lines) + 1, mark))
     named = bool(names) and any(names)
     start_ns, said = stated_start([*preamble, *footer], date_order)
     rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
