@@ -2,12 +2,14 @@
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Shaped
 
 from slowtime_services.files.record import RecordError, find_column
 from slowtime_services.files.sheet import Column, Sheet
+from slowtime_services.files.times.other_axes import is_other_axis
 from slowtime_services.files.times.stamps import DAY_NS, Stamps
 from slowtime_services.files.times.time_axis import (
     TimeAxis,
@@ -48,6 +50,8 @@ class Clock:
         Whether unit and form are stated by the file.
     named
         Whether the file calls it a time.
+    kind
+        Whether its values are dates and times, or counts.
     """
 
     columns: tuple[int, ...]
@@ -60,6 +64,7 @@ class Clock:
     sure: bool
     named: bool
     notes: tuple[str, ...] = ()
+    kind: Literal["stamps", "numbers"] = "numbers"
 
     def axis(self, first_line: int) -> TimeAxis:
         """Rate, start and gaps by this clock."""
@@ -171,8 +176,15 @@ def _clocks(
     for place, column in enumerate(columns):
         if column.kind != "number" or is_time_name(names[place]) or not _rises(column.values):
             continue
+        if is_other_axis(names[place], column.unit):
+            continue
         if looks_like_time(column.values.astype(float)):
             yield _counted(place, names[place], column, False, unit, stated_rate_hz)
+
+
+def clock_of_numbers(place: int, name: str, column: Column) -> Clock | RecordError:
+    """Make a clock of a column of numbers by its own name and unit."""
+    return _counted(place, name, column, True, None, None)
 
 
 def _rises(values: Shaped[np.ndarray, " time"]) -> bool:
@@ -272,7 +284,7 @@ def _stamped(
                 _combine_date_and_time(columns[beside].stamps, stamps),
                 (beside, place),
             )
-        yield _clock_of(used, names[place], stamps)
+        yield clock_of_stamps(used, names[place], stamps)
 
 
 def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
@@ -280,7 +292,8 @@ def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
     return Stamps(date.ns + time.ns, True, time.zoned, time.quantum_ns, date.ambiguous)
 
 
-def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
+def clock_of_stamps(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
+    """Make a clock of dates and times, or of times of day."""
     values, notes = stamps.ns, []
     if not stamps.dated:
         for period, what in ((DAY_NS, "midnight"), (HOUR_NS, "the hour")):
@@ -314,6 +327,7 @@ def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
         True,
         True,
         tuple(notes),
+        kind="stamps",
     )
 
 

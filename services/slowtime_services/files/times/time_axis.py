@@ -162,7 +162,7 @@ def read_time(
     if len(values) < 2:
         raise RecordError("One sample has no rate. Give a record of at least two rows.")
     seconds = np.asarray(values - values[0], dtype=float) * scale
-    digit = (quantum if quantum is not None else _quantum(values)) * scale
+    digit = (quantum if quantum is not None else printed_digit(values)) * scale
     notes: tuple[str, ...] = ()
     count = len(values)
     instants = np.arange(count)
@@ -392,7 +392,7 @@ def _refuse_bursts(
     )
 
 
-def _quantum(values: Shaped[np.ndarray, " time"]) -> float:
+def printed_digit(values: Shaped[np.ndarray, " time"]) -> float:
     """Step of the last digit in which times are written, in counts; 0 where they have all."""
     if values.dtype.kind in "iu":
         return 1.0
