@@ -85,7 +85,7 @@ def read_record(
     time_unit
         Unit of that column: s, ms, us, ns, min, h or d; None to find out.
     date_order
-        Whether day (``"dmy"``) or month (``"mdy"``) comes first in dates with slashes.
+        Order of day, month and year in dates of numbers: ``"dmy"``, ``"mdy"``, ``"ymd"``.
     wrapped
         Whether all columns are one series, several values a line; None to find out.
     keep

@@ -16,6 +16,7 @@ from slowtime_services.files.headings.start_time import stated_start
 from slowtime_services.files.record import RecordError, looks_like_unit
 from slowtime_services.files.sheet import Column, ColumnKind, Sheet
 from slowtime_services.files.times.stamps import DateOrder, read_stamps
+from slowtime_services.files.times.zones import stated_zone
 
 from .delimited.column_names import read_heading
 from .delimited.dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
@@ -41,7 +42,7 @@ def read_text(
     skip_lines
         Lines before the first row; found out if None.
     date_order
-        Whether day or month comes first in dates with slashes; found out if None.
+        Order of day, month and year in dates with slashes; found out if None.
 
     Raises
     ------
@@ -112,7 +113,8 @@ def _read_table(
     if footer:
         facts = facts.joined(find_facts(footer, dialect.decimal, len(lines) + 1, mark))
     named = bool(names) and any(names)
-    start_ns, said = stated_start([*preamble, *footer], date_order)
+    zone = stated_zone([*preamble, *footer])
+    start = stated_start([*preamble, *footer], date_order, zone)
     rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
     columns, tail, notes = rows.read()
     return Sheet(
@@ -121,8 +123,10 @@ def _read_table(
         facts=facts,
         tail=tail,
         unit=stated_unit(preamble),
-        start_ns=start_ns,
-        start_said=said,
+        start_ns=start.ns,
+        start_said=start.said,
+        start_zone=start.zone,
+        zone=zone,
         notes=notes,
         first_line=layout.first + 1,
     )

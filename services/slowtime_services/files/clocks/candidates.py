@@ -18,8 +18,10 @@ from slowtime_services.files.times.time_axis import (
     unwrapped,
 )
 from slowtime_services.files.times.time_units import is_time_name, scale_of, words_of
+from slowtime_services.files.times.zones import Zone, zone_in
 
 HOUR_NS = DAY_NS // 24
+DAY_S = 86400.0
 FEWEST_STEADY = 3
 _PARTS = (
     ("year", "yyyy", "yy", "jahr"), ("month", "mon", "mm", "mo", "monat"),
@@ -160,17 +162,18 @@ def _clocks(
 ) -> Iterator[Clock | RecordError]:
     """All that may be a clock, the likeliest first."""
     columns = sheet.columns
-    yield from _stamped(columns, names, only)
-    yield from _six_column_clock(columns, names, only)
+    yield from _stamped(columns, names, only, sheet.zone)
+    yield from _six_column_clock(columns, names, only, sheet.zone)
     for place, column in enumerate(columns):
         if column.kind != "number" or (only is not None and place != only):
             continue
         named = is_time_name(names[place])
         if only is None and not (named and _rises(column.values)):
             continue
-        yield _counted(
+        counted = _counted(
             place, names[place], column, named or only is not None, unit, stated_rate_hz
         )
+        yield _in_zone(counted, _zone_of(column, sheet.zone))
     if only is not None or len(columns) == 1:
         return
     for place, column in enumerate(columns):
@@ -267,7 +270,7 @@ def _hours_minutes(
 
 
 def _stamped(
-    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
 ) -> Iterator[Clock | RecordError]:
     """Clocks of dates and times, a date beside its time joined."""
     dates = [i for i, column in enumerate(columns) if column.kind == "date"]
@@ -284,7 +287,8 @@ def _stamped(
                 _combine_date_and_time(columns[beside].stamps, stamps),
                 (beside, place),
             )
-        yield clock_of_stamps(used, names[place], stamps)
+        own = next((z for i in reversed(used) if (z := _zone_of(columns[i], None))), zone)
+        yield clock_of_stamps(used, names[place], stamps, own)
 
 
 def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
@@ -292,7 +296,25 @@ def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
     return Stamps(date.ns + time.ns, True, time.zoned, time.quantum_ns, date.ambiguous)
 
 
-def clock_of_stamps(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
+def _zone_of(column: Column, otherwise: Zone | None) -> Zone | None:
+    """Return the time zone that a column states in its name or as its unit."""
+    return zone_in(f"{column.name} [{column.unit}]") or otherwise
+
+
+def _in_zone(clock: Clock | RecordError, zone: Zone | None) -> Clock | RecordError:
+    """Return a clock of whole days, which count in the zone of the file; others are in UTC."""
+    if isinstance(clock, RecordError) or clock.origin_ns is None or clock.scale != DAY_S:
+        return clock
+    if zone is None:
+        return clock
+    return dataclasses.replace(
+        clock, origin_ns=clock.origin_ns - zone.ahead_ns, said=f"{clock.said}, {zone.said}"
+    )
+
+
+def clock_of_stamps(
+    used: tuple[int, ...], name: str, stamps: Stamps, zone: Zone | None = None
+) -> Clock:
     """Make a clock of dates and times, or of times of day."""
     values, notes = stamps.ns, []
     if not stamps.dated:
@@ -310,10 +332,13 @@ def clock_of_stamps(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
     if stamps.ambiguous:
         origin = None
         notes.append(
-            f"Dates such as {stamps.ambiguous} may begin with the day or the month, so "
-            "the start time is not taken from them. State the order with --date-order "
-            "dmy or mdy."
+            f"Dates such as {stamps.ambiguous} may begin with the day, the month or the year, "
+            "so the start time is not taken from them. State the order with --date-order dmy, "
+            "mdy or ymd."
         )
+    elif stamps.dated and not stamps.zoned and zone is not None and origin is not None:
+        origin -= zone.ahead_ns
+        said += f" {zone.said}"
     elif stamps.dated and not stamps.zoned:
         said += " in UTC, because no time zone is stated"
     return Clock(
@@ -332,7 +357,7 @@ def clock_of_stamps(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
 
 
 def _six_column_clock(
-    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
 ) -> Iterator[Clock | RecordError]:
     """Read a clock of six columns: year, month, day, hour, minute, second."""
     if only is not None or len(columns) < 7:
@@ -356,6 +381,8 @@ def _six_column_clock(
             return
         within = (hour * 60 + minute) * 60 * 1e9 + np.round(second * 1e9)
         ns = days * DAY_NS + within.astype(np.int64)
-        said = f"{names[first]!r} to {names[first + 5]!r} as date and time in UTC"
-        yield Clock(tuple(part), names[first + 5], ns, 1e-9, int(ns[0]), None, said, True, True)
+        said = f"{names[first]!r} to {names[first + 5]!r} as date and time "
+        said += "in UTC" if zone is None else zone.said
+        start = int(ns[0]) - (zone.ahead_ns if zone is not None else 0)
+        yield Clock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
         return

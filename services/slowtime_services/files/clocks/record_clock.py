@@ -114,7 +114,7 @@ def start_of(
         late_s = abs(float(told.clock.values[0])) * told.clock.scale
         if late_s > FAR_S + FAR * len(told.clock.values) / axis.rate_hz:
             return None, ()  # counted from power-on or the like, of which the heading tells not
-    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), in UTC",)
+    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), {sheet.start_zone}",)
 
 
 def _heading_instead(facts: Facts, refusal: RecordError) -> str:
