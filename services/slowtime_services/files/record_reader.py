@@ -152,7 +152,7 @@ def _record(
     told = clock_of_sheet(sheet, said)
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
     if said.rate_hz is None:
-        refuse_several_sensors(file, sheet)
+        refuse_several_sensors(file, sheet, told.columns)
     lost = rows_missing(file, sheet, kept, missing)
     rows = np.arange(len(lost))[~lost]
     if missing.skip and lost.any():

@@ -17,8 +17,16 @@ from slowtime_services.files.times.time_axis import (
     read_time,
     unwrapped,
 )
-from slowtime_services.files.times.time_units import is_time_name, scale_of, words_of
+from slowtime_services.files.times.time_units import (
+    FIRST_EPOCH_S,
+    LAST_EPOCH_S,
+    is_time_name,
+    scale_of,
+    words_of,
+)
 from slowtime_services.files.times.zones import Zone, zone_in
+
+from .fractions import fraction_beside, whole_seconds
 
 HOUR_NS = DAY_NS // 24
 DAY_S = 86400.0
@@ -164,6 +172,7 @@ def _clocks(
     columns = sheet.columns
     yield from _stamped(columns, names, only, sheet.zone)
     yield from _six_column_clock(columns, names, only, sheet.zone)
+    yield from _seconds_and_fractions(columns, names, only)
     for place, column in enumerate(columns):
         if column.kind != "number" or (only is not None and place != only):
             continue
@@ -274,8 +283,10 @@ def _stamped(
 ) -> Iterator[Clock | RecordError]:
     """Clocks of dates and times, a date beside its time joined."""
     dates = [i for i, column in enumerate(columns) if column.kind == "date"]
+    if any(column.kind == "clock" for column in columns):
+        dates += [i for i, column in enumerate(columns) if _is_midnights(column)]
     for place, column in enumerate(columns):
-        if column.stamps is None or column.kind == "date":
+        if column.stamps is None or place in dates:
             continue
         if only is not None and place != only and only not in dates:
             continue
@@ -288,7 +299,53 @@ def _stamped(
                 (beside, place),
             )
         own = next((z for i in reversed(used) if (z := _zone_of(columns[i], None))), zone)
-        yield clock_of_stamps(used, names[place], stamps, own)
+        clock = clock_of_stamps(used, names[place], stamps, own)
+        yield _with_fraction(clock, columns, names, place)
+
+
+def _is_midnights(column: Column) -> bool:
+    """Whether stamps are dates that a spreadsheet wrote with a time of zero."""
+    return column.kind == "stamp" and not (column.values % DAY_NS).any()
+
+
+def _with_fraction(
+    clock: Clock, columns: Sequence[Column], names: tuple[str, ...], place: int
+) -> Clock:
+    """Add the fractions of a second that stand in a column behind whole seconds."""
+    part = fraction_beside(columns, names, place, clock.values, unnamed=True)
+    if part is None:
+        return clock
+    start = None if clock.origin_ns is None else clock.origin_ns + int(part.ns[0])
+    return dataclasses.replace(
+        clock,
+        columns=(*clock.columns, part.place),
+        values=clock.values + part.ns,
+        origin_ns=start,
+        quantum=float(part.unit_ns),
+        said=f"{clock.said}, with {names[part.place]!r} as fractions of a second",
+    )
+
+
+def _seconds_and_fractions(
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+) -> Iterator[Clock]:
+    """Clocks of whole seconds as numbers, and of fractions behind them."""
+    for place, column in enumerate(columns):
+        if only is not None and place != only:
+            continue
+        seconds = whole_seconds(column, names[place])
+        if seconds is None:
+            continue
+        part = fraction_beside(columns, names, place, seconds, unnamed=False)
+        if part is None:
+            continue
+        values = seconds + part.ns
+        dated = FIRST_EPOCH_S <= seconds[0] / 1e9 <= LAST_EPOCH_S
+        said = f"{names[place]!r} as seconds{' since 1970' if dated else ''}"
+        said += f", with {names[part.place]!r} as fractions of a second"
+        used, start = (place, part.place), int(values[0]) if dated else None
+        digit = float(part.unit_ns)
+        yield Clock(used, names[place], values, 1e-9, start, digit, said, True, True)
 
 
 def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
@@ -384,5 +441,6 @@ def _six_column_clock(
         said = f"{names[first]!r} to {names[first + 5]!r} as date and time "
         said += "in UTC" if zone is None else zone.said
         start = int(ns[0]) - (zone.ahead_ns if zone is not None else 0)
-        yield Clock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
+        clock = Clock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
+        yield _with_fraction(clock, columns, names, first + 5)
         return
