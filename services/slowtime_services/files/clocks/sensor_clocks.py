@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime_services.files.channels.auxiliary_columns import is_counter, is_slow
 from slowtime_services.files.record import RecordError, find_column
@@ -120,7 +121,7 @@ def _clock(
         return None
 
 
-def _filled(values: np.ndarray) -> int:
+def _filled(values: Float[np.ndarray, " row"]) -> int:
     """Rows before the empty ones at the end."""
     present = np.flatnonzero(np.isfinite(values))
     return int(present[-1]) + 1 if present.size else 0
