@@ -135,6 +135,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
         rate, said = _computed_rate(name, facts, chosen.samples + measured.missing)
     elif facts.found and not all(fact.exact for fact in facts.found):
         said = (f"{rate:g} Hz by the heading ({_quoted(facts, 'rate', 'interval')})",)
+        notes += _beside(facts, rate)
         if all(fact.rank == 0 for fact in facts.of("rate")) and facts.of("rate"):
             notes += (
                 f"The only rate of the heading is a converter's ({_quoted(facts, 'rate')}): "
@@ -143,6 +144,20 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     if chosen.wrapped:
         said += (f"one series of {chosen.samples} samples, {measured.width} on a line",)
     return Verdict(rate, chosen.wrapped, said, notes)
+
+
+def _beside(facts: Facts, rate: float) -> tuple[str, ...]:
+    """Note the weak figures of a heading that give way to another rate."""
+    other = [
+        f"{fact.text!r} (line {fact.line})"
+        for fact in facts.found
+        if fact.weak
+        and fact.kind in ("rate", "interval")
+        and not any(_near(rate, one, RATE_TOLERANCE) for one in _rates_of(fact))
+    ]
+    if not other:
+        return ()
+    return (f"The heading also states {', '.join(other)}; {rate:g} Hz was used.",)
 
 
 def _of_something_else(facts: Facts) -> str:

@@ -118,3 +118,23 @@ def test_rates_in_words(read, line, rate):
 @pytest.mark.parametrize("line", ["Recorded at 15 Main Street", "Duration: 2 runs"])
 def test_a_figure_without_its_unit_is_no_figure_of_sampling(line):
     assert find_facts([line]).found == ()
+
+
+@pytest.mark.parametrize(
+    "line", ["Storage rate: 50 Hz", "Output rate: 50 Hz", "Data rate: 50 Hz", "Rate: 50 S/s"]
+)
+def test_a_second_rate_that_rows_may_have_is_asked_about(read, line):
+    with pytest.raises(RecordError, match=r"different rates: .*--rate-hz"):
+        read(f"Sampling rate: 300 Hz\n{line}")
+
+
+@pytest.mark.parametrize("line", ["Reduced rate: 50 Hz", "Decimated rate [Hz];50"])
+def test_a_rate_after_thinning_comes_before_that_of_the_converter(read, line):
+    assert read(f"Sample rate;300\n{line}", ";").rate_hz == 50
+    assert read(f"Sample rate;300\n{line}", ";", clock=True).rate_hz == pytest.approx(50)
+
+
+def test_a_bare_rate_that_gives_way_is_noted(read):
+    record = read("Sampling rate: 300 Hz\nRate: 50 Hz")
+    assert record.rate_hz == 300
+    assert any("also states 'Rate: 50 Hz' (line 2); 300 Hz was used" in n for n in record.notes)

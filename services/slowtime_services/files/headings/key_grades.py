@@ -44,12 +44,25 @@ _LEADS = re.compile(
     r"actual|effective|true|real|used|set|fixed|uniform|equal|even|number|num|no|nr|total|"
     r"channel|ch|signal|input|output|original|raw|"
     r"sampl\w*|scan\w*|acqui\w*|acq|daq|record\w*|measur\w*|digiti\w*|logg?\w*|data|adc|"
-    r"stored|saved|written|collected|spaced|equally|waveform|wf",
+    r"stored|saved|written|collected|reduced|decimat\w*|downsampl\w*|resampl\w*|thinned|averaged|spaced|equally|waveform|wf",
     re.I,
 )
 """Words before a bare key that leave it one of sampling."""
 _OF_POINTS = re.compile(r"measur\w*", re.I)
 """Words before points that are places on a structure, perhaps, not samples."""
+_OF_STORING = re.compile(
+    r"output|stored|saved|written|record\w*|logg?\w*|reduced|decimat\w*|downsampl\w*|"
+    r"resampl\w*|thinned|averaged",
+    re.I,
+)
+_THINNED = re.compile(
+    r"reduced|decimat\w*|downsampl\w*|resampl\w*|thinned|dezimiert\w*|reduziert\w*", re.I
+)
+_STORING = re.compile(r"log|data|storage|readout|polling", re.I)
+"""Words of rates that rows may have, beside another rate of a converter."""
+_PER_SAMPLE = re.compile(
+    r"(?<![^\W\d_])[kM]?(?:Sa?|samples?|scans?|points?|readings?)/s|[kM]?sps\b"
+)
 _SET = re.compile(r"\s*(?:[=:\t;,]|[\[(/]|$)")
 """What stands behind a symbol that is set, not part of a name such as ``DT 9837``."""
 
@@ -87,8 +100,17 @@ def grade_of(kind: Kind, key: str, before: str, after: str, has_unit: bool) -> G
         known = all(_LEADS.fullmatch(word) for word in lead)
         if kind == "count":
             return "full" if known and not any(map(_OF_POINTS.fullmatch, lead)) else "weak"
-        return "weak" if known else "doubtful"
-    return "weak" if _WEAK.fullmatch(key) else "full"
+        if not known:
+            return "doubtful"
+        said = has_unit and (any(map(_OF_STORING.fullmatch, lead)) or _PER_SAMPLE.search(after))
+        return "full" if said else "weak"
+    stated = has_unit and kind in ("rate", "interval")
+    return "weak" if _WEAK.fullmatch(key) and not (stated and _STORING.match(key)) else "full"
+
+
+def is_after_thinning(before: str) -> bool:
+    """Whether words before a key say that it is of the rows as they were written."""
+    return any(map(_THINNED.fullmatch, _lead(before)[-2:]))
 
 
 def _grade_of_symbol(key: str, lead: list[str], after: str, has_unit: bool) -> Grade:

@@ -12,7 +12,14 @@ from collections.abc import Iterable, Sequence
 from slowtime_services.files.record import looks_like_unit
 
 from .fields import FIELD, fields_apart
-from .key_grades import SERIAL_BAUD, SLOWEST_INTERVAL_S, Grade, Kind, grade_of
+from .key_grades import (
+    SERIAL_BAUD,
+    SLOWEST_INTERVAL_S,
+    Grade,
+    Kind,
+    grade_of,
+    is_after_thinning,
+)
 from .vocabulary import (
     ABOUT_ELSE,
     BEFORE,
@@ -237,6 +244,8 @@ def _graded(
     if listed:
         fact = _with_repeated(fact, after)
     grade = grade_of(fact.kind, key, before, after, fact.with_unit)
+    if fact.kind == "rate" and fact.with_unit and is_after_thinning(before):
+        return dataclasses.replace(fact, rank=2), "full"
     if grade == "doubtful":
         said = " ".join(clause.split())[:60]
         return dataclasses.replace(fact, text=said), grade
