@@ -122,3 +122,8 @@ def test_two_columns_of_stamps_of_different_instants_are_refused_and_zones_are_n
     with pytest.raises(RecordError, match=r"begin 1 s apart"):
         read("Time A,a,Time B,b", stamps(0), X, stamps(1000), Y)
     assert read("Time A,a,Time B,b", stamps(0), X, stamps(7_200_000), Y).rate_hz == RATE_HZ
+
+
+def test_a_force_that_grows_is_no_frequency(read):
+    record = read("Sampling rate: 125 Hz\nF [kN],u [mm]", np.sort(np.abs(X)), Y)
+    assert (record.rate_hz, record.channels) == (RATE_HZ, ("F", "u"))

@@ -90,6 +90,7 @@ def test_the_zone_in_the_name_of_a_clock_is_used(read, name, hours):
     [
         ("Time zone: UTC+2", 2), ("UTC offset: -4", -4), ("UTC offset (min): 120", 2),
         ("TZ,+02:00", 2), ("Zeitzone: MESZ", 2), ("GMT offset = +9 h", 9),
+        ("Time zone offset: -5", -5),
     ],
 )  # fmt: skip
 def test_the_zone_of_a_heading_holds_for_stamps_and_for_the_start_it_states(read, line, hours):
@@ -141,3 +142,8 @@ def test_times_of_a_recording_are_its_start(read, line):
     record = read(line.format("2024-04-21 15:00:00") + "\nt [s],ax", SECONDS)
     assert record.start_ns == ns(START)
     assert not any("not understood" in said for said in record.assumptions)
+
+
+@pytest.mark.parametrize("line", ["Zone offset: 3 m", "Time zone: 3 m"])
+def test_a_length_is_no_time_zone(read, line):
+    assert read(f"{line}\nTime,ax", ISO).start_ns == ns(START)

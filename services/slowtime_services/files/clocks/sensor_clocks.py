@@ -71,6 +71,8 @@ def clock_of_channels(sheet: Sheet, channels: Sequence[str] | None) -> int | Non
 def sensor_clocks(sheet: Sheet) -> tuple[SensorClock, ...]:
     """Find the columns of times that have channels behind them."""
     names, columns = sheet.names, sheet.columns
+    if sum(_may_be_clock(*pair) for pair in zip(columns, names, strict=True)) < 2:
+        return ()
     clocks = {
         place: made
         for place, column in enumerate(columns)
@@ -97,13 +99,21 @@ def holds_time_word(name: str) -> bool:
     return any(word.rstrip("0123456789") in TIME_WORDS for word in words_of(name))
 
 
+def _may_be_clock(column: Column, name: str) -> bool:
+    if column.stamps is not None:
+        return column.kind != "date"
+    return column.kind == "number" and holds_time_word(name)
+
+
 def _clock(
     place: int, column: Column, name: str, first_line: int
 ) -> tuple[Clock, TimeAxis] | None:
     """Read a column as a clock as far as it has values; None where it is none."""
-    if column.stamps is not None and column.kind != "date":
+    if not _may_be_clock(column, name):
+        return None
+    if column.stamps is not None:
         attempt: Clock | RecordError = clock_of_stamps((place,), name, column.stamps)
-    elif column.kind == "number" and holds_time_word(name):
+    else:
         values = column.values
         if values.dtype.kind == "f":
             values = values[: _filled(values)]
@@ -111,8 +121,6 @@ def _clock(
             return None
         part = dataclasses.replace(column, values=values)
         attempt = clock_of_numbers(place, name, part)
-    else:
-        return None
     if isinstance(attempt, RecordError):
         return None
     try:

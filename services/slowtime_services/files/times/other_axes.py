@@ -30,9 +30,14 @@ def is_frequency_axis(name: str, unit: str) -> bool:
     --------
     >>> [is_frequency_axis(name, "") for name in ("Frequency (Hz)", "f_Hz", "f", "Time")]
     [True, True, True, False]
+    >>> is_frequency_axis("F", "kN")
+    False
     """
-    if unit.strip("[]() ").casefold() in ("hz", "khz", "hertz"):
+    plain = unit.strip("[]() ").casefold()
+    if plain in ("hz", "khz", "hertz"):
         return True
+    if plain not in _NO_UNIT and stated_scale("", plain) is None:
+        return False
     return bool(_FREQUENCY.search(name.replace("_", " ")))
 
 

@@ -24,13 +24,15 @@ _UNCLEAR = re.compile(
     r"(?i:local|lokal\w*|ortszeit|heure\s+locale|hora\s+local))(?![^\W_])"
 )
 _KEY = re.compile(
-    r"(?:time[\s_-]*zone|zeitzone|fuseau(?:\s+horaire)?|zona\s+horaria|fuso\s+orario|"
-    r"(?:utc|gmt|zone)[\s_-]*offset|(?<![^\W_])tz(?![^\W_]))"
+    r"(?:(?:utc|gmt|time[\s_-]*zone)[\s_-]*offset|time[\s_-]*zone|zeitzone|"
+    r"fuseau(?:\s+horaire)?|zona\s+horaria|fuso\s+orario|(?<![^\W_])tz(?![^\W_]))"
     r"\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*(?P<mark>[:=;,\t ])\s*(?P<value>\S.*)$",
     re.I,
 )
 _NUMBER = re.compile(
-    r"(?P<sign>[+\-−]?)(?P<h>\d{1,3})(?::?(?P<m>\d{2})|(?P<f>\.\d+))?\s*(?P<unit>[a-z]*)", re.I
+    r"(?P<sign>[+\-−]?)(?P<h>\d{1,3})(?::?(?P<m>\d{2})|(?P<f>\.\d+))?\s*"
+    r"(?P<unit>h|hrs?|hours?|std|stunden|min|minutes|minuten|)",
+    re.I,
 )
 LONGEST_SAID = 40
 """Characters of words that are quoted as a zone."""
