@@ -95,8 +95,9 @@ def test_milliseconds_since_power_on_are_no_fraction(read):
     assert record.rate_hz == pytest.approx(100.0)
 
 
-def test_a_column_that_does_not_start_anew_with_the_second_stays_a_channel(read):
-    saw = [(7 * i) % 1000 for i in range(ROWS)]
+@pytest.mark.parametrize("step", [5, 7])
+def test_a_column_that_does_not_start_anew_with_each_second_stays_a_channel(read, step):
+    saw = [(step * i) % 1000 for i in range(ROWS)]
     record = read("Time,,ay", stamps("%Y-%m-%d %H:%M:%S", 100.0), saw, Y)
     assert len(record.channels) == 2
 
