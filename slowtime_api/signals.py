@@ -421,8 +421,8 @@ def read(
     columns
         Names of all columns, for a file without a header.
     time_column, time_unit, date_order
-        Column of the time (``"none"`` if there is none), its unit, and whether day (``"dmy"``)
-        or month (``"mdy"``) comes first; detected where not given.
+        Column of the time (``"none"`` if there is none), its unit, and the order of day, month
+        and year (``"dmy"``, ``"mdy"``, ``"ymd"``); detected where not given.
 
     Returns
     -------
@@ -445,8 +445,10 @@ def read(
     rate = None if rate_hz is None else number(rate_hz, "rate_hz", "samples per second")
     if chosen == ():
         raise ValueError("channels=[] was given. Name at least one, or leave it out for all.")
-    if date_order not in (None, "dmy", "mdy"):
-        raise ValueError(f"date_order={date_order!r} was given. Allowed: 'dmy' and 'mdy'.")
+    if date_order not in (None, "dmy", "mdy", "ymd"):
+        raise ValueError(
+            f"date_order={date_order!r} was given. Allowed: 'dmy', 'mdy' and 'ymd'."
+        )
     if skip_lines is not None and not (
         isinstance(skip_lines, int | np.integer) and skip_lines >= 0
     ):

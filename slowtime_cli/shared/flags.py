@@ -62,8 +62,8 @@ CLOCK = (
     ),
     click.option(
         "--date-order",
-        type=click.Choice(["dmy", "mdy"]),
-        help="First part of dates such as 04/05/2024.  [default: detected]",
+        type=click.Choice(["dmy", "mdy", "ymd"]),
+        help="Order of dates such as 04/05/2024 or 24/04/21.  [default: detected]",
     ),
     click.option(
         "--wrapped/--not-wrapped",

@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Literal
 
+from .headings.key_grades import Kind
 from .headings.sampling import Fact, Facts
 from .record import RecordError
 from .times.time_units import FASTEST_HZ, SLOWEST_HZ
@@ -23,6 +24,7 @@ NOMINAL_RATE_TOLERANCE = 0.05
 run some percent beside their nominal rate, as data sheets of MEMS accelerometers state."""
 DURATION_TOLERANCE = 0.01
 """Relative difference [1] of durations that are the same: headings round them."""
+LENGTHS: tuple[Kind, ...] = ("count", "duration")
 WHOLE_RATE_TOLERANCE = 1e-6
 """Relative distance from a whole number of Hz [1] at which a rate may be computed from a
 duration and a number of samples."""
@@ -111,8 +113,13 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
         for (wrapped, samples), rate in itertools.product(_layouts(measured), allowed)
     ]
     fit = [r for r in readings if _agrees(r, facts, measured)]
+    notes: tuple[str, ...] = ()
     if not fit:
-        raise _contradiction(name, facts, measured, rates)
+        certain = facts.without_weak(*LENGTHS)
+        fit = [r for r in readings if _agrees(r, certain, measured)]
+        if not fit:
+            raise _contradiction(name, certain, measured, rates)
+        notes, facts = (_of_something_else(facts),), certain
     fit = _without_doubtful(name, fit, facts, measured)
     chosen = fit[0]
     if len({r.rate_hz for r in fit}) > 1:
@@ -124,19 +131,43 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
         )
     rate = chosen.rate_hz
     said: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
     if rate is None:
         rate, said = _computed_rate(name, facts, chosen.samples + measured.missing)
     elif facts.found and not all(fact.exact for fact in facts.found):
         said = (f"{rate:g} Hz by the heading ({_quoted(facts, 'rate', 'interval')})",)
+        notes += _beside(facts, rate)
         if all(fact.rank == 0 for fact in facts.of("rate")) and facts.of("rate"):
-            notes = (
+            notes += (
                 f"The only rate of the heading is a converter's ({_quoted(facts, 'rate')}): "
                 f"{rate:g} Hz was used. Give --rate-hz if samples were thinned after it.",
             )
     if chosen.wrapped:
         said += (f"one series of {chosen.samples} samples, {measured.width} on a line",)
     return Verdict(rate, chosen.wrapped, said, notes)
+
+
+def _beside(facts: Facts, rate: float) -> tuple[str, ...]:
+    """Note the weak figures of a heading that give way to another rate."""
+    other = [
+        f"{fact.text!r} (line {fact.line})"
+        for fact in facts.found
+        if fact.weak
+        and fact.kind in ("rate", "interval")
+        and not any(_near(rate, one, RATE_TOLERANCE) for one in _rates_of(fact))
+    ]
+    if not other:
+        return ()
+    return (f"The heading also states {', '.join(other)}; {rate:g} Hz was used.",)
+
+
+def _of_something_else(facts: Facts) -> str:
+    said = ", ".join(
+        f"{fact.text!r} (line {fact.line})"
+        for kind in LENGTHS
+        for fact in facts.of(kind)
+        if fact.weak
+    )
+    return f"The heading states {said}, which is not of these rows and was not used."
 
 
 def refuse_beyond(name: str, rate_hz: float) -> None:
@@ -160,6 +191,7 @@ def refuse_disagreement(
     RecordError
         Which names the figures; also where columns without names may be one series after all.
     """
+    facts = facts.without_weak(*LENGTHS)
     if not _agrees(_Reading(wrapped, measured.rows, rate_hz), facts, measured):
         raise _contradiction(name, facts, measured, [rate_hz])
     counted = [value for fact in facts.of("count") for value in fact.values]
@@ -339,7 +371,7 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
     agreeing = [fact for fact in stated if fact not in far]
     if far and not agreeing:
         words = ", ".join(f"{fact.text!r} (line {fact.line})" for fact in far)
-        if all(fact.rank == 0 for fact in far):
+        if all(fact.rank == 0 or fact.weak for fact in far):
             notes.append(
                 f"The heading states {words}; the clock says {rate:g} Hz, and is used."
             )
@@ -365,7 +397,7 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
             )
     for fact in facts.of("duration"):
         if not _duration_agrees(fact, lasting, rate):
-            if not measured.clock_sure:
+            if not measured.clock_sure and not fact.weak:
                 raise RecordError(
                     f"The heading of {name} states {fact.text!r} (line {fact.line}); its clock "
                     f"has no unit, and in seconds would last {lasting / rate:.6g} s. Say in "

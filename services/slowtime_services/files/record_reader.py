@@ -85,7 +85,7 @@ def read_record(
     time_unit
         Unit of that column: s, ms, us, ns, min, h or d; None to find out.
     date_order
-        Whether day (``"dmy"``) or month (``"mdy"``) comes first in dates with slashes.
+        Order of day, month and year in dates of numbers: ``"dmy"``, ``"mdy"``, ``"ymd"``.
     wrapped
         Whether all columns are one series, several values a line; None to find out.
     keep
@@ -152,7 +152,7 @@ def _record(
     told = of_all_rows = clock_of_sheet(sheet, said)
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
     if said.rate_hz is None:
-        refuse_several_sensors(file, sheet)
+        refuse_several_sensors(file, sheet, told.columns)
     lost = rows_missing(file, sheet, kept, missing)
     rows = np.arange(len(lost))[~lost]
     if missing.skip and lost.any():
@@ -212,8 +212,10 @@ def _record(
 
 
 def _without_rate(file: str, sheet: Sheet) -> RecordError:
+    doubtful = ", ".join(f"{f.text!r} (line {f.line})" for f in sheet.facts.doubtful[:3])
+    may = f" What its heading states, {doubtful}, may be of something else." if doubtful else ""
     return RecordError(
-        f"{file} does not say how often it was sampled: {no_clock(sheet)}. "
+        f"{file} does not say how often it was sampled: {no_clock(sheet)}.{may} "
         "Give --rate-hz, or name the clock with --time-column."
     )
 

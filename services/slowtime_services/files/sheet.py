@@ -10,6 +10,7 @@ from jaxtyping import Shaped
 from .headings.sampling import Facts
 from .record import Values
 from .times.stamps import Stamps
+from .times.zones import Zone
 
 ColumnKind = Literal["number", "stamp", "date", "clock", "word"]
 
@@ -60,6 +61,10 @@ class Sheet:
         Time of the first sample, where a heading states it.
     start_said
         Words of the heading that state it, where they are not of a format.
+    start_zone
+        Words of the zone in which that start was read.
+    zone
+        Time zone that a heading states of all times; None where it states none.
     first_line
         Line of the first row; 0 where rows are not lines.
     """
@@ -72,6 +77,8 @@ class Sheet:
     unit: str = ""
     start_ns: int | None = None
     start_said: str = ""
+    start_zone: str = "in UTC"
+    zone: Zone | None = None
     aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()

@@ -11,11 +11,12 @@ from jaxtyping import Float
 from slowtime_services.files.binary.signatures import refuse_binary
 from slowtime_services.files.formats import FORMATS
 from slowtime_services.files.headings.common_unit import stated_unit
-from slowtime_services.files.headings.sampling import Facts, find_facts
+from slowtime_services.files.headings.sampling import find_facts
 from slowtime_services.files.headings.start_time import stated_start
 from slowtime_services.files.record import RecordError, looks_like_unit
 from slowtime_services.files.sheet import Column, ColumnKind, Sheet
 from slowtime_services.files.times.stamps import DateOrder, read_stamps
+from slowtime_services.files.times.zones import stated_zone
 
 from .delimited.column_names import read_heading
 from .delimited.dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
@@ -41,7 +42,7 @@ def read_text(
     skip_lines
         Lines before the first row; found out if None.
     date_order
-        Whether day or month comes first in dates with slashes; found out if None.
+        Order of day, month and year in dates with slashes; found out if None.
 
     Raises
     ------
@@ -107,12 +108,13 @@ def _read_table(
     dialect, preamble = layout.dialect, lines[: layout.first]
     names, units = read_heading(preamble, dialect, len(layout.kinds))
     lines, footer = _without_footer(lines, layout)
-    facts = find_facts(preamble, dialect.decimal)
+    mark = dialect.delimiter
+    facts = find_facts(preamble, dialect.decimal, 1, mark)
     if footer:
-        below = find_facts(footer, dialect.decimal, len(lines) + 1)
-        facts = Facts((*facts.found, *below.found), max(facts.factor, below.factor))
+        facts = facts.joined(find_facts(footer, dialect.decimal, len(lines) + 1, mark))
     named = bool(names) and any(names)
-    start_ns, said = stated_start([*preamble, *footer], date_order)
+    zone = stated_zone([*preamble, *footer])
+    start = stated_start([*preamble, *footer], date_order, zone)
     rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
     columns, tail, notes = rows.read()
     return Sheet(
@@ -121,8 +123,10 @@ def _read_table(
         facts=facts,
         tail=tail,
         unit=stated_unit(preamble),
-        start_ns=start_ns,
-        start_said=said,
+        start_ns=start.ns,
+        start_said=start.said,
+        start_zone=start.zone,
+        zone=zone,
         notes=notes,
         first_line=layout.first + 1,
     )

@@ -79,13 +79,19 @@ def _chosen(
     return kept
 
 
-def refuse_several_sensors(file: str, sheet: Sheet) -> None:
-    """Ask about rows that are of one sensor after the other."""
+def refuse_several_sensors(file: str, sheet: Sheet, used: frozenset[int]) -> None:
+    """Ask about rows that are of one sensor after the other.
+
+    Parameters
+    ----------
+    used
+        Places of columns that the clock is read from.
+    """
     clocks = [c for c in sheet.columns if c.stamps is not None or is_time_name(c.name)]
     if not any((np.diff(c.values) == 0).any() for c in clocks if c.kind != "word"):
         return
-    for name, column in zip(sheet.names, sheet.columns, strict=True):
-        period = _period(column.values) if column not in clocks else 0
+    for place, (name, column) in enumerate(zip(sheet.names, sheet.columns, strict=True)):
+        period = _period(column.values) if column not in clocks and place not in used else 0
         if period > 1:
             found = ", ".join(map(str, column.values[:period]))
             raise RecordError(

@@ -2,12 +2,14 @@
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Shaped
 
 from slowtime_services.files.record import RecordError, find_column
 from slowtime_services.files.sheet import Column, Sheet
+from slowtime_services.files.times.other_axes import is_other_axis
 from slowtime_services.files.times.stamps import DAY_NS, Stamps
 from slowtime_services.files.times.time_axis import (
     TimeAxis,
@@ -16,9 +18,19 @@ from slowtime_services.files.times.time_axis import (
     signed,
     unwrapped,
 )
-from slowtime_services.files.times.time_units import is_time_name, scale_of, words_of
+from slowtime_services.files.times.time_units import (
+    FIRST_EPOCH_S,
+    LAST_EPOCH_S,
+    is_time_name,
+    scale_of,
+    words_of,
+)
+from slowtime_services.files.times.zones import Zone, zone_in
+
+from .fractions import fraction_beside, whole_seconds
 
 HOUR_NS = DAY_NS // 24
+DAY_S = 86400.0
 FEWEST_STEADY = 3
 _PARTS = (
     ("year", "yyyy", "yy", "jahr"), ("month", "mon", "mm", "mo", "monat"),
@@ -49,6 +61,8 @@ class Clock:
         Whether unit and form are stated by the file.
     named
         Whether the file calls it a time.
+    kind
+        Whether its values are dates and times, or counts.
     """
 
     columns: tuple[int, ...]
@@ -61,6 +75,7 @@ class Clock:
     sure: bool
     named: bool
     notes: tuple[str, ...] = ()
+    kind: Literal["stamps", "numbers"] = "numbers"
 
     def axis(self, first_line: int) -> TimeAxis:
         """Rate, start and gaps by this clock."""
@@ -156,24 +171,33 @@ def _clocks(
 ) -> Iterator[Clock | RecordError]:
     """All that may be a clock, the likeliest first."""
     columns = sheet.columns
-    yield from _stamped(columns, names, only)
-    yield from _six_column_clock(columns, names, only)
+    yield from _stamped(columns, names, only, sheet.zone)
+    yield from _six_column_clock(columns, names, only, sheet.zone)
+    yield from _seconds_and_fractions(columns, names, only)
     for place, column in enumerate(columns):
         if column.kind != "number" or (only is not None and place != only):
             continue
         named = is_time_name(names[place])
         if only is None and not (named and _rises(column.values)):
             continue
-        yield _counted(
+        counted = _counted(
             place, names[place], column, named or only is not None, unit, stated_rate_hz
         )
+        yield _in_zone(counted, _zone_of(column, sheet.zone))
     if only is not None or len(columns) == 1:
         return
     for place, column in enumerate(columns):
         if column.kind != "number" or is_time_name(names[place]) or not _rises(column.values):
             continue
+        if is_other_axis(names[place], column.unit):
+            continue
         if looks_like_time(column.values.astype(float)):
             yield _counted(place, names[place], column, False, unit, stated_rate_hz)
+
+
+def clock_of_numbers(place: int, name: str, column: Column) -> Clock | RecordError:
+    """Make a clock of a column of numbers by its own name and unit."""
+    return _counted(place, name, column, True, None, None)
 
 
 def _rises(values: Shaped[np.ndarray, " time"]) -> bool:
@@ -256,12 +280,14 @@ def _hours_minutes(
 
 
 def _stamped(
-    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
 ) -> Iterator[Clock | RecordError]:
     """Clocks of dates and times, a date beside its time joined."""
     dates = [i for i, column in enumerate(columns) if column.kind == "date"]
+    if any(column.kind == "clock" for column in columns):
+        dates += [i for i, column in enumerate(columns) if _is_midnights(column)]
     for place, column in enumerate(columns):
-        if column.stamps is None or column.kind == "date":
+        if column.stamps is None or place in dates:
             continue
         if only is not None and place != only and only not in dates:
             continue
@@ -273,7 +299,54 @@ def _stamped(
                 _combine_date_and_time(columns[beside].stamps, stamps),
                 (beside, place),
             )
-        yield _clock_of(used, names[place], stamps)
+        own = next((z for i in reversed(used) if (z := _zone_of(columns[i], None))), zone)
+        clock = clock_of_stamps(used, names[place], stamps, own)
+        yield _with_fraction(clock, columns, names, place)
+
+
+def _is_midnights(column: Column) -> bool:
+    """Whether stamps are dates that a spreadsheet wrote with a time of zero."""
+    return column.kind == "stamp" and not (column.values % DAY_NS).any()
+
+
+def _with_fraction(
+    clock: Clock, columns: Sequence[Column], names: tuple[str, ...], place: int
+) -> Clock:
+    """Add the fractions of a second that stand in a column behind whole seconds."""
+    part = fraction_beside(columns, names, place, clock.values, unnamed=True)
+    if part is None:
+        return clock
+    start = None if clock.origin_ns is None else clock.origin_ns + int(part.ns[0])
+    return dataclasses.replace(
+        clock,
+        columns=(*clock.columns, part.place),
+        values=clock.values + part.ns,
+        origin_ns=start,
+        quantum=float(part.unit_ns),
+        said=f"{clock.said}, with {names[part.place]!r} as fractions of a second",
+    )
+
+
+def _seconds_and_fractions(
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+) -> Iterator[Clock]:
+    """Clocks of whole seconds as numbers, and of fractions behind them."""
+    for place, column in enumerate(columns):
+        if only is not None and place != only:
+            continue
+        seconds = whole_seconds(column, names[place])
+        if seconds is None:
+            continue
+        part = fraction_beside(columns, names, place, seconds, unnamed=False)
+        if part is None:
+            continue
+        values = seconds + part.ns
+        dated = FIRST_EPOCH_S <= seconds[0] / 1e9 <= LAST_EPOCH_S
+        said = f"{names[place]!r} as seconds{' since 1970' if dated else ''}"
+        said += f", with {names[part.place]!r} as fractions of a second"
+        used, start = (place, part.place), int(values[0]) if dated else None
+        digit = float(part.unit_ns)
+        yield Clock(used, names[place], values, 1e-9, start, digit, said, True, True)
 
 
 def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
@@ -281,7 +354,26 @@ def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
     return Stamps(date.ns + time.ns, True, time.zoned, time.quantum_ns, date.ambiguous)
 
 
-def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
+def _zone_of(column: Column, otherwise: Zone | None) -> Zone | None:
+    """Return the time zone that a column states in its name or as its unit."""
+    return zone_in(f"{column.name} [{column.unit}]") or otherwise
+
+
+def _in_zone(clock: Clock | RecordError, zone: Zone | None) -> Clock | RecordError:
+    """Return a clock of whole days, which count in the zone of the file; others are in UTC."""
+    if isinstance(clock, RecordError) or clock.origin_ns is None or clock.scale != DAY_S:
+        return clock
+    if zone is None:
+        return clock
+    return dataclasses.replace(
+        clock, origin_ns=clock.origin_ns - zone.ahead_ns, said=f"{clock.said}, {zone.said}"
+    )
+
+
+def clock_of_stamps(
+    used: tuple[int, ...], name: str, stamps: Stamps, zone: Zone | None = None
+) -> Clock:
+    """Make a clock of dates and times, or of times of day."""
     values, notes = stamps.ns, []
     if not stamps.dated:
         for period, what in ((DAY_NS, "midnight"), (HOUR_NS, "the hour")):
@@ -298,10 +390,13 @@ def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
     if stamps.ambiguous:
         origin = None
         notes.append(
-            f"Dates such as {stamps.ambiguous} may begin with the day or the month, so "
-            "the start time is not taken from them. State the order with --date-order "
-            "dmy or mdy."
+            f"Dates such as {stamps.ambiguous} may begin with the day, the month or the year, "
+            "so the start time is not taken from them. State the order with --date-order dmy, "
+            "mdy or ymd."
         )
+    elif stamps.dated and not stamps.zoned and zone is not None and origin is not None:
+        origin -= zone.ahead_ns
+        said += f" {zone.said}"
     elif stamps.dated and not stamps.zoned:
         said += " in UTC, because no time zone is stated"
     return Clock(
@@ -315,11 +410,12 @@ def _clock_of(used: tuple[int, ...], name: str, stamps: Stamps) -> Clock:
         True,
         True,
         tuple(notes),
+        kind="stamps",
     )
 
 
 def _six_column_clock(
-    columns: Sequence[Column], names: tuple[str, ...], only: int | None
+    columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
 ) -> Iterator[Clock | RecordError]:
     """Read a clock of six columns: year, month, day, hour, minute, second."""
     if only is not None or len(columns) < 7:
@@ -343,6 +439,9 @@ def _six_column_clock(
             return
         within = (hour * 60 + minute) * 60 * 1e9 + np.round(second * 1e9)
         ns = days * DAY_NS + within.astype(np.int64)
-        said = f"{names[first]!r} to {names[first + 5]!r} as date and time in UTC"
-        yield Clock(tuple(part), names[first + 5], ns, 1e-9, int(ns[0]), None, said, True, True)
+        said = f"{names[first]!r} to {names[first + 5]!r} as date and time "
+        said += "in UTC" if zone is None else zone.said
+        start = int(ns[0]) - (zone.ahead_ns if zone is not None else 0)
+        clock = Clock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
+        yield _with_fraction(clock, columns, names, first + 5)
         return

@@ -6,14 +6,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from slowtime_services.files import plausibility
+from slowtime_services.files.channels.auxiliary_columns import is_counter
 from slowtime_services.files.headings.sampling import Facts
 from slowtime_services.files.reading_options import ReadingOptions
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Sheet
-from slowtime_services.files.times.time_axis import TimeAxis, UnevenError
+from slowtime_services.files.times.other_axes import is_frequency_axis
+from slowtime_services.files.times.time_axis import TimeAxis, UnevenError, looks_like_time
 from slowtime_services.files.times.time_units import is_time_name
 
 from . import candidates
+from .sensor_clocks import clock_of_channels
 
 BY_CLOCK = "time from column"
 """Begins the assumption of a record whose clock is one of its columns."""
@@ -26,15 +29,48 @@ def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReadin
     """Detect the clock; rows that are one series have none."""
     if said.wrapped:
         return candidates.ClockReading(None, None, frozenset())
+    told = _clock_of_columns(sheet, said)
+    if said.rate_hz is None and (told.clock is None or not told.clock.named):
+        _refuse_spectrum(sheet)
+    return told
+
+
+def _clock_of_columns(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
+    own = None
+    if said.rate_hz is None and said.time_column is None:
+        own = clock_of_channels(sheet, said.channels)
     stated = {value for fact in sheet.facts.of("rate") for value in fact.values}
     stated |= {1 / value for fact in sheet.facts.of("interval") for value in fact.values}
     return candidates.read_clock(
         sheet,
         sheet.names,
-        said.time_column,
+        said.time_column if own is None else sheet.names[own],
         unit=said.time_unit,
         stated_rate_hz=stated.pop() if len(stated) == 1 else None,
     )
+
+
+def _refuse_spectrum(sheet: Sheet) -> None:
+    """Refuse a table over frequencies or periods, which has no samples in time."""
+    first = True
+    for name, column in zip(sheet.names, sheet.columns, strict=True):
+        if column.kind != "number" or column.values.dtype.kind not in "fiu":
+            continue
+        values = column.values.astype(float)
+        if is_counter(values, name):
+            continue
+        rises = len(values) > 2 and bool((np.diff(values) > 0).all())
+        if (
+            is_frequency_axis(name, column.unit)
+            and rises
+            and (first or looks_like_time(values))
+        ):
+            raise RecordError(
+                f"Column {name!r} is an axis of frequencies or periods: this is a spectrum, "
+                "not a record in time. Export the time histories; if rows are samples after "
+                "all, give --rate-hz."
+            )
+        first = False
 
 
 def axis_of(
@@ -78,7 +114,7 @@ def start_of(
         late_s = abs(float(told.clock.values[0])) * told.clock.scale
         if late_s > FAR_S + FAR * len(told.clock.values) / axis.rate_hz:
             return None, ()  # counted from power-on or the like, of which the heading tells not
-    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), in UTC",)
+    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), {sheet.start_zone}",)
 
 
 def _heading_instead(facts: Facts, refusal: RecordError) -> str:

@@ -27,7 +27,10 @@ TIME_UNITS = {
     "microseconds": 1e-6, "micros": 1e-6, "ns": 1e-9, "nsec": 1e-9, "nanoseconds": 1e-9,
     "min": 60.0, "mins": 60.0, "minute": 60.0, "minutes": 60.0, "minuten": 60.0,
     "minutos": 60.0, "h": 3600.0, "hr": 3600.0, "hrs": 3600.0, "hour": 3600.0,
-    "hours": 3600.0, "stunden": 3600.0, "std": 3600.0,
+    "hours": 3600.0, "stunden": 3600.0, "std": 3600.0, "day": 86400.0, "days": 86400.0,
+    "tag": 86400.0, "tage": 86400.0, "jour": 86400.0, "jours": 86400.0, "días": 86400.0,
+    "dias": 86400.0, "giorni": 86400.0, "week": 604800.0, "weeks": 604800.0,
+    "wochen": 604800.0,
 }  # fmt: skip
 _OF_SAMPLES = (
     r"(?:sampl\w*|scan|acquisition|acq|logging|log|data|digiti[sz]\w*|output data|adc|storage|"
@@ -35,8 +38,10 @@ _OF_SAMPLES = (
 )
 RATE_KEYS = (
     rf"{_OF_SAMPLES}[\s-]*(?:rate|freq\w*\.?|speed)",
-    r"samples?\s*(?:per|/)\s*s(?:ec(?:ond)?)?",
-    r"points?\s*(?:per|/)\s*s(?:ec(?:ond)?)?",
+    r"(?:samples?|points?)\s*(?:per|/)\s*s(?:ec(?:ond)?)?(?:\s*(?:per|/)\s*ch(?:annel)?)?",
+    r"(?:sampl(?:ed|ing)|recorded|acquired|digiti[sz]ed|logged|measured|abgetastet|"
+    r"aufgezeichnet|gemessen)\s*(?:at|@|with|mit)(?![\w])",
+    r"(?<![\w])rate\s+per\s+ch(?:annel)?(?![\w])",
     r"(?<![\w])f[\s_]?s(?:ample|ampling)?(?![\w])",
     r"(?<![\w])s\.?r\.?(?![\w])",
     r"(?<![\w])odr(?![\w])",
@@ -54,11 +59,13 @@ RATE_KEYS = (
     r"采样(?:率|频率)",
     r"サンプリング(?:周波数|レート)",
     r"[öo]rnekleme\s+(?:frekans|h[ıi]z)\w*",
-    r"(?<![\w])rate(?:\s+hz)?(?![\w])",
+    r"(?<![\w])(?:rate(?:\s+hz)?|frequency)(?![\w])",
 )
 INTERVAL_KEYS = (
     rf"{_OF_SAMPLES}[\s-]*(?:interval|period|step|spacing)",
     r"sampl\w*[\s-]*time",
+    r"time\s+between\s+(?:samples|points|readings|scans)",
+    r"(?:sampl\w*|reading|scan)\s+every",
     r"(?<![\w])d[\s_]?[tx](?![\w])",
     r"(?<![\w])(?:delta|δ|Δ)[\s_-]*[tx](?![\w])",
     r"time[\s-]*(?:step|increment|interval|spacing|base|resolution)",

@@ -10,8 +10,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int64
 
+from .zones import ABBREVIATIONS, offset_s
+
 Kind = Literal["stamp", "date", "clock"]
-DateOrder = Literal["dmy", "mdy"]
+DateOrder = Literal["dmy", "mdy", "ymd"]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 """Years of records: within what 64 bits of nanoseconds hold, 1678 to 2262."""
@@ -28,7 +30,10 @@ _TIME = (
     r"(?:\s*(?P<ap>[AaPp])\.?[Mm]\.?)?"
 )
 _PACKED_TIME = r"(?P<h>\d{2})(?P<mi>\d{2})(?P<s>\d{2})(?:[.,](?P<f>\d{1,12}))?"
-_ZONE = r"(?:\s*(?P<z>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?))?"
+_ZONE = (
+    r"(?:\s*\(?(?P<z>(?:UTC|GMT)\s?[+-]\d{1,2}(?::?\d{2})?|[+-]\d{2}(?::?\d{2})?|"
+    rf"{ABBREVIATIONS})\)?)?"
+)
 _WEEKDAY = r"(?:[A-Za-z]{3,9}\.?,?\s+)?"
 _DATES = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})",
@@ -85,7 +90,7 @@ class Stamps:
     quantum_ns
         Step of the last digit [ns].
     ambiguous
-        The first date, where day and month could be exchanged; else empty.
+        The first date, where its parts could be exchanged; else empty.
     """
 
     ns: Int64[np.ndarray, " row"]
@@ -123,7 +128,7 @@ def read_stamps(texts: Sequence[str], order: DateOrder | None = None) -> Stamps:
     Parameters
     ----------
     order
-        Whether the day or the month comes first in dates such as 04/05/2024; None to find out
+        Order of day, month and year in dates such as 04/05/2024 or 24/04/21; None to find out
         from the dates themselves.
 
     Raises
@@ -139,7 +144,7 @@ def read_stamps(texts: Sequence[str], order: DateOrder | None = None) -> Stamps:
             raise ValueError(f"{texts[row][:40]!r} is not written as {texts[0][:40]!r} is", row)
     found = [part for part in parts if part is not None]
     groups = form.groupindex
-    day_first, ambiguous = _day_first(found, order) if "a" in groups else (True, "")
+    dates: tuple[DateOrder, str] = _order_of(found, order) if "a" in groups else ("dmy", "")
     dated = "y" in groups
     timed = "h" in groups
     minutes_first = timed and all(p["s"] is None for p in found) and any(p["f"] for p in found)
@@ -148,7 +153,7 @@ def read_stamps(texts: Sequence[str], order: DateOrder | None = None) -> Stamps:
     zoned = timed
     for row, part in enumerate(found):
         try:
-            value = _days(part.groupdict(), day_first) * DAY_NS if dated else 0
+            value = _days(part, dates[0]) * DAY_NS if dated else 0
             if timed:
                 value += _clock_ns(part, minutes_first)
                 digits = max(digits, len(part["f"] or ""))
@@ -159,7 +164,7 @@ def read_stamps(texts: Sequence[str], order: DateOrder | None = None) -> Stamps:
                 f"{texts[row][:40]!r} is not a valid date or time: {error}", row
             ) from None
         ns[row] = value
-    return Stamps(ns, dated, zoned, 10 ** max(9 - digits, 0), ambiguous)
+    return Stamps(ns, dated, zoned, 10 ** max(9 - digits, 0), dates[1])
 
 
 def _form_of(text: str) -> re.Pattern[str]:
@@ -169,32 +174,54 @@ def _form_of(text: str) -> re.Pattern[str]:
     raise ValueError(f"{text[:40]!r} is no date or time that is known", 0)
 
 
-def _day_first(found: Sequence[re.Match[str]], order: DateOrder | None) -> tuple[bool, str]:
-    """Whether the day is first; and the first date, if nothing decides."""
-    if order is not None:
-        return order == "dmy", ""
-    firsts = {int(part["a"]) for part in found}
-    seconds = {int(part["b"]) for part in found}
-    if max(firsts) > 12:
-        return True, ""
-    if max(seconds) > 12:
-        return False, ""
-    # From one day to the next the day changes, the month seldom does.
-    if len(firsts) != len(seconds):
-        return len(firsts) > len(seconds), ""
-    if firsts == seconds and len(firsts) == 1:
-        return True, ""
-    if "ap" in found[0].re.groupindex and found[0]["ap"]:
-        return False, ""  # Hours of twelve and a day in second place are American.
+_DAY_IS: dict[DateOrder, str] = {"dmy": "a", "mdy": "b", "ymd": "y"}
+"""Which part of a date such as 24/04/21 is the day."""
+
+
+def _order_of(found: Sequence[re.Match[str]], given: DateOrder | None) -> tuple[DateOrder, str]:
+    """Return the order of dates in three numbers; and the first date, if nothing decides."""
+    short = all(len(part["y"]) == 2 for part in found)
+    if given is not None and (short or given != "ymd"):
+        return given, ""
+    values = {name: {int(part[name]) for part in found} for name in "aby"}
+    possible = _possible_orders(values, short)
+    # From one day to the next the day changes, the month and the year seldom do.
+    changes = sorted(values, key=lambda name: len(values[name]))
+    if len(values[changes[-1]]) > len(values[changes[-2]]):
+        possible = [o for o in possible if _DAY_IS[o] == changes[-1]] or possible
+    if "mdy" in possible and "ap" in found[0].re.groupindex and found[0]["ap"]:
+        return "mdy", ""  # Hours of twelve and a day in second place are American.
+    if len({tuple(_date_in(part, o) for part in (found[0], found[-1])) for o in possible}) == 1:
+        return possible[0], ""
     part = found[0]
-    return True, f"{part['a']}/{part['b']}/{part['y']}"
+    return possible[0], part.group()[part.start("a") : part.end("y")]
 
 
-def _days(part: dict[str, str | None], day_first: bool) -> int:
-    get = part.get
-    if get("a"):
-        day, month = (get("a"), get("b")) if day_first else (get("b"), get("a"))
-        return _ordinal(get("y") or "", month or "", day or "", "", "")
+def _possible_orders(values: dict[str, set[int]], short: bool) -> list[DateOrder]:
+    """Return the orders in which all numbers are days and months; one at least."""
+    most = {name: max(some) for name, some in values.items()}
+    orders: list[DateOrder] = []
+    if most["b"] <= 12:
+        orders.append("dmy")
+    if most["a"] <= 12:
+        orders.append("mdy")
+    if short and most["b"] <= 12 and most["y"] <= 31 and 0 not in values["y"]:
+        orders.append("ymd")
+    if most["a"] > 31 and "ymd" in orders:
+        orders.remove("dmy")
+    return orders or ["dmy"]
+
+
+def _date_in(part: re.Match[str], order: DateOrder) -> tuple[str, str, str]:
+    """Year, month and day of a date in three numbers."""
+    a, b, y = part["a"], part["b"], part["y"]
+    return (y, b, a) if order == "dmy" else (y, a, b) if order == "mdy" else (a, b, y)
+
+
+def _days(part: re.Match[str], order: DateOrder) -> int:
+    if "a" in part.re.groupindex:
+        return _ordinal(*_date_in(part, order), "", "")
+    get = part.groupdict().get
     return _ordinal(
         get("y") or "", get("m") or "", get("d") or "", get("mon") or "", get("j") or ""
     )
@@ -234,8 +261,4 @@ def _clock_ns(part: re.Match[str], minutes_first: bool) -> int:
 
 @functools.lru_cache(maxsize=64)
 def _offset_ns(zone: str) -> int:
-    if zone in ("Z", "UTC", "GMT"):
-        return 0
-    digits = zone[1:].replace(":", "")
-    seconds = int(digits[:2]) * 3600 + int(digits[2:] or 0) * 60
-    return (-seconds if zone[0] == "-" else seconds) * 10**9
+    return offset_s(zone) * 10**9

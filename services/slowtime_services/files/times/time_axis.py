@@ -7,6 +7,7 @@ from jaxtyping import Float, Shaped
 
 from slowtime_services.files.record import Gap, RecordError
 
+from .time_faults import cause_of_back_steps, change_of_rate, written_time
 from .time_units import is_time_name, unit_scale
 
 __all__ = [
@@ -173,12 +174,12 @@ def read_time(
         raise RecordError("One sample has no rate. Give a record of at least two rows.")
     values = signed(values)
     seconds = np.asarray(values - values[0], dtype=float) * scale
-    digit = (quantum if quantum is not None else _quantum(values)) * scale
+    digit = (quantum if quantum is not None else printed_digit(values)) * scale
     notes: tuple[str, ...] = ()
     count = len(values)
     instants = np.arange(count)
     if not seconds[-1] > 0:
-        _refuse_disorder(values, seconds, name, first_line)
+        _refuse_disorder(values, seconds, name, first_line, stamped=quantum is not None)
     even = _even_step(seconds, instants)
     # Where the last digit is the step itself, a step of two is a loss, not rounding.
     coarse = bool(digit) and abs(digit / even - 1) > 0.1 and (np.diff(seconds) >= 0).all()
@@ -191,7 +192,7 @@ def read_time(
         elif not (printed and digit <= MAX_DIGIT_SHARE * seconds[-1]):
             _refuse_repeated(seconds, name, first_line)
     if not printed:
-        _refuse_disorder(values, seconds, name, first_line)
+        _refuse_disorder(values, seconds, name, first_line, stamped=quantum is not None)
     step = even
     if not printed and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
         step = float(np.median(np.diff(seconds)))
@@ -214,13 +215,26 @@ def read_time(
             f"by {jitter:.2g} steps (rms) from a step of {step:.6g} s (at most "
             f"{MAX_JITTER_STEPS:g}), and {int(jumps[jumps > 0].sum())} samples would be "
             f"missing. {count} samples in {seconds[-1]:.6g} s are "
-            f"{1 / _mean(seconds):.6g} Hz on average. Resample the record, or give --rate-hz "
-            "if the column is not the clock.",
+            f"{1 / _mean(seconds):.6g} Hz on average.{_change(seconds, first_line)} Resample "
+            "the record, or give --rate-hz if the column is not the clock.",
             1 / _mean(seconds),
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
     rate = _tidy_rate(step, seconds, instants, digit)
     return TimeAxis(rate, origin_ns, gaps, jitter, notes)
+
+
+def _change(seconds: Float[np.ndarray, " time"], first_line: int) -> str:
+    """Describe where the rate changes; empty where it does not do so once."""
+    found = change_of_rate(seconds, first_line)
+    if found is None:
+        return ""
+    at, before, after = found
+    where = f"line {at}" if first_line else f"row {at}"
+    return (
+        f" The rate changes at {where} from {before:.6g} to {after:.6g} Hz: write each part to "
+        "a file of its own."
+    )
 
 
 def _is_locally_even(
@@ -294,6 +308,8 @@ def _refuse_disorder(
     seconds: Float[np.ndarray, " time"],
     name: str,
     first_line: int,
+    *,
+    stamped: bool,
 ) -> None:
     bad = np.flatnonzero(~(np.diff(seconds) > 0))
     if bad.size:
@@ -301,7 +317,9 @@ def _refuse_disorder(
         where = f"line {first_line + row}" if first_line else f"row {row}"
         raise RecordError(
             f"Time does not run forwards at {where}: column {name!r} goes from "
-            f"{values[row - 1]} to {values[row]} ({bad.size} such places). Remove the repeated "
+            f"{written_time(values[row - 1], stamped=stamped)} to "
+            f"{written_time(values[row], stamped=stamped)} ({bad.size} such places)."
+            f"{cause_of_back_steps(seconds, stamped=stamped)} Remove the repeated "
             "or misplaced rows, or give --rate-hz if the column is not the samples' clock."
         )
 
@@ -403,7 +421,7 @@ def _refuse_bursts(
     )
 
 
-def _quantum(values: Shaped[np.ndarray, " time"]) -> float:
+def printed_digit(values: Shaped[np.ndarray, " time"]) -> float:
     """Step of the last digit in which times are written, in counts; 0 where they have all."""
     if values.dtype.kind in "iu":
         return 1.0

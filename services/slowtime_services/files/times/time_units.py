@@ -52,7 +52,7 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0,
 _NAMES = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds",
           60.0: "minutes", 3600.0: "hours", 86400.0: "days"}  # fmt: skip
 
-_FIRST_EPOCH_S, _LAST_EPOCH_S = 6.3e8, 2.9e9
+FIRST_EPOCH_S, LAST_EPOCH_S = 6.3e8, 2.9e9
 """1990 and 2061: within these, seconds since 1970."""
 _FIRST_1904_S, _LAST_1904_S, _FROM_1904_S = 3.1e9, 4.2e9, 2_082_844_800
 """2002 and 2037 in seconds since 1904, as LabVIEW counts them, and what lies between."""
@@ -221,9 +221,9 @@ def _typical_step(values: Values) -> float:
 
 def _epoch_zero(seconds: float, scale: float, name: str) -> float | None:
     words = words_of(name)
-    if "gps" in words and _FIRST_EPOCH_S <= seconds + _GPS_FROM_1970_S <= _LAST_EPOCH_S:
+    if "gps" in words and FIRST_EPOCH_S <= seconds + _GPS_FROM_1970_S <= LAST_EPOCH_S:
         return None  # Leap seconds since 1980 depend on the receiver.
-    if _FIRST_EPOCH_S <= seconds <= _LAST_EPOCH_S:
+    if FIRST_EPOCH_S <= seconds <= LAST_EPOCH_S:
         return 0.0
     if _FIRST_1904_S <= seconds <= _LAST_1904_S:
         return _FROM_1904_S / scale

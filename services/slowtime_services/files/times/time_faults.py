@@ -1,0 +1,86 @@
+"""Causes of times that are of no even clock: clocks set back, fractions, a change of rate."""
+
+import numpy as np
+from jaxtyping import Float
+
+HOUR_S = 3600.0
+NEAR_HOUR_S = 60.0
+"""Difference of a step backwards from an hour [s] that daylight saving time explains."""
+LEAST_PART_ROWS = 16
+"""Rows of each part of a record between which the rate is said to change."""
+EVEN_STEP = 0.1
+"""Relative deviation of a step from the median of its part [1] that is none of another rate."""
+EVEN_SHARE = 0.95
+"""Share of the steps of a part [1] that are even."""
+PAUSE_STEPS = 4.0
+"""Step over the usual ones [1] from which there is a pause between two rates."""
+LEAST_CHANGE = 0.02
+"""Relative change of a rate [1] that is told."""
+_DAY_NS = 86_400_000_000_000
+
+
+def written_time(value: np.generic, *, stamped: bool) -> str:
+    """Write a time as a file has it: a number, or nanoseconds of a stamp as date or time.
+
+    Examples
+    --------
+    >>> written_time(np.int64(1_713_711_600_500_000_000), stamped=True)
+    '2024-04-21 15:00:00.5'
+    >>> written_time(np.int64(54_000_000_000_000), stamped=True)
+    '15:00:00'
+    """
+    if not stamped:
+        return str(value)
+    date, time = str(np.datetime64(int(value), "ns")).split("T")
+    time = time.rstrip("0").removesuffix(".") if "." in time else time
+    time = time + "00" if time.endswith(":") else time
+    return time if 0 <= int(value) < _DAY_NS else f"{date} {time}"
+
+
+def cause_of_back_steps(seconds: Float[np.ndarray, " time"], *, stamped: bool) -> str:
+    """Return a sentence on why times run backwards; empty where nothing suggests a cause."""
+    steps = np.diff(seconds)
+    back = steps[steps < 0]
+    if not back.size or not stamped:
+        return ""
+    if (np.abs(back + HOUR_S) <= NEAR_HOUR_S).all():
+        return (
+            " A step of one hour back is the end of daylight saving time: write times in UTC, "
+            "or the record in two files."
+        )
+    if (back > -1).all():
+        return (
+            " Fractions of a second may lack their leading zeros, as in 15:00:00.5 for "
+            "15:00:00.005: write them with as many digits in each row."
+        )
+    return ""
+
+
+def change_of_rate(
+    seconds: Float[np.ndarray, " time"], first_line: int
+) -> tuple[int, float, float] | None:
+    """Find the row or line from which rows are evenly spaced at another rate, and both rates.
+
+    Returns
+    -------
+    Line of the first row at the second rate, or its row from 0 where rows are no lines; the two
+    rates [Hz]. None where the times are not of two such parts.
+    """
+    steps = np.diff(seconds)
+    if len(steps) < 2 * LEAST_PART_ROWS or not (steps > 0).all():
+        return None
+    # Logarithms, so that a pause between the parts weighs little.
+    logs = np.log(steps)
+    excess = np.cumsum(logs - logs.mean())
+    at = int(np.argmax(np.abs(excess[:-1]))) + 1
+    if not LEAST_PART_ROWS <= at <= len(steps) - LEAST_PART_ROWS:
+        return None
+    before, after = float(np.median(steps[:at])), float(np.median(steps[at:]))
+    even = [
+        float(np.mean(np.abs(part / usual - 1) <= EVEN_STEP))
+        for part, usual in ((steps[:at], before), (steps[at:], after))
+    ]
+    if min(even) < EVEN_SHARE or abs(before / after - 1) < LEAST_CHANGE:
+        return None
+    pause = steps[at] > PAUSE_STEPS * max(before, after)
+    return first_line + at + int(pause), 1 / before, 1 / after

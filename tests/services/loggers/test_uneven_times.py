@@ -1,0 +1,65 @@
+"""Questions about uneven times name the cause, where the times themselves tell it."""
+
+import datetime
+
+import numpy as np
+import pytest
+
+from slowtime_services.files import RecordError, read_record
+
+ROWS = 600
+X = np.random.default_rng(2).normal(size=ROWS).round(4)
+
+
+@pytest.fixture
+def refusal(tmp_path):
+    def reading(times):
+        path = tmp_path / "file.csv"
+        rows = [f"{t},{x}" for t, x in zip(times, X, strict=True)]
+        path.write_text("# site A\nTime [s],ax\n" + "\n".join(rows) + "\n")
+        with pytest.raises(RecordError) as found:
+            read_record(path)
+        return str(found.value)
+
+    return reading
+
+
+@pytest.mark.parametrize("pause", [0.0, 30.0])
+def test_a_rate_that_changes_midway_is_located(refusal, pause):
+    steps = np.r_[np.full(350, 0.005), np.full(ROWS - 351, 0.01)]
+    times = np.r_[0.0, np.cumsum(steps)]
+    times[350:] += pause
+    line = 3 + 350
+    said = refusal([f"{t:.3f}" for t in times])
+    assert f"changes at line {line} from 200 to 100 Hz" in said
+    assert "--rate-hz" in said
+
+
+def test_times_that_are_uneven_throughout_have_no_change_of_rate(refusal):
+    steps = np.random.default_rng(4).uniform(0.001, 0.02, ROWS)
+    assert "changes at" not in refusal([f"{t:.4f}" for t in np.cumsum(steps)])
+
+
+def test_the_end_of_daylight_saving_time_is_named_with_its_date(refusal):
+    start = datetime.datetime(2024, 10, 27, 2, 59, 57)  # noqa: DTZ001
+    when = [start + datetime.timedelta(milliseconds=10 * i) for i in range(ROWS)]
+    hour = datetime.timedelta(hours=1)
+    said = refusal([str(w - hour if w.hour == 3 else w) for w in when])
+    assert "from 2024-10-27 02:59:59.99 to 2024-10-27 02:00:00 (1 such" in said
+    assert "end of daylight saving time" in said
+
+
+@pytest.mark.parametrize("date", ["", "2024-04-21 "])
+def test_fractions_without_leading_zeros_are_named(refusal, date):
+    times = [f"{date}15:00:{i // 100:02d}.{10 * i % 1000}" for i in range(ROWS)]
+    said = refusal(times)
+    assert f"from {date}15:00:00.9 to {date}15:00:00.1" in said
+    assert "leading zeros" in said
+
+
+def test_rows_out_of_order_are_neither(refusal):
+    times = [f"2024-04-21 15:00:{i / 100:06.3f}" for i in range(ROWS)]
+    times[40], times[240] = times[240], times[40]
+    said = refusal(times)
+    assert "daylight" not in said
+    assert "leading zeros" not in said
