@@ -112,6 +112,12 @@ def test_one_name_too_many_is_the_first_if_it_is_a_key_and_else_the_last(read, h
     assert any("one word more" in note for note in record.notes) == ("Thing" in heading)
 
 
+def test_a_counter_in_front_keeps_its_name_where_the_last_name_has_no_rows(read):
+    record = read("No,ax,ay,remark", (range(1, ROWS + 1), A, B), rate_hz=100.0)
+    assert record.channels == ("ax", "ay")
+    np.testing.assert_array_equal(record.samples, np.column_stack([A, B]))
+
+
 @pytest.mark.parametrize("marks", ["123", "VLT", "NEZ", "ABC", "xyz"])
 @pytest.mark.parametrize("form", ["Acc({})", "Acc ({})", "acc[{}]"])
 @pytest.mark.parametrize("unit", ["", "g"])
@@ -156,6 +162,7 @@ def test_a_serial_number_hides_no_unit_and_a_colon_no_names(read):
         ("a (milli g)", GRAVITY / 1000),
         ("a [g-force]", GRAVITY),
         ("a [1e-3 m/s2]", 1e-3),
+        ("a / (mm/s^2)", 1e-3),
         ("Acc X in g", GRAVITY),
         ("ax_g", GRAVITY),
         ("ax_mg", GRAVITY / 1000),
@@ -165,6 +172,7 @@ def test_a_serial_number_hides_no_unit_and_a_colon_no_names(read):
 def test_plain_units_are_understood_wherever_they_stand(read, name, factor):
     record = read(f"time,{name}", (TIME, A))
     assert record.units == ("m/s^2",)
+    assert record.channels[0].startswith(("ax_", "AccX_")) or record.channels[0][-1] in "aX"
     np.testing.assert_allclose(record.samples[:, 0], A * factor)
 
 

@@ -75,6 +75,8 @@ class _Form(NamedTuple):
         Whether lines begin with a key, such as ``Unit``, before a word for each column.
     transposed
         Whether the key stands above the first column, and settings are no end of a heading.
+    running
+        Whether the first column is a time or a counter, whose name a key is not.
     closed
         Whether rows end without a delimiter, so that a last name may be of no column.
     """
@@ -83,6 +85,7 @@ class _Form(NamedTuple):
     width: int
     keyed: bool = False
     transposed: bool = False
+    running: bool = False
     closed: bool = True
 
 
@@ -99,12 +102,15 @@ def read_heading(preamble: Sequence[str], layout: Layout, body: Sequence[str] = 
     dialect, width = layout.dialect, len(layout.kinds)
     first = [line for line in body[:EVIDENCE_ROWS] if line.strip()]
     keyed = _are_keyed(preamble, layout, first)
+    running = layout.kinds[0] not in ("number", "word") or _mostly_rises(
+        _steps(layout, first, 0)
+    )
     transposed = any(
         len(fields) == width and _is_unit_row(fields)
         for fields in (dialect.split(line) for line in preamble)
     )
     closed = not any(map(dialect.ends_open, first[:3]))
-    rows = _rows_above(preamble, _Form(dialect, width, keyed, transposed, closed))
+    rows = _rows_above(preamble, _Form(dialect, width, keyed, transposed, running, closed))
     if transposed:
         rows = [["" if _is_key(row[0]) else row[0], *row[1:]] for row in rows]
     notes: tuple[str, ...] = ()
@@ -333,8 +339,10 @@ def _fitted(fields: list[str], form: _Form) -> list[str] | None:
     # More than one word too many, and the line is a sentence.
     if len(fields) > width + spare and any(fields[width + spare :]):
         return None
-    if spare and any(fields[width:]) and form.closed and not _begins_names(fields[0]):
-        return None  # nobody knows whether the first or the last is no name
+    if spare and any(fields[width:]) and form.closed:
+        first_is_name = form.running and not is_time_name(fields[1])
+        if not first_is_name and not _begins_names(fields[0]):
+            return None  # nobody knows whether the first or the last is no name
     return fields[:width]
 
 

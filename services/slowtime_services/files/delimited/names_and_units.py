@@ -88,7 +88,7 @@ def has_unit(field: str) -> bool:
 
 
 def _bare(name: str) -> str:
-    return name.rstrip(" :") or name
+    return name.rstrip(" :/,") or name
 
 
 def _parts(field: str) -> _Parts:
