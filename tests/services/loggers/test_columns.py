@@ -98,6 +98,12 @@ def test_keys_before_settings_of_each_channel_are_no_names(read, clock):
     np.testing.assert_allclose(record.samples[:, 2], C * GRAVITY)
 
 
+def test_a_key_of_units_alone_tells_that_names_have_one_too(read):
+    record = read("Thing;Roof;Mid;Base\nUnit;g;g;g", (A, B, C), ";", rate_hz=100.0)
+    assert record.channels == ("Roof", "Mid", "Base")
+    assert record.units == ("m/s^2",) * 3
+
+
 @pytest.mark.parametrize(
     ("heading", "names"),
     [
@@ -217,7 +223,7 @@ def test_quoted_numbers_that_may_be_thousands_or_decimals_are_asked_about(read):
 
 
 def test_decimal_commas_between_commas_behind_a_counter_are_asked_about(read):
-    texts = [[f"{v / 9:.5f}".replace(".", ",") for v in column] for column in (A, B)]
+    texts = [[f"{2 + v / 9:.5f}".replace(".", ",") for v in column] for column in (A, B)]
     for first in (range(ROWS), map(dated, TIME)):
         with pytest.raises(RecordError, match=r"between numbers and, it seems, before their"):
             read("Nr,ax,ay", (first, *texts), rate_hz=100.0)
