@@ -1,7 +1,8 @@
 """Conversion of a file of any kind to a sheet."""
 
+import contextlib
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,20 @@ from .readers import reader_of
 from .record import RecordError, Values
 from .sheet import Column, Sheet
 from .text_sheet import read_lines, read_text
-from .times.stamps import DateOrder
+from .times.stamps import DateOrder, Stamps
 
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}
+QUANTUM_STEPS = 1000
+"""Steps of which the smallest common one is the resolution of stamps [1]."""
 _RATE_NAMES = frozenset(
-    "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate sampling_frequency "
-    "samplingfrequency fs_hz sr".split()
+    "rate ratehz fs fshz samplerate sampleratehz samplingrate samplingratehz samplefrequency "
+    "samplefrequencyhz samplingfrequency samplingfrequencyhz samplingfreq samplefreq sr".split()
 )
-_INTERVAL_NAMES = frozenset("dt delta_t sample_interval sampling_interval dt_s".split())
+_INTERVAL_NAMES = frozenset(
+    "dt dts deltat sampleinterval samplinginterval sampletime sampleperiod samplingperiod ts "
+    "tsample".split()
+)
+"""Names of numbers that state the rate or the interval, without the marks ``_``."""
 
 
 def open_sheet(
@@ -49,7 +56,7 @@ def _sheet(arrays: Arrays, file: str) -> Sheet:
     """Collect arrays of one common length as columns; other lengths are kept apart."""
     plain = {
         k: as_double(np.squeeze(array))
-        for k, array in arrays.items()
+        for k, array in {**arrays, **_numbers_in_texts(arrays)}.items()
         if array.dtype.kind in "fiub"
     }
     tables = {k: array for k, array in plain.items() if array.ndim in (1, 2) and array.size > 1}
@@ -62,7 +69,11 @@ def _sheet(arrays: Arrays, file: str) -> Sheet:
     length = max(max(array.shape) for array in tables.values())
     columns: list[Column] = []
     aux: dict[str, Values] = {}
-    other = [k for k, array in tables.items() if max(array.shape) != length]
+    other = [
+        k
+        for k, array in tables.items()
+        if max(array.shape) != length and not _states_sampling(k)
+    ]
     for name, array in plain.items():
         if name not in tables or max(array.shape) != length:
             aux[name] = array
@@ -75,22 +86,53 @@ def _sheet(arrays: Arrays, file: str) -> Sheet:
     unreal = [k for k, array in arrays.items() if array.dtype.kind == "c"]
     left_out = (f"Left out, not being of length {length}: {', '.join(other)}.",) * bool(other)
     left_out += (f"Left out, holding complex numbers: {', '.join(unreal)}.",) * bool(unreal)
+    columns = [*_stamped(arrays, length), *columns]
     return Sheet(
         columns=tuple(columns), named=True, facts=_facts_of(aux), aux=aux, notes=left_out
     )
 
 
+def _numbers_in_texts(arrays: Arrays) -> dict[str, Values]:
+    """Rates and intervals that are written as texts, such as ``fs = '200'``."""
+    found: dict[str, Values] = {}
+    for name, array in arrays.items():
+        if array.dtype.kind in "US" and array.size == 1 and _states_sampling(name):
+            with contextlib.suppress(ValueError):
+                found[name] = np.asarray(float(array.reshape(-1)[0]))
+    return found
+
+
+def _states_sampling(name: str) -> bool:
+    return _bare(name) in _RATE_NAMES | _INTERVAL_NAMES
+
+
+def _bare(name: str) -> str:
+    return name.rpartition(".")[2].casefold().replace("_", "")
+
+
+def _stamped(arrays: Arrays, length: int) -> Iterator[Column]:
+    """Columns of dates and times of NumPy, as long as the others."""
+    for name, array in arrays.items():
+        if array.dtype.kind == "M" and array.size == length and not np.isnat(array).any():
+            ns = array.reshape(-1).astype("datetime64[ns]").astype(np.int64)
+            steps = np.diff(ns)
+            steps = steps[steps > 0]
+            quantum = int(np.gcd.reduce(steps[:QUANTUM_STEPS])) if len(steps) else 1
+            yield Column(name, "", ns, "stamp", Stamps(ns, True, True, max(quantum, 1)))
+
+
 def _facts_of(aux: Arrays) -> Facts:
-    """Find the rate or interval that a single number states by its name."""
+    """Find the rate or interval that a number states by its name; or several equal ones."""
     found = []
     for name, value in aux.items():
-        if value.ndim or not np.isfinite(value) or not value > 0:
+        numbers = np.unique(np.asarray(value, dtype=float))
+        if not _states_sampling(name) or len(numbers) != 1 or not 0 < numbers[0] < np.inf:
             continue
-        bare, number = name.rpartition(".")[2].casefold(), float(value)
-        if bare in _RATE_NAMES:
+        bare, number = name.rpartition(".")[2].casefold(), float(numbers[0])
+        if _bare(name) in _RATE_NAMES:
             unit = bare.endswith("hz")
             found.append(Fact("rate", (number,), f"{name} = {number:g}", 0, exact=unit))
-        elif bare in _INTERVAL_NAMES:
+        else:
             unit = bare.endswith("_s")
             found.append(Fact("interval", (number,), f"{name} = {number:g}", 0, exact=unit))
     return Facts(tuple(found))

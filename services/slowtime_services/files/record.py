@@ -212,7 +212,8 @@ def looks_like_unit(text: str) -> bool:
     [True, True, True, False]
     """
     words = text.strip().casefold().replace("[", "").replace("]", "").split()
-    if len(words) == 1 and "/" in words[0] and unit_of(words[0]) is not None:
+    begins_plain = len(words) == 1 and "/" in words[0] and not words[0][0].isdigit()
+    if begins_plain and unit_of(words[0]) is not None:
         return True
     return bool(words) and all(
         word in _unit_words() or word.strip("()") in _unit_words() for word in words

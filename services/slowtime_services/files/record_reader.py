@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from . import plausibility
-from .channels import wrapped_rows
+from .channels import sentinels, wrapped_rows
 from .channels.missing_values import (
     describe_gaps,
     describe_missing,
@@ -22,8 +22,10 @@ from .channels.missing_values import (
     gaps_of_counter,
     only_rows,
     rows_missing,
+    rows_with_times,
 )
-from .channels.selection import refuse_several_sensors, select_channels, unit_of_channel
+from .channels.selection import select_channels, unit_of_channel
+from .channels.separate_series import refuse_separate_runs, refuse_several_sensors
 from .channels.si_conversion import in_si
 from .clocks import candidates
 from .clocks.record_clock import axis_of, clock_of_sheet, clock_words, no_clock, start_of
@@ -149,16 +151,23 @@ def _record(
 ) -> Record:
     """Decide the columns, check them against the heading, and collect the samples."""
     names = sheet.names
-    told = of_all_rows = clock_of_sheet(sheet, said)
+    told = clock_of_sheet(sheet, said)
+    timed = np.arange(len(sheet.columns[0].values))
+    if told.clock is None and (missing.skip or missing.keep):
+        sheet, timed, told = _rows_with_times(sheet, said, told)
+    of_all_rows = told
     kept, why = select_channels(file, sheet, said, told.columns, sparse=not missing.keep)
+    refuse_separate_runs(file, sheet, kept, said)
     if said.rate_hz is None:
         refuse_several_sensors(file, sheet, told.columns)
+    sheet, notes_of_codes = sentinels.as_missing(file, sheet, kept, missing)
     lost = rows_missing(file, sheet, kept, missing)
-    rows = np.arange(len(lost))[~lost]
+    rows = timed[~lost]
     if missing.skip and lost.any():
-        sheet = only_rows(sheet, rows)
+        sheet = only_rows(sheet, np.flatnonzero(~lost))
         told = clock_of_sheet(sheet, said)
     axis, notes = axis_of(told, said, sheet.facts)
+    notes = (*notes_of_codes, *notes)
     if of_a_piece:
         _refuse_wandering(axis)
     gaps = axis.gaps if axis is not None else ()
@@ -209,6 +218,28 @@ def _record(
         notes=(*sheet.notes, *notes, *verdict.notes),
         assumptions=assumptions,
     )
+
+
+def _rows_with_times(
+    sheet: Sheet, said: ReadingOptions, told: candidates.ClockReading
+) -> tuple[Sheet, np.ndarray[tuple[int], np.dtype[np.intp]], candidates.ClockReading]:
+    """Rows that have a time, and the clock of them, where it lacks some times.
+
+    A row without a time cannot be placed: it is left out, which the clock shows as a gap.
+    """
+    rows = rows_with_times(sheet)
+    if rows is not None:
+        timed = only_rows(sheet, rows)
+        again = clock_of_sheet(timed, said)
+        if again.clock is not None:
+            lost = len(sheet.columns[0].values) - len(rows)
+            which = (
+                "1 row without a time was" if lost == 1 else f"{lost} rows without a time were"
+            )
+            note = f"{which} left out, by column {again.clock.name!r}."
+            timed = dataclasses.replace(timed, notes=(*timed.notes, note))
+            return timed, rows, again
+    return sheet, np.arange(len(sheet.columns[0].values)), told
 
 
 def _without_rate(file: str, sheet: Sheet) -> RecordError:

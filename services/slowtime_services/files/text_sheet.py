@@ -23,8 +23,18 @@ from .delimited.dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
 from .delimited.encoding import decode
 from .delimited.oscilloscopes import plain_table
 
+MOST_BEYOND = 0.2
+"""Share of rows [1] that may have a value in a last column whose other rows end empty."""
 MOST_FOOTER = 12
 """Lines of words that may stand below the rows."""
+_STATISTIC = re.compile(
+    r"(?:(?:abs(?:olute)?|arithmetic)[ .]*)?(?:max(?:imum|imal)?|min(?:imum|imal)?|mean|"
+    r"average|avg|ave|rms|std\.?(?:[ .]*dev(?:iation)?)?|stdev|sigma|var(?:iance)?|median|sum|"
+    r"summe|total|peak|pk-pk|p-p|range|count|mittel(?:wert)?|moyenne|media|promedio)"
+    r"(?:[ .]*(?:value|abs|wert|[\[(].{1,12}[\])]))?\.?",
+    re.I,
+)
+"""What begins a line of statistics below the rows."""
 _SERIAL_STAMP = re.compile(r"(\d{1,2}:\d{2}:\d{2}[.,]\d+)\s*->\s*")
 """What the Arduino IDE puts before each line that it logs."""
 _LABELLED = re.compile(
@@ -106,8 +116,10 @@ def _read_table(
 ) -> Sheet:
     layout = find_layout(lines, name, skip_lines)
     dialect, preamble = layout.dialect, lines[: layout.first]
-    names, units = read_heading(preamble, dialect, len(layout.kinds))
+    names, units, said_names = read_heading(preamble, layout, lines[layout.first :])
+    total = len(lines)
     lines, footer = _without_footer(lines, layout)
+    said_footer = _describe_statistics(footer, total, layout)
     mark = dialect.delimiter
     facts = find_facts(preamble, dialect.decimal, 1, mark)
     if footer:
@@ -127,7 +139,11 @@ def _read_table(
         start_said=start.said,
         start_zone=start.zone,
         zone=zone,
-        notes=notes,
+        notes=(*said_names, *said_footer, *notes),
+        assumptions=(
+            f"{dialect.decimal!r} in numbers parts thousands, since three digits follow each",
+        )
+        * dialect.grouped,
         first_line=layout.first + 1,
     )
 
@@ -151,7 +167,27 @@ def _is_footer(line: str, layout: Layout) -> bool:
     fields = layout.dialect.split(line) if len(line) < 2000 else [line]
     kinds = [layout.dialect.kind(field) for field in fields]
     alike = sum(one == other for one, other in zip(kinds, layout.kinds, strict=False))
+    if _states_statistic(fields, layout):
+        return True
     return bool(re.search(r"[^\W\d_]{3}", line)) and alike * 2 < max(len(layout.kinds), 2)
+
+
+def _states_statistic(fields: Sequence[str], layout: Layout) -> bool:
+    """Whether a line begins with a word such as ``Max`` where rows have a number or a stamp."""
+    stated = layout.kinds[0] != "word" and layout.dialect.kind(fields[0]) == "word"
+    return stated and _STATISTIC.fullmatch(fields[0].strip(" :#")) is not None
+
+
+def _describe_statistics(footer: Sequence[str], total: int, layout: Layout) -> tuple[str, ...]:
+    """Note that lines of statistics below the rows were left out."""
+    found = [
+        total - len(footer) + place + 1
+        for place, line in enumerate(footer)
+        if line.strip() and _states_statistic(layout.dialect.split(line), layout)
+    ]
+    if not found:
+        return ()
+    return (f"Statistics below the rows, from line {found[0]} on, were left out.",)
 
 
 class _Rows:
@@ -194,7 +230,10 @@ class _Rows:
         if mark is not None and dialect.ends_open(body[0]):
             body = [line.rstrip(" \r").removesuffix(mark) for line in body]
         text = "\n".join(body)
-        text = text if dialect.decimal == "." else text.replace(",", ".")
+        if dialect.grouped:
+            text = text.replace(dialect.decimal, "")
+        elif dialect.decimal != ".":
+            text = text.replace(",", ".")
         try:
             values = np.loadtxt(io.StringIO(text), delimiter=mark, comments=None, ndmin=2)
         except ValueError:
@@ -213,6 +252,8 @@ class _Rows:
         heading = {line.strip() for line in lines[: self._layout.first] if line.strip()}
         repeated: list[str] = []
         last = max(index for index, line in enumerate(lines) if line.strip())
+        beyond: list[tuple[int, str]] = []
+        opens = dialect.ends_open(lines[self._layout.first])
         for index in range(self._layout.first, last + 1):
             if not lines[index].strip():
                 continue
@@ -226,10 +267,15 @@ class _Rows:
                 fields += [""] * (width - len(fields))
             if index == last and len(fields) < width and rows:
                 said = f"The last line ({index + 1}) is cut short and was left out."
-                return rows, numbers, _tail(fields, dialect), (*_restarts(repeated), said)
+                more = (*_restarts(repeated), *_describe_beyond(beyond), said)
+                return rows, numbers, _tail(fields, dialect), more
             if len(fields) > width and not any(fields[width:]):
                 del fields[width:]
-            if len(fields) != width:
+            if len(fields) == width + 1 and opens:
+                beyond.append((index + 1, fields.pop()))
+            if len(fields) != width or len(beyond) > MOST_BEYOND * len(rows) + 1:
+                if beyond and beyond[-1][0] == index + 1:
+                    fields.append(beyond[-1][1])
                 raise RecordError(
                     f"Line {index + 1} has {len(fields)} fields, the lines before it {width}. "
                     "Correct or remove that line; if the first rows are not data, skip "
@@ -238,7 +284,7 @@ class _Rows:
                 )
             rows.append(fields)
             numbers.append(index + 1)
-        return rows, numbers, (), _restarts(repeated)
+        return rows, numbers, (), (*_restarts(repeated), *_describe_beyond(beyond))
 
     def _column(self, at: int, texts: list[str], numbers: Sequence[int]) -> Column:
         name, unit, kind = self._names[at], self._units[at], self._layout.kinds[at]
@@ -253,7 +299,7 @@ class _Rows:
         missing = None
         for row, text in enumerate(texts):
             try:
-                plain = dialect.decimal == "." and "_" not in text
+                plain = dialect.decimal == "." and "_" not in text and not dialect.grouped
                 value = float(text) if plain else dialect.number(text)
             except ValueError:
                 value = self._number(text, numbers[row])
@@ -308,6 +354,18 @@ def _restarts(repeated: Sequence[str]) -> tuple[str, ...]:
     return (
         f"The heading stands again in line {', '.join(repeated[:3])}{more}, as where a logger "
         "restarted or files were joined; without a clock, samples lost there cannot be seen.",
+    )
+
+
+def _describe_beyond(beyond: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+    """Note what stands in a last column that is empty in nearly all rows."""
+    if not beyond:
+        return ()
+    line, text = beyond[0]
+    rows = "1 row" if len(beyond) == 1 else f"{len(beyond)} rows"
+    return (
+        f"The last column is empty but for {rows} (line {line}: {text[:40]!r}) and was left "
+        "out.",
     )
 
 

@@ -24,6 +24,7 @@ _GRAVITIES = {
     "g": GRAVITY, "gn": GRAVITY, "g0": GRAVITY, "g_n": GRAVITY, "gs": GRAVITY, "g's": GRAVITY,
     "mg": 1e-3 * GRAVITY, "milli-g": 1e-3 * GRAVITY, "ug": 1e-6 * GRAVITY,
     "µg": 1e-6 * GRAVITY, "g/10": 0.1 * GRAVITY, "gal": 1e-2, "gals": 1e-2, "mgal": 1e-5,
+    "g-force": GRAVITY, "gforce": GRAVITY, "millig": 1e-3 * GRAVITY, "microg": 1e-6 * GRAVITY,
 }  # fmt: skip
 _SECOND = r"(?:s|sec|second|seconds)"
 _PER_SQUARE = rf"/{_SECOND}2|/{_SECOND}/{_SECOND}|/\({_SECOND}2\)|[.*]?s-2|[.*]?sec-2|/s\*s|/ss"
@@ -33,6 +34,11 @@ _OF_LENGTH = re.compile(
     rf"(?P<length>{_LENGTH})(?:(?P<square>{_PER_SQUARE})|(?P<once>{_PER_SECOND}))?"
 )
 _NUMBER = r"(?P<number>\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)?"
+_TIMES = re.compile(
+    r"[\[(]?\s*(?P<mantissa>\d+\.?\d*(?:e[+-]?\d+)?)?\s*[x×*·]?\s*"
+    r"(?:10\s*(?:\^|\*\*)\s*\(?(?P<power>[+-]?\d{1,2})\)?)?\s*[*·×]?\s*(?P<rest>[^\W\d].*)"
+)
+"""A number in front of a unit, such as ``1e-3 m/s2`` and ``10^-3 g``."""
 _OTHER_QUANTITY = re.compile(
     r"\b(?:mag[xyz]?|magnet\w*|gauss|weights?|\w*gewicht|mass|load(?:cell)?s?|forces?|\w*kraft)\b"
 )
@@ -71,6 +77,8 @@ class Sensitivity:
 def unit_of(text: str, channel: str = "") -> Unit | None:
     """Parse a unit of motion; None for others, and if the channel's name contradicts it.
 
+    A number in front of the unit is part of its factor.
+
     Examples
     --------
     >>> unit_of("mm/s²")
@@ -80,6 +88,10 @@ def unit_of(text: str, channel: str = "") -> Unit | None:
     >>> unit_of("g", "damaged_acc_1").quantity
     'acceleration'
     """
+    times = _times(text)
+    if times is not None:
+        inner = unit_of(times[1], channel)
+        return None if inner is None else Unit(inner.quantity, times[0] * inner.factor)
     plain = _normalized(text)
     if plain in _GRAVITIES:
         another = _names_other_quantity(channel)
@@ -91,6 +103,18 @@ def unit_of(text: str, channel: str = "") -> Unit | None:
     if match["square"]:
         return Unit("acceleration", worth)
     return Unit("velocity" if match["once"] else "displacement", worth)
+
+
+def _times(text: str) -> tuple[float, str] | None:
+    """Split a number from the unit behind it; None where there is no number in front."""
+    plain = text.strip().casefold().replace("⁻", "-")
+    for high, digit in zip("³⁶⁹", "369", strict=True):
+        plain = plain.replace(f"10-{high}", f"10^-{digit}")
+    match = _TIMES.fullmatch(plain.rstrip(")]") if plain[:1] in ("(", "[") else plain)
+    if match is None or (match["mantissa"] is None and match["power"] is None):
+        return None
+    factor = float(match["mantissa"] or 1.0) * 10.0 ** int(match["power"] or 0)
+    return (factor, match["rest"]) if factor > 0 else None
 
 
 def sensitivity_of(text: str) -> Sensitivity:

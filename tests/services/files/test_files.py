@@ -387,3 +387,46 @@ def test_a_counting_clock_of_any_size_tells_rate_and_gaps(tmp_path, write_file, 
     record = read_record(write_file(tmp_path / "a", columns))
     assert record.rate_hz == 100.0
     assert [(gap.row, gap.missing) for gap in record.gaps] == [(100, 1)]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("SampleFrequency", 200.0),
+        ("Ts", 0.005),
+        ("sampling_rate_hz", 200.0),
+        ("fs", "200"),
+        ("fs", np.array([200.0, 200.0, 200.0])),
+    ],
+)
+def test_a_rate_is_read_by_any_of_its_names_as_text_and_for_each_channel(
+    tmp_path, suffix, name, value
+):
+    made = {"acc": SAMPLES, name: value}
+    path = tmp_path / f"a{suffix}"
+    np.savez(path, **made) if suffix == ".npz" else scipy.io.savemat(path, made)
+    assert read_record(path).rate_hz == 200.0
+
+
+def test_different_rates_of_channels_are_no_rate(tmp_path):
+    np.savez(tmp_path / "a.npz", acc=SAMPLES, fs=np.array([200.0, 100.0]))
+    with pytest.raises(RecordError, match="does not say how often"):
+        read_record(tmp_path / "a.npz")
+
+
+def test_times_of_numpy_are_a_clock_with_a_start(tmp_path):
+    start = np.datetime64("2024-05-01T10:00:00", "ns")
+    times = start + np.arange(len(SAMPLES)) * np.timedelta64(5, "ms")
+    np.savez(tmp_path / "a.npz", acc=SAMPLES, time=times)
+    record = read_record(tmp_path / "a.npz")
+    assert (record.rate_hz, record.start_ns) == (200.0, int(start.astype(np.int64)))
+
+
+def test_matlab_structs_that_are_runs_are_asked_about(tmp_path):
+    runs = {f"test{i}": {"acc": SAMPLES, "fs": 200.0} for i in (1, 2)}
+    scipy.io.savemat(tmp_path / "a.mat", runs)
+    with pytest.raises(RecordError, match=r"test1, test2, .*--channels test1\.acc_0"):
+        read_record(tmp_path / "a.mat")
+    chosen = read_record(tmp_path / "a.mat", channels=["test2.acc_0"])
+    np.testing.assert_array_equal(chosen.samples[:, 0], SAMPLES[:, 0])

@@ -4,6 +4,7 @@ import datetime
 import json
 import sys
 import warnings
+import wave
 from pathlib import Path
 
 import h5py
@@ -14,6 +15,7 @@ import scipy.io.wavfile
 from slowtime_services.exports import write_parquet
 from slowtime_services.files import Record, RecordError, read_record
 from slowtime_services.files.readers import READERS, ros
+from slowtime_services.files.record_streams.record_stream import open_record
 
 START = np.datetime64("2024-03-05T06:07:08.250", "ns")
 START_NS = int(START.astype(np.int64))
@@ -94,6 +96,42 @@ def test_wav(tmp_path, kind):
     assert record.rate_hz == 8000.0
     assert record.samples.dtype == kind
     np.testing.assert_array_equal(record.samples, values)
+
+
+@pytest.mark.parametrize(("octets", "offset"), [(1, 128), (3, 0)])
+def test_wav_of_8_and_24_bits_holds_the_steps_of_its_converter(tmp_path, octets, offset):
+    limit = 2 ** (8 * octets - 1)
+    values = np.random.default_rng(5).integers(-limit, limit, 400)
+    values[:2] = -limit, limit - 1
+    with wave.open(str(tmp_path / "a.wav"), "wb") as file:
+        file.setnchannels(2)
+        file.setsampwidth(octets)
+        file.setframerate(500)
+        file.writeframes(
+            b"".join(
+                int(v + offset).to_bytes(octets, "little", signed=not offset) for v in values
+            )
+        )
+    record = read_record(tmp_path / "a.wav")
+    np.testing.assert_array_equal(record.samples, values.reshape(-1, 2))
+    assert any(f"integers of {8 * octets} bits" in note for note in record.notes)
+    with open_record(tmp_path / "a.wav") as stream:
+        pieces = [block.samples for block, _ in stream.blocks]
+    np.testing.assert_array_equal(np.concatenate(pieces), values.reshape(-1, 2))
+
+
+def test_groups_of_hdf5_that_are_runs_are_asked_about_and_sensors_are_not(tmp_path):
+    rng = np.random.default_rng(6)
+    for names in (("run1", "run2"), ("roof", "base")):
+        with h5py.File(tmp_path / f"{names[0]}.h5", "w") as file:
+            for name in names:
+                made = file.create_dataset(f"{name}/acc", data=rng.standard_normal((300, 2)))
+                made.attrs["Sample Rate"] = "0.2 kHz"
+    with pytest.raises(RecordError, match=r"run1, run2, .*--channels run1/acc_0,run1/acc_1"):
+        read_record(tmp_path / "run1.h5")
+    chosen = read_record(tmp_path / "run1.h5", channels=["run2/acc_0", "run2/acc_1"])
+    assert (chosen.rate_hz, chosen.samples.shape) == (200.0, (300, 2))
+    assert read_record(tmp_path / "roof.h5").samples.shape == (300, 4)
 
 
 @pytest.mark.parametrize(("ending", "form"), [("mseed", "MSEED"), ("sac", "SAC")])

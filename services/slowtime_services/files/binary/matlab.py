@@ -15,6 +15,8 @@ from .reader_process import REFUSED, bound_memory, save
 
 HEADING_BYTES = 512
 """Before an HDF5 file's own first bytes, where MATLAB has written one."""
+MOST_DIGITS = 24
+"""Characters of a number that is written as a text."""
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -43,6 +45,8 @@ def _flatten(name: str, value: Any, into: dict[str, Values]) -> None:
             _flatten(f"{name}.{field}", array[field].flat[0], into)
     elif array.dtype.kind in "fiub":
         into[name] = array
+    elif array.dtype.kind == "U" and array.size == 1 and len(str(array.flat[0])) <= MOST_DIGITS:
+        into[name] = array  # a rate may be written as a text
 
 
 def _is_hdf5(path: Path) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from slowtime_services.files.reading_options import MissingPolicy
 from slowtime_services.files.record import Gap, RecordError, Values
 from slowtime_services.files.sheet import Column, Sheet
-from slowtime_services.files.times.time_axis import unwrapped
+from slowtime_services.files.times.time_axis import is_time_name, unwrapped
 
 from . import auxiliary_columns
 
@@ -61,6 +61,17 @@ def _not_finite(
         f"{file}, column {name}: {np.count_nonzero(bad)} values are not finite, the first in "
         f"row {np.flatnonzero(bad)[0]}. {cure}"
     )
+
+
+def rows_with_times(sheet: Sheet) -> np.ndarray[tuple[int], np.dtype[np.intp]] | None:
+    """Rows in which the columns of times have a value; None where none or too many lack one."""
+    lost = np.zeros(len(sheet.columns[0].values), dtype=bool)
+    for name, column in zip(sheet.names, sheet.columns, strict=True):
+        if column.kind == "number" and is_time_name(name) and column.values.dtype.kind == "f":
+            bad = ~np.isfinite(column.values)
+            if bad.mean() <= MAX_MISSING_SHARE:
+                lost |= bad
+    return np.flatnonzero(~lost) if 0 < lost.mean() <= MAX_MISSING_SHARE else None
 
 
 def only_rows(sheet: Sheet, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Sheet:

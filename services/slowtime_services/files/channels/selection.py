@@ -1,18 +1,24 @@
 """Selection of the columns that are channels, with their units."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from slowtime_services.files.reading_options import ALL, ReadingOptions
-from slowtime_services.files.record import NAMES_SLOW, RecordError, Values, find_column
+from slowtime_services.files.record import (
+    NAMES_ACCELERATION,
+    NAMES_SLOW,
+    RecordError,
+    find_column,
+)
 from slowtime_services.files.sheet import Sheet
-from slowtime_services.files.times.time_units import is_time_name
 
 from . import auxiliary_columns
 
-MAX_SENSORS_IN_TURN = 64
-"""Sensors whose rows may alternate in a file [1]."""
+_UNIT_IN_NAME = re.compile(
+    r"(?P<stem>.*[^\W_])_(?<!low_)(?<!high_)(?P<unit>g|mg|ug|m_?s\^?2|mps2|m/s\^?2|gal)", re.I
+)
 
 
 def select_channels(
@@ -79,41 +85,24 @@ def _chosen(
     return kept
 
 
-def refuse_several_sensors(file: str, sheet: Sheet, used: frozenset[int]) -> None:
-    """Ask about rows that are of one sensor after the other.
-
-    Parameters
-    ----------
-    used
-        Places of columns that the clock is read from.
-    """
-    clocks = [c for c in sheet.columns if c.stamps is not None or is_time_name(c.name)]
-    if not any((np.diff(c.values) == 0).any() for c in clocks if c.kind != "word"):
-        return
-    for place, (name, column) in enumerate(zip(sheet.names, sheet.columns, strict=True)):
-        period = _period(column.values) if column not in clocks and place not in used else 0
-        if period > 1:
-            found = ", ".join(map(str, column.values[:period]))
-            raise RecordError(
-                f"The rows of {file} list several sensors one after another at each time "
-                f"(column {name!r} repeats {found[:80]}). Rearrange the file to one row "
-                "for each time and one column for each sensor. If each row is a sample "
-                "of its own and the rows are evenly spaced in time, give --rate-hz."
-            )
-
-
-def _period(values: Values) -> int:
-    """Rows after which a column of few words or whole numbers repeats; 0 where it does not."""
-    few = list(values[: 2 * MAX_SENSORS_IN_TURN])
-    for period in range(2, min(MAX_SENSORS_IN_TURN, len(values) // 3) + 1):
-        if few[period : 2 * period] == few[:period] and len(set(few[:period])) == period:
-            return period if bool(np.all(values[period:] == values[:-period])) else 0
-    return 0
-
-
 def unit_of_channel(sheet: Sheet, place: int, kept: Sequence[int]) -> str:
     """Return the unit of a channel: its own, else the one that all samples have."""
-    stated = sheet.columns[place].unit
+    stated = sheet.columns[place].unit or unit_in_name(sheet.columns[place].name)
     if stated or any(sheet.columns[i].unit for i in kept):
         return stated
     return "" if NAMES_SLOW.search(sheet.columns[place].name) else sheet.unit
+
+
+def unit_in_name(name: str) -> str:
+    """Find the unit that ends the name of an acceleration; empty where there is none.
+
+    Examples
+    --------
+    >>> [unit_in_name(name) for name in ("ax_g", "AccY_mg", "acc_z_ms2", "low_g", "x_g")]
+    ['g', 'mg', 'm/s^2', '', '']
+    """
+    match = _UNIT_IN_NAME.fullmatch(name)
+    if match is None or not NAMES_ACCELERATION.search(match["stem"]):
+        return ""
+    unit = match["unit"].casefold()
+    return "m/s^2" if unit[0] == "m" and "s" in unit else unit

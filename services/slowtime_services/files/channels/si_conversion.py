@@ -5,12 +5,19 @@ again. Volts and counts need a sensitivity; without one they stay what they are.
 """
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from slowtime_services.files.record import Record, RecordError, Values, find_column
+from slowtime_services.files.record import (
+    NAMES_ACCELERATION,
+    Record,
+    RecordError,
+    Values,
+    find_column,
+)
 from slowtime_services.files.units import (
     COUNTS,
     SI,
@@ -20,6 +27,7 @@ from slowtime_services.files.units import (
     unit_of,
 )
 
+_MOTION = re.compile(r"(?<![a-z])(?:[mµu]?g|gal|m?m\s*/\s*s)(?![a-z])", re.I)
 MOST_NAMES = 8
 """Channels that a note names."""
 
@@ -170,7 +178,8 @@ def _signal_worth(unit: str, scale: Sensitivity) -> float | None:
     """Volts, or counts, of a number in a unit; None where it is in something else."""
     if scale.of == "V":
         return VOLTS.get(unit.strip("[]() ").casefold())
-    return 1.0 if unit.strip("[]() ").casefold() in COUNTS else None
+    plain = unit.strip("[]() ").casefold()
+    return 1.0 if plain in COUNTS or plain.partition("/")[2].strip() in COUNTS - {""} else None
 
 
 def _no_signal(channel: str, unit: str, text: str) -> RecordError:
@@ -201,7 +210,7 @@ def _conversion_notes(
 ) -> list[str]:
     """Describe the conversions, and volts and g that were not converted."""
     groups: dict[tuple[str, str, float], list[str]] = {}
-    volts, contradicted = [], []
+    volts, contradicted, others = [], [], []
     for column, (name, unit) in enumerate(zip(channels, units, strict=True)):
         if factors[column] != 1.0:
             by_scale = column in scales and unit_of(unit, name) is None
@@ -211,6 +220,8 @@ def _conversion_notes(
             volts.append(name)
         elif unit_of(unit) is not None and unit_of(unit, name) is None:
             contradicted.append(f"{name} in {unit}")
+        elif _is_unknown_motion(name, unit):
+            others.append(f"{name} in {unit}")
     notes = [
         f"Converted to {target}: {_listed(names)} from {unit} (times {factor:.9g})."
         for (target, unit, factor), names in groups.items()
@@ -227,7 +238,19 @@ def _conversion_notes(
             f"{_listed(contradicted)}. If they are accelerations, say so in their names, such "
             "as acc_1, with --columns."
         )
+    if others:
+        notes.append(
+            f"Left as they are, because their unit is not understood: {_listed(others)}. Give "
+            "it with --unit, such as g, or for counts a --sensitivity, such as 0.061mg/LSB."
+        )
     return notes
+
+
+def _is_unknown_motion(name: str, unit: str) -> bool:
+    """Whether a unit seems to be one of motion, or is of an acceleration, and is not known."""
+    if unit_of(unit) is not None or unit.strip("[]() ").casefold() in COUNTS:
+        return False
+    return bool(_MOTION.search(unit) or NAMES_ACCELERATION.search(name))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from slowtime_services.files.record import RecordError
@@ -15,6 +15,11 @@ LONGEST_FIELD = 64
 """Characters of the longest number or stamp; what is longer is words."""
 LONGEST_LINE = 200_000
 """Characters of a line from which it is not looked at as a row of the head."""
+LEAST_MARKED = 5
+"""Numbers with marks before three digits [1] from which these can be marks of thousands."""
+LEAST_SHARE_SMALL = 0.01
+"""Share of whole numbers below 1000 [1] in a column in which marks part thousands: of numbers
+with three decimals, less zeros at the end, a thousandth is whole."""
 MAX_DISTINCT_SHARE = 0.5
 """Share of different words in a column [1] from which it is a heading's text, not a state that
 a logger repeats."""
@@ -33,7 +38,10 @@ MISSING = frozenset(
     ("", "na", "n/a", "#n/a", "#na", "nan", "null", "none", "-", "--", "---", "#value!",
      "#num!", "#div/0!", "#ref!", "nil", "missing", "<na>", "nat", "?", "1.#qnan", "-1.#ind",
      "1.#ind",
-     "-nan(ind)", "nan(ind)", "-nan", "overflow", "overrange", "invalid")
+     "-nan(ind)", "nan(ind)", "-nan", "overflow", "overrange", "invalid", "overload", "ovld",
+     "ovl", "ol", "+ol", "-ol", "o.l", "over", "+over", "-over", "err", "error", "#err",
+     "no data", "nodata", "no value", "n.a.", "n.a", "1.#inf", "-1.#inf", "+1.#inf",
+     *("*" * count for count in range(1, 17)), *("#" * count for count in range(2, 17)))
 )  # fmt: skip
 """Words that stand for a value which is not there."""
 
@@ -45,6 +53,8 @@ class Dialect:
     delimiter: str | None
     """None is any run of blanks."""
     decimal: str
+    grouped: bool = False
+    """Whether the decimal mark stands between thousands of whole numbers instead."""
 
     def split(self, line: str) -> list[str]:
         """Fields of a line; one delimiter left over at the end of the line closes nothing."""
@@ -87,6 +97,8 @@ class Dialect:
 
     def with_point(self, field: str) -> str:
         """Write a field with a decimal point and without marks between thousands."""
+        if self.grouped:
+            return field.replace(self.decimal, "")
         if self.decimal == ".":
             return field.replace(",", "") if _POINT_THOUSANDS.match(field) else field
         if _COMMA_THOUSANDS.match(field):
@@ -154,23 +166,108 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
     if best is None:
         raise _no_rows(lines, name, skip)
     _refuse_split_decimals(lines, best[1], name)
-    return best[1]
+    return _with_thousands(lines, best[1], name)
+
+
+def _with_thousands(lines: Sequence[str], layout: Layout, name: str) -> Layout:
+    """Take decimal marks for marks between thousands, where they can be no others.
+
+    Decimals are written with the same number of digits in each row, or without zeros at their
+    end, and numbers below one begin with a zero. Marks that always stand before three digits,
+    in a column that has whole numbers below 1000, too, and no number below one, part thousands.
+
+    Raises
+    ------
+    RecordError
+        Where quoted numbers between commas all have three digits behind a comma.
+    """
+    dialect, mark = layout.dialect, layout.dialect.decimal
+    three = re.compile(rf"[+-]?[1-9]\d{{0,2}}(?:{re.escape(mark)}\d{{3}})+")
+    numbers = [place for place, kind in enumerate(layout.kinds) if kind == "number"]
+    marked: dict[int, int] = dict.fromkeys(numbers, 0)
+    for row in _rows_with(mark, lines, layout):
+        for place in numbers:
+            if mark in row[place]:
+                if three.fullmatch(row[place]) is None:
+                    return layout
+                marked[place] += 1
+    places = [place for place, count in marked.items() if count]
+    if not places:
+        return layout
+    small = dict.fromkeys(places, 0)
+    for row in _rows_with("", lines, layout):
+        for place in places:
+            size = row[place].lstrip("+-")
+            if size.isdigit():
+                if len(size) > len("999"):
+                    return layout
+                small[place] += 1
+    shares = [small[place] / (marked[place] + small[place]) for place in places]
+    if sum(marked.values()) >= LEAST_MARKED and max(shares) >= LEAST_SHARE_SMALL:
+        return dataclasses.replace(layout, dialect=dataclasses.replace(dialect, grouped=True))
+    if dialect == Dialect(",", ","):
+        raise RecordError(
+            f"In {name}, each comma in numbers stands before three digits "
+            f"({lines[layout.first][:60]!r}): it may part thousands or begin decimals. Save it "
+            "with decimal points and without marks between thousands."
+        )
+    return layout
+
+
+def _rows_with(mark: str, lines: Sequence[str], layout: Layout) -> Iterator[list[str]]:
+    """Fields of rows of the expected number that contain a mark."""
+    dialect, width = layout.dialect, len(layout.kinds)
+    for line in lines[layout.first :]:
+        if line.strip() and mark in line and len(fields := dialect.split(line)) == width:
+            yield fields
 
 
 def _refuse_split_decimals(lines: Sequence[str], layout: Layout, name: str) -> None:
-    """Ask about commas that part numbers and, it seems, their decimals, too."""
-    if layout.dialect != Dialect(",", ".") or len(layout.kinds) % 2 or len(layout.kinds) < 4:
+    """Ask about commas that part numbers and, it seems, their decimals, too.
+
+    Decimals are whole numbers without a sign, some of which begin with zeros. Where such
+    columns stand at every second place, or the heading has fewer names than there are columns,
+    or a whole number is ``-0``, they are the decimals of the column in front.
+    """
+    if layout.dialect != Dialect(",", ".") or len(layout.kinds) < 3:
         return
     rows = [layout.dialect.split(line) for line in lines[layout.first :][:60] if line.strip()]
     rows = [row for row in rows if len(row) == len(layout.kinds)]
-    decimals = [field for row in rows for field in row[1::2]]
-    whole = all(re.fullmatch(r"[+-]?\d+", field) for row in rows for field in row)
-    if whole and all(map(str.isdigit, decimals)) and any(re.match(r"0\d", f) for f in decimals):
+    columns = [
+        column if kind == "number" else None
+        for kind, column in zip(layout.kinds, zip(*rows, strict=True), strict=True)
+    ]
+    if any(c is not None and not all(map(_is_whole, c)) for c in columns):
+        return
+    decimals = [
+        place
+        for place in range(1, len(columns))
+        if _are_decimals(columns[place]) and columns[place - 1] is not None
+    ]
+    padded = [
+        place for place in decimals if any(re.match(r"0\d", f) for f in columns[place] or ())
+    ]
+    named = len(layout.dialect.split(lines[layout.first - 1])) if layout.first else 0
+    paired = len(columns) >= 4 and set(range(1, len(columns), 2)) <= set(decimals)
+    fewer = 0 < len(columns) - named <= len(decimals) and named > 1
+    signed = any("-0" in (columns[place - 1] or ()) for place in decimals)
+    if padded and ((paired and len(columns) % 2 == 0) or fewer or signed):
         raise RecordError(
             f"In {name}, commas stand between numbers and, it seems, before their decimals, "
             f"too ({lines[layout.first][:60]!r}). Save it with semicolons or tabs between "
             "numbers, or with decimal points."
         )
+
+
+def _is_whole(field: str) -> bool:
+    return re.fullmatch(r"[+-]?\d+(?:[eE][+-]?\d+)?|", field) is not None
+
+
+def _are_decimals(column: Sequence[str] | None) -> bool:
+    """Whether all fields of a column may be digits behind a decimal mark."""
+    return column is not None and all(
+        re.fullmatch(r"\d+(?:[eE][+-]?\d+)?", field) for field in column
+    )
 
 
 def _no_rows(lines: Sequence[str], name: str, skip: int | None) -> RecordError:

@@ -1,6 +1,7 @@
 """HDF5 files of any program, by h5py: datasets, and the meaning of their attributes."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,16 +9,18 @@ import h5py
 import numpy as np
 
 from slowtime_services.files.binary.numpy_arrays import refuse_above
+from slowtime_services.files.headings.vocabulary import FREQUENCY_UNITS, TIME_UNITS
 from slowtime_services.files.record import RecordError
 
 from .found import Figure, Found, Series
 
 RATES = frozenset(
     "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate samplingfrequency "
-    "sampling_frequency sampling_rate_hz sr frequency_hz".split()
+    "sampling_frequency sample_frequency samplefrequency sampling_rate_hz sr "
+    "frequency_hz".split()
 )
 INTERVALS = frozenset(
-    "dt delta_t delta sample_interval sampling_interval dt_s increment wf_increment".split()
+    "dt delta_t delta sample_interval sampling_interval dt_s increment wf_increment ts".split()
 )
 UNITS = ("unit", "units", "unit_string")
 NAMES = ("channels", "channel_names", "columns", "names")
@@ -108,13 +111,22 @@ def _rates(said: dict[str, Any]) -> Iterator[tuple[str, float]]:
     """Rates that attributes state, under which name, rates before intervals."""
     for names, inverse in ((RATES, False), (INTERVALS, True)):
         for name, value in said.items():
-            if name in names and np.size(value) == 1:
+            if name.replace(" ", "_") in names and np.size(value) == 1:
                 try:
-                    number = float(np.asarray(value).reshape(-1)[0])
+                    number = _number(value, TIME_UNITS if inverse else FREQUENCY_UNITS)
                 except (TypeError, ValueError):
                     continue
                 if 1e-12 < number < 1e12:
                     yield name, 1.0 / number if inverse else number
+
+
+def _number(value: Any, units: Mapping[str, float]) -> float:
+    """Value of an attribute that is a number, or a text of one, with or without its unit."""
+    text = _texts(value)[0].strip()
+    match = re.fullmatch(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\D*)", text)
+    if match is None or (match[2] and match[2].casefold() not in units):
+        raise ValueError(text)
+    return float(match[1]) * (units[match[2].casefold()] if match[2] else 1.0)
 
 
 def _texts(value: Any) -> list[str]:
