@@ -35,6 +35,10 @@ SHIFT = 40
 """A key is number << SHIFT | sequence, as in the history."""
 
 
+_LAST_ID = re.compile(r"(\d{1,19})-(\d{1,18})", re.ASCII)
+"""Id of an event: key and number."""
+
+
 class Item(NamedTuple):
     """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged."""
 
@@ -253,17 +257,19 @@ class LiveResponse(Response):
 
     def _catch_up(self) -> list[Item]:
         """Collect events that a client missed; for a new one, the latest state."""
-        seen = re.fullmatch(r"(\d{1,19})-(\d{1,18})", self._last_id or "")
+        seen = _LAST_ID.fullmatch(self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
-        if seen is None:
-            chapter = knowledge.latest(twin_id, None)
-            newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
-            self._number = newest[-1][0] if newest else 0
-            before: list[Item] = []
-        else:
-            self._key, self._number = int(seen.group(1)), int(seen.group(2))
+        chapter = knowledge.latest(twin_id, None)
+        newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
+        last_key, last_number = max(chapter.keys, default=0), newest[-1][0] if newest else 0
+        before: list[Item] = []
+        if seen is not None and int(seen[1]) <= last_key and int(seen[2]) <= last_number:
+            self._key, self._number = int(seen[1]), int(seen[2])
             chapter = knowledge.since(twin_id, self._key, self._hub.backlog)
             before = [] if len(chapter.keys) < self._hub.backlog else [RESET]
+        else:
+            # Ahead of all there is: the history is another, such as one out of a backup.
+            self._number, before = last_number, [] if seen is None else [RESET]
         texts = state_objects(
             chapter.states, twin_id, chapter.boots, chapter.units, chapter.bodies
         )
