@@ -58,6 +58,7 @@ class Account:
             line = self._line(run.site, run.asset)
             if line.runs:
                 line.runs[-1].followed = True
+                run.earlier = line.runs[-1]
             run.interrupt(run.next)
             line.runs.append(run)
             self._runs[run.site, run.asset, run.boot] = run
@@ -402,6 +403,7 @@ class Account:
         run.number, self._next_number = self._next_number, self._next_number + 1
         if line.runs:
             line.runs[-1].followed = True
+            run.earlier = line.runs[-1]
         line.runs.append(run)
         change.touched[run] = None
         earliest = min(run.held, default=None)

@@ -88,6 +88,10 @@ class Run:
         How often its agent was heard of after a later boot had begun.
     disbelieved
         Why the sensor time of what came under a sequence was not believed.
+    earlier
+        The boot before it, until the first reading is accepted; None for the first boot.
+    before_ns
+        Sensor time of the newest reading of all earlier boots; -1 without any.
     """
 
     site: str
@@ -116,6 +120,8 @@ class Run:
     disbelieved: dict[int, str] = dataclasses.field(default_factory=dict)
     held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
     lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
+    earlier: "Run | None" = None
+    before_ns: int = -1
     worried: bool = False
     since_s: float = 0.0
     due_s: float = 0.0
@@ -132,6 +138,15 @@ class Run:
             return (self.next, first_held - 1) if first_held > self.next else None
         last = self.told if self.told > self.forgotten else -1
         return (self.next, last) if last >= self.next else None
+
+    def follow_earlier(self) -> None:
+        """Note where the readings of earlier boots end, which are all accepted by now."""
+        chain = [self]
+        while chain[-1].earlier is not None:
+            chain.append(chain[-1].earlier)
+        for before, run in zip(chain[:0:-1], chain[-2::-1], strict=True):
+            run.before_ns = max(before.before_ns, before.last_t_ns)
+            run.earlier = None
 
     def take(self, sequence: int, payload: bytes) -> None:
         """Add accepted features to the digest."""
@@ -268,6 +283,10 @@ class Ordered(NamedTuple):
     payload: bytes
     missing_before: int
     replayed: bool = False
+    previous_ns: int = -1
+    """Sensor time of the reading before it in its boot; -1 for the first."""
+    covered: float = 0.0
+    """Share of its time that earlier windows have measured [1]."""
 
 
 class LostRange(NamedTuple):

@@ -20,7 +20,7 @@ from twin_server.persist.tables.rows import (
 )
 
 from .history_hashes import HistoryHashes
-from .history_queries import select_history, select_thinned
+from .history_queries import select_boots, select_history, select_neighbours, select_thinned
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
     asset_events as asset_events_table,
@@ -243,6 +243,16 @@ class SqlStore(abc.ABC):
         """At most `max_points` states between two times, with statistics of all of them."""
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
+
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        with self._reading() as reader:
+            return select_boots(reader, twin_id)
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        with self._reading() as reader:
+            return select_neighbours(reader, number, t_ns)
 
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""

@@ -150,6 +150,14 @@ class Store(Protocol):
         """
         ...
 
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        ...
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        ...
+
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""
         ...

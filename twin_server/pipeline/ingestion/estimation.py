@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
 from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
-from twin_server.history.states import blank
+from twin_server.history.states import blank, covered_share, from_bytes
 from twin_server.persist import DetailRow, EventRow, FeatureRow, StateRow, Store, WriteBatch
 from twin_server.registration.twin import Registration
 
@@ -67,6 +67,7 @@ def estimate_next(
         [o.features for o in ordered],
         owners,
         [o.missing_before for o in ordered],
+        [o.covered for o in ordered],
     )
     for key, checkpoint, notices in zip(keys, found.checkpoints, found.notices, strict=True):
         if checkpoint != twins[key].checkpoint:
@@ -100,12 +101,16 @@ def reestimate(
         last = (0, -1)
         while rows := store.messages(".".join(key), last, REESTIMATE_BATCH):
             features = [decoded(row.message) for row in rows]
-            missing = []
-            for row in rows:
-                before = last[1] if row.number == last[0] else -1
-                missing.append(row.sequence - before - 1)
-                last = (row.number, row.sequence)
-            found = estimate([twin], features, [0] * len(rows), missing)
+            last = (rows[-1].number, rows[-1].sequence)
+            # What was missing, and what had been measured before, was found when they came.
+            kept = from_bytes(row.state for row in rows)
+            found = estimate(
+                [twin],
+                features,
+                [0] * len(rows),
+                kept["missing_before"].tolist(),
+                covered_share(kept).tolist(),
+            )
             twin = twin._replace(checkpoint=found.checkpoints[0])
             events.extend(derived_event(features[n.row], n) for n in found.notices[0])
             details = found.details or [None] * len(rows)

@@ -63,6 +63,7 @@ from .estimation import (
 )
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
+from .repeated_windows import WindowNotices
 from .routing import Routing
 from .rows import (
     address,
@@ -80,6 +81,7 @@ from .rows import (
 )
 from .state_publisher import ACK_EVERY_S, StatePublisher
 from .updates import UpdateListener
+from .window_coverage import WindowCoverage
 
 logger = logging.getLogger(__name__)
 
@@ -455,6 +457,8 @@ class Pipeline:
             account.watch(*address(twin_id), alive=True)
         self._publisher.forget_owed()
         self._account, self._twins = account, twins
+        self._coverage = WindowCoverage(self.store)
+        self._window_notices = WindowNotices(self.store, self.refusals)
         self._units = {row.number: row.slow_time_unit for row in rows}
         self._stale = False
 
@@ -586,6 +590,9 @@ class Pipeline:
         twins = collections.ChainMap(changed, self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
+        windows = self._coverage.sort(change.ordered)
+        change.ordered = windows.new
+        cut.events += self._window_notices.of(windows)
         fresh = estimate_next(
             change.ordered,
             twins,
