@@ -20,6 +20,7 @@ from .routes.alarms import AlarmService
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
     "out_of_order": "Features that came early and were held until their turn.",
+    "overlapping": "Features whose time earlier windows had measured in part or wholly.",
     "lost": "Features that are lost for good.",
     "batches": "Transactions.",
     "failed_batches": "Transactions that failed; nothing of them was kept.",

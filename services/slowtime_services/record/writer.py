@@ -20,6 +20,9 @@ CHUNK_BYTES = 2**20
 CHUNK_NS = 10**9
 """Longest time that the messages of a chunk cover, those longer by themselves excepted."""
 LIBRARY = "slowtime"
+WINDOWS, COUNTED_ONCE = "windows", "counted once"
+"""Rule by which twins of this version take in windows of the same time, in the metadata: a
+recording without it was made where each boot's windows counted anew."""
 
 
 def free_path(path: Path) -> Path:
@@ -77,7 +80,8 @@ class RecordingWriter:
         self._closed = False
         self._writer.start(profile="", library=LIBRARY)
         self._writer.add_metadata(
-            LIBRARY, {"software": software(), "layout": "1", **(metadata or {})}
+            LIBRARY,
+            {"software": software(), "layout": "1", WINDOWS: COUNTED_ONCE, **(metadata or {})},
         )
         self._file.flush()
 

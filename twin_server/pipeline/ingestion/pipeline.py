@@ -620,6 +620,7 @@ class Pipeline:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
+        self.counts["overlapping"] += sum(one.covered > 0.0 for one in change.ordered)
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
