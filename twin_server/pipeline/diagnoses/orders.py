@@ -23,7 +23,7 @@ from slowtime_services.plugins.installed_effects import installed_kinds
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
-from twin_server.diagnose import RAW, Ended, Jobs, QueueFullError, Task, write_task
+from twin_server.diagnose import RAW, Ended, JobId, Jobs, QueueFullError, Task, write_task
 from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
@@ -118,7 +118,7 @@ class Diagnoses:
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        self._jobs.submit(number, folder)
+        self._jobs.submit(JobId(twin_id, number), folder)
         return number
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
@@ -132,21 +132,21 @@ class Diagnoses:
         rows = self._store.diagnoses(twin_id, number)
         return self._diagnosis_document(rows[0]) if rows else None
 
-    def file(self, number: int, name: str) -> bytes | None:
+    def file(self, twin_id: str, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
         if name in ("report.html", "charts.json"):
-            page = self._store.diagnosis_page(number)
+            page = self._store.diagnosis_page(twin_id, number)
             return page if name == "report.html" or page is None else _charts(page)
         if name == "augmented.yaml":
-            model = self._store.diagnosis_model(number)
+            model = self._store.diagnosis_model(twin_id, number)
         else:
-            rows = self._store.diagnoses(number=number)
+            rows = self._store.diagnoses(twin_id, number)
             model = rows[0].report if rows else None
         return None if model is None else model.encode()
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, twin_id: str, number: int) -> bool:
         """End one that waits or runs; False where it has ended already."""
-        return self._jobs.cancel(number)
+        return self._jobs.cancel(JobId(twin_id, number))
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
         """Adopt the result of a diagnosis into the registration of the twin.
@@ -178,7 +178,7 @@ class Diagnoses:
         changed = (
             {"covariates": self._followed(twin_id, registration, report)}
             if clock == "slow"
-            else {"model": self._augmented(number, report)}
+            else {"model": self._augmented(twin_id, number, report)}
         )
         given = registration.to_dict() | changed
         given["adopted"] = [*given["adopted"], one.model_dump(mode="json")]
@@ -235,7 +235,7 @@ class Diagnoses:
             )
         return report
 
-    def _augmented(self, number: int, report: dict[str, Any]) -> dict[str, Any]:
+    def _augmented(self, twin_id: str, number: int, report: dict[str, Any]) -> dict[str, Any]:
         if report["verdict"] in ("sensor_fault", "input_fault"):
             word = report["verdict"].replace("_", " ")
             raise ProblemError(
@@ -244,7 +244,7 @@ class Diagnoses:
                 f"Diagnosis {number} found a {word}, which must be repaired and cannot be "
                 "adopted.",
             )
-        text = self._store.diagnosis_model(number) or ""
+        text = self._store.diagnosis_model(twin_id, number) or ""
         named = {effect["effect"] for effect in report["effects"]}
         own = self._checked(number, named - catalogue().keys())
         return parse_model(text, "augmented.yaml", own=own).model_dump(mode="json")
@@ -322,7 +322,8 @@ class Diagnoses:
             "report": report,
             "adopted": self._is_adopted(row),
         }
-        now = self._jobs.progress(row.number) if row.ended_ns is None else None
+        job = JobId(row.twin, row.number)
+        now = self._jobs.progress(job) if row.ended_ns is None else None
         if now is not None:
             told |= {
                 "state": now.state,
@@ -337,9 +338,9 @@ class Diagnoses:
         taken = () if twin is None else twin.registration.adopted
         return row.number in [one.diagnosis for one in taken]
 
-    def _end(self, number: int, ended: Ended) -> None:
+    def _end(self, job: JobId, ended: Ended) -> None:
         """Store the outcome of a diagnosis; called in the thread of the jobs."""
-        rows = self._store.diagnoses(number=number)
+        rows = self._store.diagnoses(*job)
         if not rows:
             return  # its twin was deleted meanwhile
         row = rows[0]._replace(
@@ -353,8 +354,8 @@ class Diagnoses:
         with contextlib.suppress(ValueError):
             said = json.loads(report)["sentence"]
             self._pipeline.note(
-                row.twin, "diagnosed", "info", f"Diagnosis {number}: {said}",
-                {"diagnosis": number},
+                row.twin, "diagnosed", "info", f"Diagnosis {job.number}: {said}",
+                {"diagnosis": job.number},
             )  # fmt: skip
 
     def _prepared(

@@ -212,8 +212,8 @@ def routes(recording_service: RecordingService) -> APIRouter:
     ) -> Response:
         """Play a recording to the twins, as the edges did; what they have already stays.
 
-        To the twins of a site one at a time. Where none of its twins is registered yet, they are registered as they
-        were recorded.
+        To the twins of a site one at a time. Where none of its twins is registered yet, they
+        are registered as they were recorded.
         """
         who = principal_of(request.scope)
         await threads.run(lambda: recording_service.play(name, site, order.speed, who))
