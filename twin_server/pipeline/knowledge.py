@@ -144,7 +144,7 @@ class TwinKnowledge:
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
 
     def boot_number(self, twin_id: str, boot: str) -> int | None:
-        """Number of a boot in the keys of `since`; None where the twin has none of that name."""
+        """Return the number of a boot in the keys of `since`; None where the twin has none."""
         return self._store.boot_number(twin_id, boot)
 
     def outlook(

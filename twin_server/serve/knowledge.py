@@ -119,7 +119,7 @@ class Knowledge(Protocol):
         ...
 
     def boot_number(self, twin_id: str, boot: str) -> int | None:
-        """Number of a boot in the keys of `since`; None where the twin has none of that name.
+        """Return the number of a boot in the keys of `since`; None where the twin has none.
 
         It counts the boots of all twins, so that it is told to nobody.
         """

@@ -38,7 +38,7 @@ SHIFT = 40
 _SEQUENCE = (1 << SHIFT) - 1
 
 LAST_ID = re.compile(
-    r"(?P<boot>[\x21-\x7e]{0,200}):(?P<sequence>\d{1,12})-(?P<number>\d{1,18})"
+    r"(?P<boot>[0-9A-Za-z._-]{0,64}):(?P<sequence>\d{1,12})-(?P<number>\d{1,18})"
 )
 """Id of an event: boot and sequence of the last state, number of the last event."""
 

@@ -1,4 +1,4 @@
-"""What one site does with a server: every route, told step by step, so that two can alternate."""
+"""What one site does with a server, step by step, so that two sites can alternate."""
 
 import secrets
 from collections.abc import Iterator
@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...conftest import _features
-from ..conftest import RIG
+from tests.twin_server.conftest import _features
+from tests.twin_server.serve.conftest import RIG
+
 from .house import PLAYED, Answer, House, comparable, recording
 
 OTHER = {"lab": "plant", "plant": "lab"}
@@ -302,11 +303,13 @@ def _of_all(t: Tenant) -> Iterator[None]:
 
 
 def _ends(t: Tenant) -> Iterator[None]:
+    t.house.edges.pop(f"{t.site}.mast").close()  # it would have the twin registered again
     for path in ("/recordings/monday.mcap", "/recordings/monday.mcap", f"/twins/{t.site}.mast",
                  f"/twins/{t.site}.mast"):  # fmt: skip
         t.ask("admin", "DELETE", path)
     yield
-    for path in ("/twins", f"/twins/{t.site}.mast", "/recordings", "/composites",
-                 f"/composites/{t.site}.line", f"/composites/{t.site}.line/events"):  # fmt: skip
+    line = f"/composites/{t.site}.line"
+    for path in ("/twins", f"/twins/{t.site}.mast", "/recordings", "/composites", line):
         t.get(path)
+    t.get(f"{line}/events")
     yield

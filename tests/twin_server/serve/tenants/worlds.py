@@ -17,7 +17,7 @@ class Root:
         self.house, self.secret, self.turn = house, secret, 0
 
     def act(self) -> None:
-        """Try everything again, whatever is there by now; only some of it succeeds each time."""
+        """Try everything again, whatever is there by now; some of it succeeds each time."""
         self.turn += 1
         city = {"name": f"{self.secret} {self.turn}", "members": ["plant.beam", "lab.beam"]}
         for members in ([], ["lab.line"], ["lab.yard"]):
