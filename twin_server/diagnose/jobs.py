@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Literal, NamedTuple
 
+from twin_server.identity.principals import site_of
 from twin_server.settings import DiagnoseSettings
 
 from .task import Outcome, read_outcome
@@ -63,8 +64,20 @@ class Ended(NamedTuple):
     outcome: Outcome | None = None
 
 
-class _Waiting(NamedTuple):
+class JobId(NamedTuple):
+    """Which diagnosis it is: its twin, and its number among those of the twin."""
+
+    twin: str
     number: int
+
+    @property
+    def site(self) -> str:
+        """Site of the twin."""
+        return site_of(self.twin)
+
+
+class _Waiting(NamedTuple):
+    id: JobId
     folder: Path
 
 
@@ -76,20 +89,20 @@ class Jobs:
     command
         Of the process; the folder is added.
     ended
-        Told, by that thread, the number of each diagnosis that has ended, and how.
+        Told, by that thread, which diagnosis has ended, and how.
     """
 
     def __init__(
         self,
         command: Sequence[str],
         settings: DiagnoseSettings,
-        ended: Callable[[int, Ended], None],
+        ended: Callable[[JobId, Ended], None],
     ) -> None:
         self._command, self._settings, self._ended = tuple(command), settings, ended
         self._queue: collections.deque[_Waiting] = collections.deque()
         self._changed = threading.Condition()
         self._current: _Waiting | None = None
-        self._cancelled: set[int] = set()
+        self._cancelled: set[JobId] = set()
         self._stage, self._share, self._began_s = "", 0.0, 0.0
         self._stopping = False
         self._thread = threading.Thread(target=self._work, name="diagnose", daemon=True)
@@ -115,43 +128,49 @@ class Jobs:
             waiting = len(self._queue)
         if waiting >= self._settings.max_queued:
             raise QueueFullError(
-                f"{waiting} diagnoses are waiting already. Allowed: "
-                f"{self._settings.max_queued} "
+                f"Too many diagnoses wait already. Allowed: {self._settings.max_queued} "
                 "(diagnose.max_queued). Wait for one to end, or cancel one."
             )
 
-    def submit(self, number: int, folder: Path) -> None:
+    def submit(self, job: JobId, folder: Path) -> None:
         """Enqueue the diagnosis of a folder, which is removed once that has ended."""
         with self._changed:
-            self._queue.append(_Waiting(number, folder))
+            self._queue.append(_Waiting(job, folder))
             self._changed.notify_all()
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, job: JobId) -> bool:
         """End a diagnosis, or take it out of the queue; False where it is in neither."""
         with self._changed:
-            waiting = next((one for one in self._queue if one.number == number), None)
+            waiting = next((one for one in self._queue if one.id == job), None)
             if waiting is not None:
                 self._queue.remove(waiting)
-            elif self._current is not None and self._current.number == number:
-                self._cancelled.add(number)
+            elif self._current is not None and self._current.id == job:
+                self._cancelled.add(job)
                 return True
         if waiting is None:
             return False
         shutil.rmtree(waiting.folder, ignore_errors=True)
-        self._ended(number, Ended("cancelled", "It was cancelled before it began."))
+        self._ended(job, Ended("cancelled", "It was cancelled before it began."))
         return True
 
-    def progress(self, number: int) -> Progress | None:
-        """Return the progress of a diagnosis; None where it neither waits nor runs."""
+    def progress(self, job: JobId) -> Progress | None:
+        """Return the progress of a diagnosis; None where it neither waits nor runs.
+
+        Of those ahead of it, only those of its site are counted: who may see it need not know
+        how much is asked at other sites.
+        """
         with self._changed:
-            if self._current is not None and self._current.number == number:
+            if self._current is not None and self._current.id == job:
                 return Progress(
                     "running", self._stage, self._share, time.monotonic() - self._began_s
                 )
-            for place, waiting in enumerate(self._queue):
-                if waiting.number == number:
-                    ahead = place + (self._current is not None)
-                    return Progress("queued", f"waiting, {ahead} ahead of it", 0.0, 0.0)
+            before = [] if self._current is None else [self._current]
+            for waiting in self._queue:
+                if waiting.id == job:
+                    ahead = sum(one.id.site == job.site for one in before)
+                    stage = f"waiting, {ahead} of its site ahead of it"
+                    return Progress("queued", stage, 0.0, 0.0)
+                before.append(waiting)
         return None
 
     def _work(self) -> None:
@@ -165,20 +184,26 @@ class Jobs:
             try:
                 ended = self._run(waiting)
             except Exception as error:  # the others in the queue have their turn
-                logger.exception("Diagnosis %d failed in the server.", waiting.number)
-                text = f"It failed in the server: {error!r:.200}. Order it again."
+                logger.exception(
+                    "Diagnosis %d of %s failed.", waiting.id.number, waiting.id.twin
+                )
+                text = (
+                    f"It failed in the server ({type(error).__name__}), whose log says more. "
+                    "Order it again."
+                )
                 ended = Ended("failed", text)
             shutil.rmtree(waiting.folder, ignore_errors=True)
             if ended is not None:
                 try:
-                    self._ended(waiting.number, ended)
+                    self._ended(waiting.id, ended)
                 except Exception:
                     logger.exception(
-                        "The outcome of diagnosis %d could not be stored.", waiting.number
+                        "The outcome of diagnosis %d of %s could not be stored.",
+                        *waiting.id[::-1],
                     )
             with self._changed:
                 self._current = None
-                self._cancelled.discard(waiting.number)
+                self._cancelled.discard(waiting.id)
 
     def _run(self, waiting: _Waiting) -> Ended | None:
         """See one process through; None where the server ends before it."""
@@ -191,14 +216,14 @@ class Jobs:
                     start_new_session=True,
                 )  # fmt: skip
         except OSError as error:
-            return Ended("failed", f"It could not be started: {error}.")
+            return Ended("failed", f"It could not be started: {error.strerror}.")
         said: list[str] = []
         assert process.stdout is not None
         reader = threading.Thread(
             target=self._listen, args=(process.stdout, said), name="diagnose-out", daemon=True
         )
         reader.start()
-        why = self._wait(process, waiting.number)
+        why = self._wait(process, waiting.id)
         reader.join(GRACE_S)
         process.stdout.close()
         if why == "stopping":
@@ -216,16 +241,16 @@ class Jobs:
             try:
                 return Ended("done", outcome=read_outcome(waiting.folder))
             except (OSError, UnicodeDecodeError) as error:
-                return Ended("failed", f"It ended without a report: {error}.")
+                return Ended("failed", f"It ended without a report ({type(error).__name__}).")
         return Ended("failed", said[-1] if said else self._died(process.returncode, log))
 
-    def _wait(self, process: subprocess.Popen[bytes], number: int) -> str:
+    def _wait(self, process: subprocess.Popen[bytes], job: JobId) -> str:
         """Wait for the end of the process, or end it; return the reason."""
         while process.poll() is None:
             with self._changed:
                 why = (
                     "stopping" if self._stopping
-                    else "cancelled" if number in self._cancelled
+                    else "cancelled" if job in self._cancelled
                     else "late" if time.monotonic() - self._began_s > self._settings.max_s
                     else ""
                 )  # fmt: skip

@@ -78,7 +78,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
     Rule("GET", f"{_V1}/fleet/plan", Reach.LISTED),
-    Rule("GET", f"{_V1}/ledger/heads", Reach.ANY),
+    Rule("GET", f"{_V1}/ledger/heads", Reach.ALL),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),
     Rule("PUT", _RECORDING, Reach.LISTED, Scope.OPERATOR),
@@ -91,6 +91,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", _COMPOSITE, Reach.TWIN, Scope.ADMIN),
     Rule("GET", f"{_COMPOSITE}/members", Reach.TWIN),
     Rule("GET", f"{_COMPOSITE}/revisions", Reach.TWIN),
+    Rule("GET", f"{_COMPOSITE}/events", Reach.TWIN),
     *(Rule("GET", path, Reach.TWIN, scope) for path, scope in _SEE),
     *(Rule(method, path, Reach.TWIN, scope) for method, path, scope in _DO),
 )

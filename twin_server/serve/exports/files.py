@@ -39,8 +39,8 @@ class Files:
                 raise ProblemError(
                     503,
                     "busy",
-                    f"{self._count} files are being given. Allowed: {self._most} at once. Try "
-                    "again later.",
+                    f"Too many files are being given. Allowed: {self._most} at once. Try again "
+                    "later.",
                     **{"Retry-After": "10"},
                 )
             self._count += 1

@@ -152,9 +152,9 @@ class ComputeQueue:
             raise ProblemError(
                 503,
                 "busy",
-                f"{self.waiting} requests wait to be computed, {of_group} of this kind. "
-                f"Allowed: {self._longest}, of one kind {self._of_one} (serve.max_waiting, "
-                f"serve.max_waiting_of_one). Try again in {RETRY_AFTER_S} s.",
+                f"Too many requests wait to be computed. Allowed: {self._longest}, of one kind "
+                f"{self._of_one} (serve.max_waiting, serve.max_waiting_of_one). Try again in "
+                f"{RETRY_AFTER_S} s.",
                 **{"Retry-After": str(RETRY_AFTER_S)},
             )
         loop = asyncio.get_running_loop()

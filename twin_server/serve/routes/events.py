@@ -75,8 +75,8 @@ def routes(
             raise ProblemError(
                 503,
                 "too-many-clients",
-                f"{hub.count} clients watch already. Allowed: max_live_clients, and of one "
-                "token max_live_of_one. Try again later, or ask for the history instead.",
+                "Too many clients watch already. Allowed: max_live_clients, and of one token "
+                "max_live_of_one. Try again later, or ask for the history instead.",
                 **{"Retry-After": "5"},
             )
         return LiveResponse(hub, client, knowledge, last_event_id, principal.still)
