@@ -9,7 +9,7 @@ from typing import Self
 from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key, matches
-from .protocol import Answers, BusClosedError, Query, Sample
+from .protocol import Answers, AnswersRead, BusClosedError, Query, Sample
 
 logger = logging.getLogger(__name__)
 
@@ -181,11 +181,12 @@ class MemoryBus:
 
     def _reply(self, handler: object, query: Query) -> Answers:
         assert callable(handler)
+        read = AnswersRead()
         try:
-            return Answers(
-                Sample(key, bytes(payload), self._clock.now_ns(), False)
-                for key, payload in handler(query)
-            )
+            for key, payload in handler(query):
+                if not read.take(Sample(key, bytes(payload), self._clock.now_ns(), False)):
+                    break
+            return read.answers
         except Exception as error:
             self._callback_errors += 1
             logger.exception("A query on %s could not be answered.", query.key)

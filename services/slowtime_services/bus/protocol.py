@@ -32,6 +32,44 @@ class Answers(list[Sample]):
         self.errors = tuple(errors)
 
 
+MOST_ANSWERED_BYTES = 2**28
+"""What is read of all answers to a query together [bytes], as an inbox holds: four times the
+ring of raw samples of an edge, or 10,000 features of 26 KiB."""
+_EACH_BYTES = 512
+"""Memory of an answer besides its payload [bytes]."""
+_LONGEST_ERROR = 1000
+"""Characters of an error that another process has answered with, which are kept."""
+
+
+class AnswersRead:
+    """Answers to a query as they come, until they are too much."""
+
+    def __init__(self) -> None:
+        self._answers: list[Sample] = []
+        self._errors: list[str] = []
+        self._bytes = 0
+
+    def take(self, answer: Sample | str) -> bool:
+        """Keep an answer or an error; return whether more may come."""
+        if isinstance(answer, str):
+            self._errors.append(answer[:_LONGEST_ERROR])
+            self._bytes += _EACH_BYTES + len(self._errors[-1])
+        else:
+            self._answers.append(answer)
+            self._bytes += _EACH_BYTES + len(answer.payload)
+        if self._bytes <= MOST_ANSWERED_BYTES:
+            return True
+        self._errors.append(
+            f"More than {MOST_ANSWERED_BYTES:,} bytes were answered; the rest was not read."
+        )
+        return False
+
+    @property
+    def answers(self) -> Answers:
+        """What was read so far."""
+        return Answers(self._answers, self._errors)
+
+
 class BusClosedError(RuntimeError):
     """Something was asked of a bus that has been closed."""
 

@@ -23,11 +23,18 @@ from urllib.parse import quote, unquote
 
 import zenoh
 
-from slowtime_schemas.streams import RAW
+from slowtime_schemas.streams import RAW, STREAMS
 from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key
-from .protocol import Answers, BusClosedError, BusUnreachableError, Query, Sample
+from .protocol import (
+    Answers,
+    AnswersRead,
+    BusClosedError,
+    BusUnreachableError,
+    Query,
+    Sample,
+)
 from .socket_table import established_ports, ports_of
 
 logger = logging.getLogger(__name__)
@@ -234,7 +241,7 @@ class ZenohBus:
         selector = zenoh.Selector(
             check_key(key_expression, wildcards=True), _as_parameters(parameters or {})
         )
-        answers, errors = [], []
+        read = AnswersRead()
         for reply in self._session.get(
             selector,
             timeout=timeout_s,
@@ -242,11 +249,14 @@ class ZenohBus:
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
         ):
+            more = True
             if reply.ok is not None:
-                answers.append(_as_sample(reply.ok))
+                more = read.take(_as_sample(reply.ok))
             elif reply.err is not None:
-                errors.append(reply.err.payload.to_bytes().decode(errors="replace"))
-        return Answers(answers, errors)
+                more = read.take(reply.err.payload.to_bytes().decode(errors="replace"))
+            if not more:
+                break
+        return read.answers
 
     def announce(self, key: str) -> _Declared:
         """Be alive under `key` until the handle is closed or the process ends, in any way."""
@@ -356,6 +366,10 @@ class ZenohBus:
         logger.exception("A callback failed on %s; the stream continues.", key)
 
 
+MOST_MESSAGE_BYTES = max(stream.max_bytes for stream in STREAMS) + 2**16
+"""Largest message that is put together out of its fragments [bytes]: the largest payload of a
+stream, with what is beside it. A larger one is left out, and the connection stays."""
+
 _WAITING = 2048
 _USUAL = zenoh.Priority.DATA
 _BULK = zenoh.Priority.DATA_LOW
@@ -379,6 +393,7 @@ def _configure(
         "connect/endpoints": list(connect),
         "connect/retry": retry,
         "connect/timeout_ms": -1 if waits_for_ever else round(1000 * (open_timeout_s or 0.0)),
+        "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
         "transport/link/tx/lease": round(1000 * lease_s),
         "transport/shared_memory/enabled": shared_memory,
     }
