@@ -17,7 +17,7 @@ from slowtime_services.ledger import Head
 from slowtime_services.operating_system import lock_file
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .ground import Fault, Ground, Kind, rescue
+from .ground import Fault, Ground, Kind, rescue, same_file
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
@@ -165,6 +165,7 @@ class SqliteStore(SqlStore):
                 yield self._writer
                 return
             self._stand(writing=True)
+            self._keep_guard()
             try:
                 with self._transaction():
                     yield self._writer
@@ -218,6 +219,19 @@ class SqliteStore(SqlStore):
         if writing:
             self._secure(self._ground)
         raise StoreError(fault.text)
+
+    def _keep_guard(self) -> None:
+        """Lock the file again whose deletion would let a second server in."""
+        assert self._guard is not None
+        if same_file(self._guard, _lock_of(self.path)):
+            return
+        try:
+            guard = _guard(self.path)
+        except WrongStoreError as error:
+            raise StoreError(str(error)) from error
+        logger.warning("%s was removed or replaced, and is locked again.", _lock_of(self.path))
+        os.close(self._guard)
+        self._guard = guard
 
     def _secure(self, ground: Ground) -> None:
         """Save what was acknowledged from a log or a file that no next start will find."""
@@ -408,9 +422,13 @@ def guarding(path: Path) -> Iterator[None]:
             os.close(guard)
 
 
+def _lock_of(path: Path) -> Path:
+    return path.with_name(path.name + ".lock")
+
+
 def _guard(path: Path) -> int | None:
     """Keep a second server off the file; the lock dies with the process."""
-    lock = path.with_name(path.name + ".lock")
+    lock = _lock_of(path)
     try:
         file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
