@@ -68,6 +68,8 @@ class SqliteStore(SqlStore):
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = threading.RLock()
+        # Of its own: whoever reads does not wait for whoever writes.
+        self._idle_lock = threading.Lock()
         self._local = threading.local()
         self._idle: list[sqlite3.Connection] = []
         self._closed = False
@@ -114,10 +116,11 @@ class SqliteStore(SqlStore):
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
         with self._lock:
-            self._closed = True
-            for reader in self._idle:
-                reader.close()
-            self._idle.clear()
+            with self._idle_lock:
+                self._closed = True
+                for reader in self._idle:
+                    reader.close()
+                self._idle.clear()
             if self._ground is not None:
                 self._secure(self._ground)
             if self._rescuer is not None:
@@ -300,7 +303,7 @@ class SqliteStore(SqlStore):
 
     def _take(self) -> sqlite3.Connection:
         """Take an idle reader, or open one: threads end, and their readers serve others."""
-        with self._lock:
+        with self._idle_lock:
             if self._closed:
                 raise StoreError(f"{self.path} has been closed.")
             if self._idle:
@@ -308,7 +311,7 @@ class SqliteStore(SqlStore):
         return open_reader(self.path, self._lock_s)
 
     def _give(self, reader: sqlite3.Connection) -> None:
-        with self._lock:
+        with self._idle_lock:
             if self._closed or reader.in_transaction:
                 reader.close()
             else:
