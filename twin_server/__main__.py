@@ -18,7 +18,7 @@ from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
-from twin_server.persist import Store, WrongStoreError, open_store
+from twin_server.persist import Store, StoreError, WrongStoreError, open_store
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
@@ -46,6 +46,7 @@ from twin_server.serve.access import (
     guarded,
 )
 from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.http.problems import install_unavailable
 from twin_server.serve.request_traces import Traced
 from twin_server.serve.shard_interface import ShardDoor, create_shard_interface
 from twin_server.settings import TwinSettings
@@ -204,9 +205,11 @@ def _serve(
         composite_service=compositions,
         events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
+    install_unavailable(app, StoreError, WrongStoreError)
     door_of: ASGIApp = guard.around(app)
     if settings.shards.key:
         interface = create_shard_interface(knowledge, compositions, queue)
+        install_unavailable(interface, StoreError, WrongStoreError)
         door_of = ShardDoor(door_of, interface, settings.shards.key)
     connections = Connections(limits_of(settings))
     config = http_config(Traced(door_of, traces) if traces else door_of, settings, connections)
