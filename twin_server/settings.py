@@ -42,7 +42,15 @@ class AdmissionSettings(Frozen):
     not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
     """No sensor time is earlier: a clock that was never set."""
     max_jump: Count = 1_000_000
-    """How far a sequence may be ahead of the one expected."""
+    """How far a sequence may be ahead of the one expected: ten a second for a day. What is
+    farther ahead is taken in where the agent's account lists it and the agent delivers it."""
+    max_boots: Count = 10_000
+    """Boots of one asset that are remembered: one start an hour for more than a year. Further
+    ones are refused, and stay in the agent's spool; an event `too_many_boots` says so."""
+    max_assets_of_site: Count = 20_000
+    """Assets of one site that are taken in without being registered first; twice the
+    largest fleet that was measured on one machine (docs/benchmarks.md). Registered twins have
+    no limit."""
 
 
 class BackfillSettings(Frozen):
@@ -62,6 +70,8 @@ class BackfillSettings(Frozen):
     """How long to wait for an edge agent that is away."""
     max_held: Count = 20_000
     """Features of one boot kept out of order; more are asked for again when there is room."""
+    max_held_bytes: Annotated[int, Field(ge=5 * 2**20)] = 64 * 2**20
+    """Bytes of all features of one asset kept out of order: 20,000 of 3 KiB."""
 
 
 class PipelineSettings(Frozen):

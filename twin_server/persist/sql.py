@@ -159,6 +159,12 @@ class SqlStore(abc.ABC):
                     rows += select(reader, FEATURES, where, asked, limit - len(rows))
         return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
 
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        asked = (number << SHIFT | first, number << SHIFT | last)
+        rows = self._all(FEATURES, "where id between ? and ?", asked)
+        return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
+
     def rewrite(
         self,
         twin_id: str,

@@ -100,6 +100,10 @@ class Store(Protocol):
         """Read the next features of a twin, in order, after (boot number, sequence)."""
         ...
 
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        ...
+
     def rewrite(
         self,
         twin_id: str,

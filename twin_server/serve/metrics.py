@@ -36,6 +36,8 @@ _GAUGES = {
     "edges_alive": "Edge agents that are online.",
     "holes": "Boots of which something is missing now.",
     "held": "Features held out of order now.",
+    "held_bytes": "Bytes of the features held out of order now.",
+    "boots": "Boots that are remembered, of all assets.",
     "inbox": "Messages that wait to be worked.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",

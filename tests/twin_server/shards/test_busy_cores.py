@@ -55,7 +55,10 @@ def fleet(folder, endpoint, engine):
         sys.executable, "-m", "slowtime_cli", "twin", "--shards", str(COUNT), "--engine", engine,
         "--port", str(port), "--connect", endpoint, "--database", str(folder / "twin.sqlite"),
     ]  # fmt: skip
-    environment = {**os.environ, "SLOWTIME_TWIN_HEALING": '{"grace_s": 0.05, "max_backoff_s": 1}'}
+    environment = {
+        **os.environ,
+        "SLOWTIME_TWIN_HEALING": '{"grace_s": 0.05, "max_backoff_s": 1}',
+    }
     with (folder / "log").open("ab") as log:
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
