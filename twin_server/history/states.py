@@ -50,6 +50,7 @@ MODEL_MISFIT = 1 << 21
 TRAINING = 1 << 22
 NO_COVARIATE = 1 << 23
 BEYOND_COVARIATES = 1 << 24
+SET_ASIDE = 1 << 25
 """Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
 
 BEGINNING = LEARNING | TRAINING
@@ -95,6 +96,10 @@ _OURS = {
     BEYOND_COVARIATES: (
         "A covariate is beyond all that was seen in training, so that what it does is a guess. "
         "Register the twin again with a longer `covariates.train_span`."
+    ),
+    SET_ASIDE: (
+        "The estimation of this epoch exceeded its budget of work or failed, and its message was "
+        "set aside. Look at it with `slowtime quarantine`, and release or drop it."
     ),
 }
 

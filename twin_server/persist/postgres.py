@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .attempts import RowNote
+from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import (
     LACKING,
     VERSION,
@@ -76,6 +77,7 @@ class PostgresStore(SqlStore):
         self._closed = False
         self._writer: _Connection | None = None
         self._in_transaction = False
+        self.attempts = RowNote(self._writing)
         try:
             self._prepare(self._open_writer())
             if verify:
@@ -168,7 +170,7 @@ class PostgresStore(SqlStore):
                 time.sleep(0.05)
             if not mine:
                 writer.raw.close()
-                raise WrongStoreError(
+                raise StoreInUseError(
                     f"{self.name} is in use by another twin server. End that one, or give this "
                     "one another --database."
                 )

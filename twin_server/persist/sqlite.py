@@ -15,7 +15,8 @@ from typing import Literal
 from slowtime_services.ledger import Head
 from slowtime_services.operating_system import lock_file
 
-from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .attempts import FileNote
+from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
@@ -55,6 +56,7 @@ class SqliteStore(SqlStore):
         super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._attempts = FileNote(self.path.with_name(self.path.name + ".attempt"))
         self._lock = threading.RLock()
         self._local = threading.local()
         self._idle: list[sqlite3.Connection] = []
@@ -90,6 +92,11 @@ class SqliteStore(SqlStore):
             raise _damaged(self.path, "; ".join(found[:5]))
         self._hashes.adopt(hashes)
 
+    @property
+    def attempts(self) -> FileNote:
+        """Note of what the server is about to do."""
+        return self._attempts
+
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
         with self._lock:
@@ -99,6 +106,7 @@ class SqliteStore(SqlStore):
             self._idle.clear()
             if hasattr(self, "_writer"):
                 self._writer.close()
+            self._attempts.close()
             if self._guard is not None:
                 os.close(self._guard)
                 self._guard = None
@@ -321,7 +329,7 @@ def _guard(path: Path) -> int | None:
         lock_file(file, wait=False)
     except OSError as error:
         os.close(file)
-        raise WrongStoreError(
+        raise StoreInUseError(
             f"{path} is in use by another twin server. End that one, or give this one another "
             "--database."
         ) from error
