@@ -12,7 +12,7 @@ from twin_server.persist.tables.rows import (
 from .attempts import MARKED, AttemptNote, FileNote, RowNote
 from .backups import backup, restore
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
-from .factory import is_url, open_store
+from .factory import is_url, note_path, open_store
 from .ledger_audit import Audit, audit
 from .postgres import PostgresStore
 from .sqlite import SqliteStore, audit_file, verify_file
@@ -54,6 +54,7 @@ __all__ = [
     "audit_file",
     "backup",
     "is_url",
+    "note_path",
     "open_store",
     "restore",
     "verify_file",

@@ -31,6 +31,11 @@ class AttemptNote(Protocol):
         ...
 
 
+def note_of(database: Path) -> Path:
+    """Return the path of the note of a database file."""
+    return database.with_name(database.name + ".attempt")
+
+
 class FileNote:
     """A note in a file beside the database.
 

@@ -15,7 +15,7 @@ from typing import Literal
 from slowtime_services.ledger import Head
 from slowtime_services.operating_system import lock_file
 
-from .attempts import FileNote
+from .attempts import FileNote, note_of
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
@@ -56,7 +56,7 @@ class SqliteStore(SqlStore):
         super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._attempts = FileNote(self.path.with_name(self.path.name + ".attempt"))
+        self._attempts = FileNote(note_of(self.path))
         self._lock = threading.RLock()
         self._local = threading.local()
         self._idle: list[sqlite3.Connection] = []

@@ -35,6 +35,7 @@ _GAUGES = {
     "holes": "Boots of which something is missing now.",
     "held": "Features held out of order now.",
     "inbox": "Messages that wait to be worked.",
+    "aside": "Messages that were set aside and wait to be released or dropped.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }

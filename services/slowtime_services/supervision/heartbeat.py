@@ -93,6 +93,11 @@ class Heartbeat:
         self._thread.join()
         self._close()
 
+    @property
+    def watches(self) -> bool:
+        """Whether this process is ours to end."""
+        return self._watch is not None
+
     def ready(self) -> None:
         """Tell systemd that the process has started."""
         self._ready = True

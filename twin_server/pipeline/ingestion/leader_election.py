@@ -76,6 +76,16 @@ class LeaderElection:
             self._looks_s = now_s
         return now_s >= self._looks_s + delay_s
 
+    def resign(self) -> None:
+        """Withdraw this server's token, so that another leads; `step` announces it anew."""
+        with self._lock:
+            if not self._name:
+                return
+            self._name = ""
+            token = self._handles.pop()
+        token.close()
+        self._looks_s = None
+
     def stop(self) -> None:
         """Be there no longer."""
         for handle in reversed(self._handles):

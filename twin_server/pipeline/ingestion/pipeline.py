@@ -140,7 +140,8 @@ class Pipeline:
             self._election,
             functools.partial(acknowledged_range, store),
         )
-        self.failing: str = ""
+        self.failing, self.stalled = "", ""
+        self._failing_since_s: float | None = None
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
@@ -209,6 +210,26 @@ class Pipeline:
     def working(self) -> bool:
         """Whether the working thread lives."""
         return self._worker is not None and self._worker.is_alive()
+
+    @property
+    def waits(self) -> bool:
+        """Whether messages or calls wait to be worked."""
+        return bool(self._inbox) or bool(self._calls)
+
+    def stall(self, trouble: str, by_message: bool) -> None:
+        """Give up the claim to lead, from another thread: the pipeline stands still.
+
+        Parameters
+        ----------
+        trouble
+            Sentence that says so.
+        by_message
+            Whether it stands still while it works on messages, which is noted then.
+        """
+        self.stalled = trouble
+        if by_message:
+            self.setting_aside.attempts.mark()
+        self._election.resign()
 
     def ingest(self, samples: Iterable[Sample]) -> None:
         """Take samples straight in, without a bus; back once they are durable.
@@ -403,7 +424,8 @@ class Pipeline:
                     self._next_s = time.monotonic() + self.settings.pipeline.gather_s
                     self._guarded(functools.partial(self._take, samples))
                 with self._progress.doing(Phase.STORE):
-                    self._guarded(self._election.step)
+                    if not self._resigned():
+                        self._guarded(self._election.step)
                     if not self._stale:  # else the account counts what is not durable
                         self._guarded(self._publisher.acknowledge)
                     self._guarded(lambda: self._publisher.announce_all(self._twins))
@@ -413,6 +435,19 @@ class Pipeline:
             ):
                 self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
+
+    def _resigned(self) -> bool:
+        """Whether this server gives up its claim to lead, because nothing succeeds any more."""
+        if not self.failing:
+            self._failing_since_s = None
+            return False
+        now_s = time.monotonic()
+        if self._failing_since_s is None:
+            self._failing_since_s = now_s
+        if now_s - self._failing_since_s < self.settings.progress.silent_s:
+            return False
+        self._election.resign()
+        return True
 
     def _gathered(self, limit: int) -> bool:
         """Let messages gather for a batch, unless there are enough; False if calls are due."""
@@ -799,10 +834,14 @@ class Pipeline:
             twin = reestimate(
                 self.store, key, registration, event, self.setting_aside.estimating
             )
-        self._twins[key] = twin
+        self.replace(twin_id, twin)
         self._publisher.announce(key, twin)
-        self._publisher.reset(twin_id)
         return before is None
+
+    def replace(self, twin_id: str, twin: Twin) -> None:
+        """Take over a twin that was estimated anew, in the thread of the pipeline."""
+        self._twins[address(twin_id)] = twin
+        self._publisher.reset(twin_id)
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Answer queries for registrations; in a thread of the bus."""
