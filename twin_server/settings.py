@@ -89,6 +89,30 @@ class PipelineSettings(Frozen):
     """A batch with more states than this publishes the latest of each twin only."""
 
 
+class ProgressSettings(Frozen):
+    """Budget of the work on messages, and how long the server may stand still."""
+
+    step_s: Positive = 5.0
+    """Processor time of one step on messages [s]; ten times what the slowest known one takes."""
+    step_s_per_message: NotNegative = 0.5
+    """Added for each message of the step [s]; twice what one of a twin of elements takes."""
+    silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0
+    """How long a step may stand still, and the process give no sign of life [s]. Beyond it the
+    stacks are logged, the claim to lead is released and the process ends, all within 15 s."""
+    store_s: Annotated[float, Field(ge=10)] = 120.0
+    """How long the database may take for one statement, or a request for its turn, without any
+    progress [s]; as long as PostgreSQL may take to fail over."""
+    end_s: Annotated[float, Field(ge=1)] = 15.0
+    """How long the server may take to end after SIGTERM, beside `shutdown_s` [s]; then it is
+    ended. Longer than a busy machine needs, shorter than containers are waited for (30 s)."""
+    max_aside: Count = 1_000
+    """Messages that are kept aside; more are refused until some are released or dropped."""
+    max_aside_of_one: Count = 100
+    """Of these, those of one asset."""
+    max_aside_bytes: Annotated[int, Field(ge=2**20)] = 64 * 2**20
+    """Of all of them together."""
+
+
 class ServeSettings(Frozen):
     """Limits of requests."""
 
@@ -311,6 +335,9 @@ class TwinSettings(ProcessSettings):
     database: str | Path = Path("twin.sqlite")
     """SQLite file, or URL of a PostgreSQL database: postgresql://user@host/name. Give its
     password by libpq's PGPASSFILE or PGPASSWORD."""
+    standby: bool = False
+    """Wait while another server has the database, and go on when that has ended, instead of
+    refusing to start."""
     synchronous: Literal["NORMAL", "FULL"] = "FULL"
     """FULL waits for the disk before anything is acknowledged, so that a power cut costs
     nothing; NORMAL survives the death of the process only."""
@@ -334,6 +361,7 @@ class TwinSettings(ProcessSettings):
     admission: AdmissionSettings = AdmissionSettings()
     healing: BackfillSettings = BackfillSettings()
     pipeline: PipelineSettings = PipelineSettings()
+    progress: ProgressSettings = ProgressSettings()
     serve: ServeSettings = ServeSettings()
     access: AccessSettings = AccessSettings()
     tls: TlsSettings | None = None

@@ -30,6 +30,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "held_full": "too much is out of order; it is asked for again",
         "inbox_full": "the server is behind; it is asked for again",
         "not_registered": "no twin is registered for the asset",
+        "quarantine_full": "too many messages of the asset are set aside; its edge keeps them",
         "failed": "the server failed on it: a fault of ours",
         "unexpected": "a message of a kind that the twin does not take",
     }

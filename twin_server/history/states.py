@@ -54,6 +54,7 @@ TRAINING = 1 << 22
 NO_COVARIATE = 1 << 23
 BEYOND_COVARIATES = 1 << 24
 MEASURED_BEFORE = 1 << 25
+SET_ASIDE = 1 << 26
 """Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
 
 BEGINNING = LEARNING | TRAINING
@@ -103,6 +104,10 @@ _OURS = {
     MEASURED_BEFORE: (
         "Earlier windows have measured the time of this one already, so that it is no further "
         "evidence: nothing is learnt from it, and no forecast uses it."
+    ),
+    SET_ASIDE: (
+        "The estimation of this epoch exceeded its budget of work or failed, and its message was "
+        "set aside. Look at it with `slowtime quarantine`, and release or drop it."
     ),
 }
 

@@ -1,6 +1,5 @@
 """The store in the SQL that SQLite and PostgreSQL share, without their connections."""
 
-import abc
 import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,6 +20,7 @@ from twin_server.persist.tables.rows import (
 
 from .history_hashes import HistoryHashes
 from .history_queries import select_boots, select_history, select_neighbours, select_thinned
+from .quarantine import QuarantineTable
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
     asset_events as asset_events_table,
@@ -39,6 +39,9 @@ from .tables import (
 )
 from .tables import (
     ledger as ledger_table,
+)
+from .tables import (
+    quarantine as quarantine_table,
 )
 from .tables.checksums import (
     EVENTS,
@@ -65,20 +68,12 @@ _ROWS_AT_ONCE = 1_000
 """Rows of a history that are rewritten by one statement."""
 
 
-class SqlStore(abc.ABC):
+class SqlStore(QuarantineTable):
     """All of a store but its connections."""
 
     def __init__(self) -> None:
         self._hashes = HistoryHashes()
         self._ends = ledger_table.ChainEnds()
-
-    @abc.abstractmethod
-    def _writing(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold the writer in a transaction; within another one, a part of that."""
-
-    @abc.abstractmethod
-    def _reading(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold a connection that sees one snapshot of the database."""
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""
@@ -139,6 +134,7 @@ class SqlStore(abc.ABC):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
+        quarantine_table.add(writer, cut.aside)
         deliveries_table.insert(writer, cut.deliveries)
         deliveries_table.settle(writer, cut.settled)
         deliveries_table.acknowledge(writer, cut.acknowledgements)
@@ -211,7 +207,7 @@ class SqlStore(abc.ABC):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
-                "fatigue",
+                "fatigue", "quarantine",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             note_number(writer, "run", following)

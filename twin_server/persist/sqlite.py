@@ -16,8 +16,10 @@ from typing import Literal
 from slowtime_services.ledger import Head
 from slowtime_services.operating_system import lock_file
 
-from .errors import DamagedStoreError, StoreError, WrongStoreError
+
 from .ground import Fault, Ground, Kind, rescue, same_file
+from .attempts import FileNote, note_of
+from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
@@ -67,6 +69,7 @@ class SqliteStore(SqlStore):
         super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._attempts = FileNote(note_of(self.path))
         self._lock = threading.RLock()
         # Of its own: whoever reads does not wait for whoever writes.
         self._idle_lock = threading.Lock()
@@ -113,6 +116,11 @@ class SqliteStore(SqlStore):
             raise _damaged(self.path, "; ".join(found[:5]))
         self._hashes.adopt(hashes)
 
+    @property
+    def attempts(self) -> FileNote:
+        """Note of what the server is about to do."""
+        return self._attempts
+
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
         with self._lock:
@@ -130,6 +138,7 @@ class SqliteStore(SqlStore):
             if self._ground is not None:
                 self._ground.close()
                 self._ground = None
+            self._attempts.close()
             if self._guard is not None:
                 os.close(self._guard)
                 self._guard = None
@@ -443,7 +452,7 @@ def _guard(path: Path) -> int | None:
         lock_file(file, wait=False)
     except OSError as error:
         os.close(file)
-        raise WrongStoreError(
+        raise StoreInUseError(
             f"{path} is in use by another twin server. End that one, or give this one another "
             "--database."
         ) from error

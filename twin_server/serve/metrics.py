@@ -39,6 +39,7 @@ _GAUGES = {
     "held_bytes": "Bytes of the features held out of order now.",
     "boots": "Boots that are remembered, of all assets.",
     "inbox": "Messages that wait to be worked.",
+    "aside": "Messages that were set aside and wait to be released or dropped.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }
