@@ -8,6 +8,8 @@ import numpy as np
 
 from slowtime_services.files.record import RecordError, Values
 
+from .expansion import refuse_expansion
+
 Arrays = Mapping[str, Values]
 NPY_MAGIC = b"\x93NUMPY"
 PICKLE = b"\x80"
@@ -55,16 +57,22 @@ def as_double(values: Values) -> Values:
 
 
 def refuse_above(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse arrays that need more memory than allowed."""
+    """Refuse arrays that need more memory than allowed, or than the size of the file explains."""
     if size > max_bytes:
         raise RecordError(
             f"{path.name} holds {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
             "are read at once. Cut it into several files, or raise max_bytes."
         )
+    refuse_expansion(path, size)
 
 
 def unreadable(path: Path, error: Exception) -> RecordError:
     """Describe a file that cannot be read, and the possible cause."""
+    if isinstance(error, MemoryError | RecursionError):
+        return RecordError(
+            f"{path.name} takes more memory to read than its size explains, or is nested too "
+            "deep: it is damaged, or was made to. Save it again, without compression."
+        )
     reason = str(error)
     if "ickle" in reason or "Python objects" in reason:
         return RecordError(
@@ -73,7 +81,8 @@ def unreadable(path: Path, error: Exception) -> RecordError:
         )
     if len(reason) > MOST_SAID:  # zipfile quotes what it met, which is as long as a file likes
         reason = f"{reason[:MOST_SAID]}..."
+    reason = reason.rstrip(".") or "its reader gives no reason"
     return RecordError(
-        f"{path.name} cannot be read as {path.suffix}: {reason or type(error).__name__}. It "
+        f"{path.name} cannot be read as {path.suffix}: {reason}. It "
         "may be cut short, or be another kind of file than its name says."
     )

@@ -12,6 +12,7 @@ from typing import Any
 from slowtime_services.files.record import RecordError
 
 from . import reader_process
+from .expansion import unpacked_bound
 from .numpy_arrays import refuse_above, unreadable
 
 SUFFIXES = (".xlsx", ".xlsm")
@@ -38,7 +39,6 @@ def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
 
 def main(path: str, max_bytes: str, out: str) -> int:
     """Write lines and notes to `out`, or the reason for failure; in the reader's process."""
-    reader_process.bound_memory(int(max_bytes))
     warnings.simplefilter("ignore")  # of what openpyxl does not keep
     try:
         lines, notes = _read(Path(path), int(max_bytes))
@@ -52,18 +52,23 @@ def main(path: str, max_bytes: str, out: str) -> int:
 def _read(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
     import openpyxl
 
+    reader_process.bound_resources(path, max_bytes)
     try:
         with zipfile.ZipFile(path) as archive:
             refuse_above(path, sum(item.file_size for item in archive.infolist()), max_bytes)
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        cells = max_bytes // BYTES_A_CELL
+        cells = unpacked_bound(path.stat().st_size, max_bytes) // BYTES_A_CELL
         sheets: dict[str, list[str]] = {}
         for sheet in book.worksheets:
             sheets[sheet.title] = []
             for row in sheet.iter_rows(values_only=True):
                 cells -= len(row) + 1
                 if cells < 0:
-                    refuse_above(path, 2 * max_bytes, max_bytes)
+                    raise RecordError(
+                        f"{path.name} states more cells than its size explains: one of them "
+                        "stands far from the others, or it was made to fill memory. Delete "
+                        "the rows and columns without values, and save it again."
+                    )
                 sheets[sheet.title].append("\t".join(_fields(row)))
         book.close()
     except RecordError:
