@@ -1,7 +1,6 @@
 """Asks edges for missing features until the account is complete."""
 
 import concurrent.futures
-import json
 import logging
 import threading
 from collections.abc import Callable, Sequence
@@ -9,6 +8,7 @@ from collections.abc import Callable, Sequence
 from slowtime_schemas.messages import ACK_VERSION
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, BusClosedError, Sample
+from slowtime_services.documents.json_documents import read_json
 from twin_server.settings import BackfillSettings
 
 from .runs import SEQUENCES, EdgeQuery, Holding
@@ -112,7 +112,7 @@ class Backfill:
 def _holding(answer: Sample) -> Holding | None:
     """Read one entry of an edge's account; None, and logged, where it makes no sense."""
     try:
-        content = json.loads(answer.payload)
+        content = read_json(bytes(answer.payload))
         damaged = tuple((int(a), int(b)) for a, b in content.get("damaged", ()))
         holding = Holding(
             str(content["boot"]),

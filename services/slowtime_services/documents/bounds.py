@@ -56,7 +56,8 @@ def refuse_many_values(text: str, bounds: Bounds) -> None:
     marks = sum(text.count(mark) for mark in _MARKS)
     if marks > bounds.most_values:
         raise DocumentError(
-            f"It has {marks:,} values or lines. Allowed: {bounds.most_values:,}. Is it a record?"
+            f"It has {marks:,} values or lines. Allowed: {bounds.most_values:,}. Is it a "
+            "record?"
         )
 
 

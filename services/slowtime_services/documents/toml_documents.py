@@ -43,7 +43,9 @@ def read_toml(text: str, bounds: Bounds = BOUNDS) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise DocumentError(f"This is not TOML: {error}.") from None
     except RecursionError:
-        raise DocumentError("Its lists and tables are nested too deep. Check brackets.") from None
+        raise DocumentError(
+            "Its lists and tables are nested too deep. Check brackets."
+        ) from None
     except (ValueError, OverflowError):  # of int and float, which quote the interpreter
         raise DocumentError("It has a number that is larger than numbers can be.") from None
     _refuse_beyond(content, bounds)
@@ -62,10 +64,12 @@ def _refuse_beyond(content: dict[str, Any], bounds: Bounds) -> None:
 
 
 def _inside(values: list[Any]) -> Iterator[Any]:
-    """Lists and tables in lists and tables, integers being checked."""
+    """Yield the lists and tables within some, and check the integers there."""
     for value in values:
         for inner in value.values() if isinstance(value, dict) else value:
             if isinstance(inner, dict | list):
                 yield inner
             elif isinstance(inner, int) and not -WIDEST <= inner < WIDEST:
-                raise DocumentError(f"An integer of {inner.bit_length()} bits is in it; at most 64.")
+                raise DocumentError(
+                    f"It has an integer of {inner.bit_length()} bits. Allowed: 64."
+                )

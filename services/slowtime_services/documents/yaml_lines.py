@@ -15,7 +15,7 @@ from .core_schema import CoreLoader, FastCoreLoader
 
 Path = tuple[str | int, ...]
 DEPTH = 16
-"""Lists and tables within each other [1]; they are read by recursion."""
+"""Lists and tables within each other that a model or a problem may have [1]."""
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 WORDED_CHARACTERS = 1 << 16
 """Size up to which a text with an error is read again by PyYAML's own parser [1], which says
@@ -41,7 +41,7 @@ class _SyntaxFault(YamlError):
 
 
 def read_with_lines(
-    text: str, names: Collection[str] = (), bounds: Bounds = BOUNDS
+    text: str, names: Collection[str] = (), bounds: Bounds = BOUNDS, *, depth: int = DEPTH
 ) -> tuple[Any, Mapping[Path, int]]:
     r"""Read a document, and return the line of each key and item, counted from 1.
 
@@ -52,6 +52,8 @@ def read_with_lines(
         ``1.10`` is not called ``1.1``, nor one ``1e3`` ``1000.0``.
     bounds
         Of size and number of values.
+    depth
+        Lists and tables within each other at most [1]; they are read by recursion.
 
     Raises
     ------
@@ -73,20 +75,20 @@ def read_with_lines(
     except DocumentError as error:
         raise YamlError(1, str(error)) from None
     try:
-        return _read(text, frozenset(names), FastCoreLoader)
+        return _read(text, frozenset(names), depth, FastCoreLoader)
     except _SyntaxFault:
         if len(text) > WORDED_CHARACTERS:
             raise
-    return _read(text, frozenset(names), CoreLoader)
+    return _read(text, frozenset(names), depth, CoreLoader)
 
 
 def _read(
-    text: str, names: frozenset[str], loading: type[CoreLoader | FastCoreLoader]
+    text: str, names: frozenset[str], depth: int, loading: type[CoreLoader | FastCoreLoader]
 ) -> tuple[Any, Mapping[Path, int]]:
     loader = None
     try:
         loader = loading(text)
-        document = _Document(loader, names)
+        document = _Document(loader, names, depth)
         return document.read(), document.lines
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -106,8 +108,8 @@ def _read(
 class _Document:
     """Makes values of the events of a loader, and notes their lines."""
 
-    def __init__(self, loader: Any, names: frozenset[str]) -> None:
-        self._loader, self._names = loader, names
+    def __init__(self, loader: Any, names: frozenset[str], depth: int) -> None:
+        self._loader, self._names, self._depth = loader, names, depth
         self.lines: dict[Path, int] = {}
 
     def read(self) -> Any:
@@ -131,10 +133,8 @@ class _Document:
         self.lines.setdefault(path, line)
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event, path, line)
-        if depth == DEPTH:
-            raise YamlError(
-                line, f"More than {DEPTH} levels deep: no model is. Check brackets."
-            )
+        if depth == self._depth:
+            raise YamlError(line, f"More than {self._depth} levels deep. Check brackets.")
         if isinstance(event, yaml.SequenceStartEvent):
             return self._list(path, depth + 1)
         return self._table(path, depth + 1)

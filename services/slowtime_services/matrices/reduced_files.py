@@ -10,6 +10,7 @@ from scipy import sparse
 from slowtime.finite_elements.degrees_of_freedom import DofMap
 from slowtime.finite_elements.reduction import AdaptiveModel, ReductionError
 from slowtime.finite_elements.reduction.adaptive_model import FactoredParts
+from slowtime_services.documents.json_documents import read_json
 
 from .errors import MatrixFileError
 
@@ -71,7 +72,7 @@ def read_reduced(path: Path) -> AdaptiveModel:
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        heading = json.loads(str(arrays.pop("heading")))
+        heading = read_json(str(arrays.pop("heading")))
         if heading["format"] != FORMAT:
             raise MatrixFileError(f"{path.name} is of format {heading['format']!r}.")
         parts = {

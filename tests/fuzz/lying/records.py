@@ -69,7 +69,9 @@ def npz_of_more_rows(path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         buffer = io.BytesIO()
         np.save(buffer, samples())
-        body = buffer.getvalue().replace(b"(2000, 2), }  ", b"(70000000, 2),}")[: len(buffer.getvalue())]
+        body = buffer.getvalue().replace(b"(2000, 2), }  ", b"(70000000, 2),}")[
+            : len(buffer.getvalue())
+        ]
         archive.writestr("acc.npy", body)
 
 
@@ -116,7 +118,9 @@ def _mat_file(path: Path, shape: tuple[int, int], data: bytes, name: bytes = b"a
     )
     matrix = struct.pack("<II", 14, len(inner) & 0xFFFFFFFF) + inner
     packed = zlib.compress(matrix, 9)
-    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack(
+        "<HH", 0x0100, 0x4D49
+    )
     path.write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
 
 
@@ -147,7 +151,9 @@ def mat_of_nested_cells(path: Path) -> None:
         if len(inner) > 1_500_000:
             break
     packed = zlib.compress(struct.pack("<II", 14, len(inner)) + inner, 9)
-    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack(
+        "<HH", 0x0100, 0x4D49
+    )
     path.write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
 
 
@@ -183,7 +189,9 @@ def mat73_that_links_elsewhere(path: Path) -> None:
 
 def _matlab_heading(path: Path) -> None:
     body = bytearray(path.read_bytes())
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<HH", 0x0200, 0x4D49)
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack(
+        "<HH", 0x0200, 0x4D49
+    )
     body[: len(head)] = head
     path.write_bytes(body)
 
@@ -202,7 +210,11 @@ def hdf5(path: Path) -> None:
 def _zeros(file: object, name: str, shape: tuple[int, ...], chunk: int = 1 << 21) -> None:
     """A chunked dataset of zeros: its chunks are one deflated block, or are not stored at all."""
     file.create_dataset(  # type: ignore[attr-defined]
-        name, shape=shape, dtype="f8", chunks=tuple(min(n, chunk) for n in shape), compression="gzip"
+        name,
+        shape=shape,
+        dtype="f8",
+        chunks=tuple(min(n, chunk) for n in shape),
+        compression="gzip",
     )
 
 
@@ -219,7 +231,9 @@ def hdf5_of_one_deflated_chunk(path: Path) -> None:
 
     with h5py.File(path, "w") as file:
         count = UNPACKED // 8
-        made = file.create_dataset("acc", shape=(count,), dtype="f8", chunks=(1 << 24,), compression="gzip")
+        made = file.create_dataset(
+            "acc", shape=(count,), dtype="f8", chunks=(1 << 24,), compression="gzip"
+        )
         packed = zlib.compress(bytes(8 << 24), 9)
         for first in range(0, count, 1 << 24):
             made.id.write_direct_chunk((first,), packed)
@@ -325,7 +339,11 @@ def _workbook(
         '<sheets><sheet name="data" sheetId="1" r:id="r1"/></sheets></workbook>',
         "xl/_rels/workbook.xml.rels": f'{declared}<Relationships xmlns="{package}/relationships">'
         f'<Relationship Id="r1" Type="{rel}/worksheet" Target="worksheets/sheet1.xml"/>'
-        + (f'<Relationship Id="r2" Type="{rel}/sharedStrings" Target="sharedStrings.xml"/>' if strings is not None else "")
+        + (
+            f'<Relationship Id="r2" Type="{rel}/sharedStrings" Target="sharedStrings.xml"/>'
+            if strings is not None
+            else ""
+        )
         + "</Relationships>",
         "xl/worksheets/sheet1.xml": f'{declared}{head}<worksheet xmlns="{main}">{body}{tail}</worksheet>',
     }
@@ -363,7 +381,9 @@ def xlsx_of_wide_rows(path: Path) -> None:
 
 
 def xlsx_of_far_rows(path: Path) -> None:
-    _workbook(path, '<sheetData><row r="2000000000"><c r="A2000000000"><v>2</v></c></row></sheetData>')
+    _workbook(
+        path, '<sheetData><row r="2000000000"><c r="A2000000000"><v>2</v></c></row></sheetData>'
+    )
 
 
 def xlsx_of_entities(path: Path) -> None:
@@ -389,7 +409,9 @@ def tdms_of_more_values(path: Path) -> None:
     """A segment whose index claims 100,000,000 values; those beyond the file are not there."""
     tdms(path)
     body = path.read_bytes()
-    path.write_bytes(body.replace(struct.pack("<IQ", 1, ROWS), struct.pack("<IQ", 1, 100_000_000)))
+    path.write_bytes(
+        body.replace(struct.pack("<IQ", 1, ROWS), struct.pack("<IQ", 1, 100_000_000))
+    )
 
 
 def tdms_of_many_chunks(path: Path) -> None:
@@ -583,7 +605,11 @@ def seg2(path: Path) -> None:
 
 def _seg2(path: Path, count: int, traces: int = 1, pointer: int | None = None) -> None:
     data = samples(1)[:, 0].astype("<f4").tobytes()
-    strings = struct.pack("<H", 3 + len(b"SAMPLE_INTERVAL 0.01") ) + b"SAMPLE_INTERVAL 0.01\0" + b"\0\0"
+    strings = (
+        struct.pack("<H", 3 + len(b"SAMPLE_INTERVAL 0.01"))
+        + b"SAMPLE_INTERVAL 0.01\0"
+        + b"\0\0"
+    )
     first = 32 + 4
     head = struct.pack("<HHHH", 0x3A55, 1, 4, traces) + b"\x01\x00\x00\x01\n\x00" + bytes(18)
     file_strings = b"\0\0"
@@ -632,7 +658,9 @@ def parquet_of_text(path: Path) -> None:
     table = pa.table(
         {
             "a": samples(1)[:1000, 0],
-            "s": pa.DictionaryArray.from_arrays(np.zeros(1000, np.int32), ["x" * 1_500_000]).cast(pa.string()),
+            "s": pa.DictionaryArray.from_arrays(
+                np.zeros(1000, np.int32), ["x" * 1_500_000]
+            ).cast(pa.string()),
         }
     )
     pq.write_table(table, path, compression="zstd")
@@ -643,7 +671,9 @@ def arrow(path: Path) -> None:
     import pyarrow.feather as feather
 
     feather.write_feather(
-        pa.table({"t": np.arange(ROWS) / RATE_HZ, "a": samples(1)[:, 0]}), str(path), compression="zstd"
+        pa.table({"t": np.arange(ROWS) / RATE_HZ, "a": samples(1)[:, 0]}),
+        str(path),
+        compression="zstd",
     )
 
 
@@ -675,7 +705,9 @@ def _mcap(
         channel = writer.register_channel("/imu", encoding, number)
         for k in range(count):
             stamp = 10**18 + 10**7 * k
-            writer.add_message(channel, stamp, message.replace(b"1.0", b"%d.0" % (k % 7)), stamp)
+            writer.add_message(
+                channel, stamp, message.replace(b"1.0", b"%d.0" % (k % 7)), stamp
+            )
         if attached:
             writer.add_attachment(0, 0, "a", "b", bytes(attached))
         writer.finish()
@@ -721,7 +753,11 @@ def mcap_of_a_long_schema(path: Path) -> None:
 
 
 def mcap_of_a_recursive_schema(path: Path) -> None:
-    text = b"sensor_msgs/Imu[] header\n" + b"=" * 80 + b"\nMSG: sensor_msgs/Imu\nsensor_msgs/Imu[] a\n"
+    text = (
+        b"sensor_msgs/Imu[] header\n"
+        + b"=" * 80
+        + b"\nMSG: sensor_msgs/Imu\nsensor_msgs/Imu[] a\n"
+    )
     _mcap(
         path, b"\0\1\0\0" + b"\xff\xff\xff\x0f" * 2000, 5, encoding="cdr",
         schema=("sensor_msgs/msg/Imu", "ros2msg", text),
@@ -828,11 +864,11 @@ def packed_csv(path: Path) -> None:
 Maker = Callable[[Path], None]
 
 
-def _cases(ending: str, honest: Maker, *lying: Maker, words: tuple[str, ...] = ()) -> list[Case]:
-    command = ("import", f"{{file}}", *words, "--out", "out.mcap")
-    return [
-        Case(f"{one.__name__}", f"f{ending}", honest, one, command) for one in lying
-    ]
+def _cases(
+    ending: str, honest: Maker, *lying: Maker, words: tuple[str, ...] = ()
+) -> list[Case]:
+    command = ("import", "{file}", *words, "--out", "out.mcap")
+    return [Case(f"{one.__name__}", f"f{ending}", honest, one, command) for one in lying]
 
 
 RATE = ("--rate-hz", "100")

@@ -23,6 +23,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 def _read(path: Path, max_bytes: int) -> Arrays:
     if _is_hdf5(path):
         return _read_version_73(path, max_bytes)
+    bound_resources(path, max_bytes)
     try:
         sizes = [np.prod(shape, dtype=float) for _, shape, _ in scipy.io.whosmat(path)]
         refuse_above(path, int(8 * sum(sizes)), max_bytes)
@@ -89,7 +90,6 @@ def _is_numeric(item: Any) -> bool:
 
 def main(path: str, max_bytes: str, out: str) -> int:
     """Read the file and write its arrays to `out`, or the reason why not."""
-    bound_resources(Path(path), int(max_bytes))
     try:
         found = _read(Path(path), int(max_bytes))
     except RecordError as error:

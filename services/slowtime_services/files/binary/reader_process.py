@@ -34,7 +34,7 @@ ROOM_BYTES = 2 * 2**30
 """Address space for the interpreter and its libraries, beside what the file may hold."""
 
 WORK_BYTES = 48 * 2**20
-"""Memory that a library writes to beside the samples, such as the tree of a workbook [bytes]."""
+"""Memory that a library writes to beside the samples, such as a workbook's tree [bytes]."""
 
 LEAST_PROCESSOR_S, PROCESSOR_S_PER_MIB = 20.0, 2.0
 """Processor time that a file is given, and for each MiB that it may hold [s]: workbooks, the
@@ -122,7 +122,7 @@ def _own_data_bytes() -> int | None:
 
 
 def _run(module: str, words: Sequence[str]) -> "subprocess.CompletedProcess[bytes]":
-    command = [sys.executable, "-P", "-m", module, *words]
+    command = [sys.executable, "-P", "-W", "ignore", "-m", module, *words]
     return subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
 
 

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from slowtime_services.files.binary.numpy_arrays import MOST_SAID, refuse_above, unreadable
+from slowtime_services.files.binary.numpy_arrays import refuse_above, unreadable
 from slowtime_services.files.binary.reader_process import REFUSED, bound_resources, save
 from slowtime_services.files.record import RecordError
 from slowtime_services.plugins.discovery import find
+from slowtime_services.reasons import reason_of
 
 from . import OWN
 from .found import Found
@@ -55,7 +56,7 @@ def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
     except (MemoryError, RecursionError) as error:
         raise unreadable(path, error) from error
     except Exception as error:  # libraries say in many ways that a file is torn
-        reason = str(error)[:MOST_SAID].rstrip(".") or "its reader gives no reason"
+        reason = reason_of(error).rstrip(".")
         raise RecordError(
             f"{path.name} is {kind} by its first bytes or its name, but cannot be read: "
             f"{reason}. It may be cut short or damaged."

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from slowtime_schemas.files.finite_elements import FrameModel
 from slowtime_schemas.files.model_v2 import FiniteElementFile
+from slowtime_services.documents.core_schema import CoreDumper
 from slowtime_services.matrices.errors import MatrixFileError
 from slowtime_services.matrices.nastran_bulk import BULK
-from slowtime_services.documents.core_schema import CoreDumper
 
 from .abaqus import read_input
 from .mesh import DIRECTIONS, Mesh
