@@ -13,7 +13,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-PATIENCE_S = 60.0
+PATIENCE_S = 200.0
 """After which a command is ended and called too long [s]."""
 
 

@@ -10,6 +10,7 @@ import scipy.io
 from slowtime_services.files.record import RecordError, Values
 
 from .hdf5_objects import own_datasets, stored_bytes
+from .mat_expansion import refuse_mat_expansion
 from .numpy_arrays import Arrays, refuse_above, unreadable
 from .reader_process import REFUSED, bound_resources, save
 
@@ -27,6 +28,7 @@ def _read(path: Path, max_bytes: int) -> Arrays:
     try:
         sizes = [np.prod(shape, dtype=float) for _, shape, _ in scipy.io.whosmat(path)]
         refuse_above(path, int(8 * sum(sizes)), max_bytes)
+        refuse_mat_expansion(path)
         variables = scipy.io.loadmat(path, squeeze_me=False, struct_as_record=True)
     except RecordError:
         raise
