@@ -299,8 +299,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         status = app.main(arguments, prog_name="slowtime", standalone_mode=False)
     except click.UsageError as error:
-        error.message = without_internals(error.message)
-        error.show()
+        click.UsageError(without_internals(error.format_message()), error.ctx).show()
         sys.exit(2)
     except click.ClickException as error:
         _say(error.format_message())

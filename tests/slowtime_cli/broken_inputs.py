@@ -2,8 +2,10 @@
 
 import os
 import re
+import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 import click
 
 from slowtime_cli.__main__ import VERBS, Verbs, main
+from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import OutFile
 
 INTERNALS = re.compile(
@@ -22,7 +25,10 @@ INTERNALS = re.compile(
 """What no message to a user shows."""
 
 PATIENCE_S = 20
-"""Processor time after which an input is called one that hangs [s]."""
+"""Processor time after which a command is ended [s]."""
+
+WAIT_S = 120.0
+"""After which one that waits is ended [s]."""
 
 ENDLESS = frozenset(("demo", "router"))
 """Verbs that run until Ctrl-C with any file that they may be given."""
@@ -60,6 +66,13 @@ def verbs() -> Iterator[tuple[tuple[str, ...], click.Command]]:
                 yield (name, inner), found
         else:
             yield (name,), command
+
+
+def preload() -> None:
+    """Import the work of all verbs, so that a child need not."""
+    for _, command in verbs():
+        if isinstance(command, Deferred):
+            command.load()
 
 
 def is_read(param: click.Parameter) -> bool:
@@ -105,7 +118,10 @@ def said_of(words: list[str]) -> tuple[int, str]:
         child = os.fork()
         if child == 0:
             _run(words, out)
+        end = threading.Timer(WAIT_S, os.kill, (child, signal.SIGKILL))
+        end.start()
         _, status = os.waitpid(child, 0)
+        end.cancel()
         out.seek(0)
         return os.waitstatus_to_exitcode(status), out.read().decode(errors="replace")
 

@@ -9,8 +9,8 @@ from slowtime_services.files.binary.expansion import refuse_expansion, unpacked_
 from .errors import MatrixFileError
 
 MOST_WRITTEN_OUT = 500_000
-"""Numbers of points that ranges and sets of a file are written out to [1]: `1 THRU 500000` is
-the longest that a model of 3,000,000 degrees of freedom needs, and takes 50 MB."""
+"""Numbers of points that a range or set is written out to [1]: `1 THRU 500000` is the longest
+that a model of 3,000,000 degrees of freedom needs, and takes 50 MB."""
 
 MOST_EMPTY_ROWS = 2_000_000
 """Rows without an entry of a sparse matrix [1]: each takes some ten bytes. Matrices of one group

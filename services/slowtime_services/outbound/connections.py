@@ -84,7 +84,7 @@ class _Https(urllib.request.HTTPSHandler):
             return SecureConnection(host, None, given["timeout"], ssl.create_default_context())
 
         made: Callable[..., Any] = connection
-        return self.do_open(made, req)  # type: ignore[arg-type]  # it asks for a class
+        return self.do_open(made, req)
 
 
 class _NoRedirects(urllib.request.HTTPRedirectHandler):

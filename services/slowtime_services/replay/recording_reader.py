@@ -154,8 +154,9 @@ def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
     file.seek(0)
     topics: dict[int, str] = {}
     for record in StreamReader(file, emit_chunks=True).records:
-        chunk = isinstance(record, Chunk)
-        within = breakup_chunk(unpacking.plain(record), True) if chunk else [record]
+        within = [record]
+        if isinstance(record, Chunk):
+            within = breakup_chunk(unpacking.plain(record), True)
         for found in within:
             if isinstance(found, Channel) and found.topic in keys:
                 topics[found.id] = current_key(found.topic)

@@ -1,5 +1,6 @@
 """Model, problem, mesh, matrix and mode files that lie."""
 
+import functools
 import gzip
 import io
 import json
@@ -73,6 +74,7 @@ FORMULAS: dict[str, str] = {
 }
 
 
+@functools.cache
 def text(content: str) -> Maker:
     def write(path: Path) -> None:
         path.write_text(content)
@@ -214,6 +216,7 @@ sensors: [{channel: a, row: 1, quantity: acceleration}]
 """
 
 
+@functools.cache
 def matrix(ending: str, write: Maker) -> Maker:
     """Write a model of two matrices, the first one as a maker does."""
 
@@ -468,7 +471,7 @@ def _modal() -> list[Case]:
 
 
 CASES: list[Case] = [
-    *_texts("model", "m.yaml", MODEL, ("simulate", "--model", "{file}", "--duration-s", "5", "--out", "o.mcap")),
+    *_texts("model", "m.yaml", MODEL, ("effects", "--model", "{file}")),
     *_texts("problem", "p.yaml", PROBLEM, ("reliability", "{file}", "--method", "form")),
     *_texts(
         "composite", "c.yaml", "members: [demo.tower]\n",

@@ -85,8 +85,10 @@ def _messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
     channels: dict[int, Channel] = {}
     with path.open("rb") as file:
         for record in StreamReader(file, emit_chunks=True).records:
-            chunk = isinstance(record, Chunk)
-            for one in breakup_chunk(unpacking.plain(record)) if chunk else [record]:
+            within = [record]
+            if isinstance(record, Chunk):
+                within = breakup_chunk(unpacking.plain(record))
+            for one in within:
                 if isinstance(one, Schema):
                     schemas[one.id] = one
                 elif isinstance(one, Channel):
