@@ -19,6 +19,8 @@ class Case:
         Write a file to a place, and others beside it if need be.
     command
         Words after ``slowtime``; ``{file}`` is the file.
+    harmless
+        Whether it may also be read as what it holds: its lie is then of no use.
     """
 
     name: str
@@ -26,3 +28,4 @@ class Case:
     honest: Callable[[Path], None]
     lying: Callable[[Path], None]
     command: tuple[str, ...]
+    harmless: bool = False
