@@ -12,9 +12,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from .database_answers import AWAY_S, Away, Deadlines
-
 from .attempts import RowNote
+from .database_answers import AWAY_S, Away, Deadlines
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import (
     LACKING,

@@ -16,10 +16,9 @@ from typing import Literal
 from slowtime_services.ledger import Head
 from slowtime_services.operating_system import lock_file
 
-
-from .ground import Fault, Ground, Kind, rescue, same_file
 from .attempts import FileNote, note_of
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
+from .ground import Fault, Ground, Kind, rescue, same_file
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore

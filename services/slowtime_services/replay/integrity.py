@@ -33,7 +33,7 @@ def check(path: Path) -> None:
     RecordingError
         Where it is not sound; the text says why, and what to do.
     """
-    command = [sys.executable, "-P", "-m", __spec__.name, str(path)]
+    command = [sys.executable, "-P", "-W", "ignore", "-m", __spec__.name, str(path)]
     try:
         done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:
