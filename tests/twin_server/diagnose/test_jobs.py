@@ -6,7 +6,8 @@ import threading
 
 import pytest
 
-from twin_server.diagnose import Ended, Jobs, QueueFullError
+from twin_server.diagnose import Ended, Jobs
+from twin_server.fairness import OverQuotaError
 from twin_server.settings import DiagnoseSettings
 
 TELL = "import json, pathlib, sys, time, os\nhere = pathlib.Path(sys.argv[1])\n"
@@ -38,7 +39,7 @@ class Told(Jobs):
     def give(self, number):
         folder = self.home / f"job-{number}"
         folder.mkdir()
-        self.submit(number, folder)
+        self.submit(number, folder, self.reserve(f"diagnosis {number}"))
         return folder
 
     def _keep(self, number, ended):
@@ -86,11 +87,11 @@ def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventual
     assert running.seconds > 0.0
     assert queue.progress(2)[:2] == ("queued", "waiting, 1 ahead of it")
     assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
-    with pytest.raises(QueueFullError, match=r"2 diagnoses are waiting already.*max_queued"):
-        queue.check_room()
+    with pytest.raises(OverQuotaError, match=r"3 diagnoses on this server.*max_queued"):
+        queue.reserve("a fourth")
     assert queue.cancel(2)
     assert queue.told[2].state == "cancelled"
-    queue.check_room()
+    queue.reserve("another").release()
     assert not queue.cancel(99)
 
 

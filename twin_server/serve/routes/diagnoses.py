@@ -3,12 +3,13 @@
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
 
-from fastapi import APIRouter, Depends, Path, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic_core import to_json
 
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
+from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
@@ -32,6 +33,7 @@ _PROBLEMS = problems.answers(
         404: "No such twin, or no such diagnosis",
         409: "Not as things are",
         422: "A body that is not valid",
+        429: "Too many of your site or token wait already",
         503: "Too many wait already",
     }
 )
@@ -90,6 +92,7 @@ def routes(
         Threads for what has a history estimated anew.
     """
     api = APIRouter(tags=["diagnoses"])
+    ordering = BoundedThreads(4)  # an edge that is asked for samples may take seconds to answer
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -112,15 +115,22 @@ def routes(
         response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
-    def order(twin_id: TwinId, registration: Known, order: DiagnosisOrder) -> Response:
+    async def order(
+        request: Request, twin_id: TwinId, registration: Known, order: DiagnosisOrder
+    ) -> Response:
         """Ask what the twin's model lacks: a job, whose number is told at once.
 
         From raw samples that the edge has now, from recordings, or, with `clock: slow`, from
         the twin's history and the covariates beside it.
         """
-        number = diagnosis_service.order(twin_id, registration, order)
-        where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
-        return _json(there(twin_id, number), 202, Location=where)
+
+        def done() -> Response:
+            number = diagnosis_service.order(twin_id, registration, order)
+            where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
+            return _json(there(twin_id, number), 202, Location=where)
+
+        release_body_slot(request.scope)
+        return await ordering.run(done)
 
     @api.get(
         "/twins/{twin_id}/diagnoses",
