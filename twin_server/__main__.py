@@ -187,16 +187,17 @@ def _serve(
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
-    orders = Diagnoses(
-        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
-    )
-    compositions = CompositeRegistry(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
         lambda twin_id: pipeline.twin(twin_id) is not None,
         bus,
     )
+    orders = Diagnoses(
+        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock,
+        recordings=recordings.folder,
+    )  # fmt: skip
+    compositions = CompositeRegistry(pipeline, store, clock)
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,

@@ -10,6 +10,7 @@ from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
 from twin_server.estimate.elements import spatial_scene
+from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
@@ -62,9 +63,9 @@ class TwinKnowledge:
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulations(store, self._workers, effects)
 
-    def ids(self) -> list[str]:
-        """All twins, in the order of their registration."""
-        return [twin.id for twin in self._store.twins()]
+    def ids(self, principal: Principal) -> list[str]:
+        """Twins that a principal may see, in the order of their registration."""
+        return principal.seen(twin.id for twin in self._store.twins())
 
     def registration(self, twin_id: str) -> Registration | None:
         """Return the registration of a twin; None where there is none."""

@@ -1,12 +1,11 @@
 """Stores uploaded recordings that are valid, and replays them to the twins of the server."""
 
 import asyncio
-import contextlib
 import dataclasses
+import hashlib
 import logging
 import math
 import os
-import re
 import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
@@ -24,35 +23,33 @@ from slowtime_services.replay import (
     contents,
     replay,
 )
+from twin_server.identity.principals import Principal
 from twin_server.serve import ProblemError
-from twin_server.serve.routes.recordings import NAME, Reaches
 from twin_server.settings import RecordingSettings
+
+from .recording_folder import NOWHERE, Kept, RecordingFolder, name_taken
 
 logger = logging.getLogger(__name__)
 
-NOWHERE = (
-    "This server keeps no recordings. Start it with `slowtime twin --recordings FOLDER`, or "
-    "set diagnose.recordings."
-)
 
+class _Upload(NamedTuple):
+    """An upload under way: its name, and the sites of who sends it."""
 
-class _Kept(NamedTuple):
-    size: int
-    changed_ns: int
-    inside: Contents | None
-    problem: str | None
+    name: str
+    sites: frozenset[str] | None
 
     @property
-    def addresses(self) -> list[tuple[str, str]]:
-        """Site and asset of all that it holds."""
-        keys = self.inside.counts if self.inside else {}
-        return sorted({parse_key(key)[1:] for key in keys})
+    def partial(self) -> str:
+        """Name of the file while it is written, another one for each group of sites."""
+        sites = "*" if self.sites is None else ",".join(sorted(self.sites))
+        return f".{hashlib.sha256(sites.encode()).hexdigest()[:16]}.{self.name}.partial"
 
 
 @dataclasses.dataclass(slots=True)
 class _Replay:
-    name: str
+    kept: Kept
     stop: threading.Event
+    thread: threading.Thread | None = None
     state: str = "playing"
     done: int = 0
     total: int = 0
@@ -82,123 +79,111 @@ class Recordings:
         known: Callable[[str], bool],
         bus: Bus,
     ) -> None:
-        self._folder, self._settings, self._known, self._bus = folder, settings, known, bus
-        self._read: dict[str, _Kept] = {}
-        self._coming: dict[str, int] = {}
+        self.folder = RecordingFolder(folder)
+        self._settings, self._known, self._bus = settings, known, bus
+        self._coming: dict[_Upload, int] = {}
         self._checking = threading.Lock()
         self._lock = threading.Lock()
-        self._played: dict[str, _Replay] = {}
-        self._thread: threading.Thread | None = None
+        self._played: dict[Path, _Replay] = {}
 
     def stop(self) -> None:
-        """End the replay in progress."""
+        """End the replays in progress."""
         with self._lock:
-            for one in self._played.values():
+            playing = list(self._played.values())
+            for one in playing:
                 one.stop.set()
-        if self._thread is not None:
-            self._thread.join(10.0)
+        for one in playing:
+            if one.thread is not None:
+                one.thread.join(10.0)
 
-    def listed(self, reaches: Reaches) -> dict[str, Any]:
+    def listed(self, principal: Principal) -> dict[str, Any]:
         """Return all recordings that the caller may see, the newest first."""
-        found = [
-            self._recording_document(path.name, kept)
-            for path in self._paths()
-            for kept in [self._look(path)]
-            if kept is not None and _may_see(kept, reaches)
-        ]
+        found = [self._recording_document(kept) for kept in self.folder.seen(principal)]
         found.sort(key=lambda one: one["changed_ns"], reverse=True)
         limit = self._settings.max_bytes
-        return {"kept": self._folder is not None, "max_bytes": limit, "recordings": found}
+        kept = self.folder.folder is not None
+        return {"kept": kept, "max_bytes": limit, "recordings": found}
 
-    def path(self, name: str, reaches: Reaches) -> Path:
+    def path(self, name: str, site: str | None, principal: Principal) -> Path:
         """Return the path of a recording that the caller may see."""
-        kept = {path.name: path for path in self._paths()}
-        found = kept.get(name)
-        look = self._look(found) if found else None
-        if found is None or look is None or not _may_see(look, reaches):
-            raise ProblemError(
-                404,
-                "no-such-recording",
-                NOWHERE
-                if self._folder is None
-                else f"There is no recording {name:.110} that "
-                "you may see. GET /api/v1/recordings lists those there are.",
-            )
-        return found
+        return self.folder.one(name, site, principal).path
 
-    async def take(self, name: str, chunks: AsyncIterator[bytes], reaches: Reaches) -> None:
+    async def take(self, name: str, chunks: AsyncIterator[bytes], principal: Principal) -> None:
         """Write one beside the others under another name, read it through, and keep it."""
-        folder = self._folder_for(name)
-        self._begin(name)
-        partial = folder / f".{name}.partial"
+        folder = await asyncio.to_thread(self._folder_for, name, principal)
+        upload = _Upload(name, principal.sites)
+        self._begin(upload)
+        partial = folder / upload.partial
         try:
-            await self._write(partial, name, chunks)
-            await asyncio.to_thread(self._check, partial, name, reaches)
-            self._place(partial, folder / name)
+            await self._write(partial, upload, chunks)
+            sites = await asyncio.to_thread(self._check, partial, name, principal)
+            self._place(partial, self.folder.place_for(name, sites, principal))
         finally:
             partial.unlink(missing_ok=True)
-            self._coming.pop(name, None)
+            self._coming.pop(upload, None)
 
-    def _begin(self, name: str) -> None:
-        """Begin an upload beside others; each has a name of its own."""
-        if name in self._coming:
+    def _begin(self, upload: _Upload) -> None:
+        """Begin an upload beside others; of the same sites each has a name of its own."""
+        if upload in self._coming:
             raise ProblemError(
-                409, "being-taken-in", f"{name} is being taken in already. Give another name."
+                409,
+                "being-taken-in",
+                f"{upload.name} is being taken in already. Give another name.",
             )
         if len(self._coming) >= self._settings.max_at_once:
             raise ProblemError(
                 503,
                 "busy",
-                f"{len(self._coming)} recordings are being taken in. Allowed: "
+                "Other recordings are being taken in. Allowed: "
                 f"{self._settings.max_at_once} at once (recordings.max_at_once). Try again.",
                 **{"Retry-After": "5"},
             )
-        self._coming[name] = 0
+        self._coming[upload] = 0
 
-    def _check(self, partial: Path, name: str, reaches: Reaches) -> None:
-        """Read one through; one at a time, since that takes a processor."""
+    def _check(self, partial: Path, name: str, principal: Principal) -> set[str]:
+        """Read one through; one at a time, since that takes a processor. Return its sites."""
         with self._checking:
             _check_sound(partial, name)
-            _check_reached(contents(partial), reaches)
+            return _checked_sites(contents(partial), principal)
 
-    def delete(self, name: str, reaches: Reaches) -> None:
+    def delete(self, name: str, site: str | None, principal: Principal) -> None:
         """Delete one that is not being played."""
-        path = self.path(name, reaches)
+        path = self.path(name, site, principal)
         with self._lock:
-            one = self._played.get(name)
+            one = self._played.get(path)
             if one is not None and one.state == "playing":
                 raise ProblemError(
                     409, "being-played", f"{name} is being played. Stop it first."
                 )
-            self._played.pop(name, None)
-            self._read.pop(name, None)
+            self._played.pop(path, None)
+            self.folder.forget(path)
             path.unlink(missing_ok=True)
 
-    def play(self, name: str, speed: float | None, reaches: Reaches) -> None:
-        """Begin to play one, if none is being played."""
-        path = self.path(name, reaches)
-        kept = self._look(path)
-        if kept is None or kept.inside is None:
-            raise ProblemError(409, "not-sound", kept.problem or "" if kept else "It has gone.")
+    def play(
+        self, name: str, site: str | None, speed: float | None, principal: Principal
+    ) -> None:
+        """Begin to play one, if none is being played to the same sites."""
+        kept = self.folder.one(name, site, principal)
+        if kept.inside is None:
+            raise ProblemError(409, "not-sound", kept.problem or "")
         with self._lock:
-            busy = [one.name for one in self._played.values() if one.state == "playing"]
-            if busy:
-                raise ProblemError(
-                    409, "being-played", f"{busy[0]} is being played. Wait, or stop it first."
-                )
-            one = _Replay(name, threading.Event(), total=kept.inside.messages)
-            self._played[name] = one
+            for other in self._played.values():
+                if other.state == "playing" and other.kept.sites & kept.sites:
+                    raise _being_played(other.kept, principal)
+            one = _Replay(kept, threading.Event(), total=kept.inside.messages)
+            self._played[kept.path] = one
             strange = not any(self._known(f"{s}.{a}") for s, a in kept.addresses)
-            self._thread = threading.Thread(
-                target=self._play, args=(path, one, speed, strange), name="replay", daemon=True
-            )
-            self._thread.start()
+            one.thread = threading.Thread(
+                target=self._play, args=(kept.path, one, speed, strange), name="replay",
+                daemon=True,
+            )  # fmt: skip
+            one.thread.start()
 
-    def stop_playing(self, name: str, reaches: Reaches) -> None:
+    def stop_playing(self, name: str, site: str | None, principal: Principal) -> None:
         """End a replay."""
-        self.path(name, reaches)
+        path = self.path(name, site, principal)
         with self._lock:
-            one = self._played.get(name)
+            one = self._played.get(path)
             if one is None or one.state != "playing":
                 raise ProblemError(409, "not-played", f"{name} is not being played.")
             one.stop.set()
@@ -223,34 +208,14 @@ class Recordings:
         one.sentence = f"{'Stopped. ' if done.stopped else ''}{kept}"
         one.state = "stopped" if done.stopped else "done"
 
-    def _paths(self) -> list[Path]:
-        if self._folder is None or not self._folder.is_dir():
-            return []
-        return [
-            path
-            for path in self._folder.iterdir()
-            if re.match(NAME, path.name) and path.is_file() and not path.is_symlink()
-        ]
-
-    def _look(self, path: Path) -> _Kept | None:
-        """Read the contents of a recording; again only if it has changed."""
-        try:
-            state = path.stat()
-        except FileNotFoundError:
-            return None
-        before = self._read.get(path.name)
-        if before is None or before[:2] != (state.st_size, state.st_mtime_ns):
-            before = _Kept(state.st_size, state.st_mtime_ns, *_read_contents(path))
-            self._read[path.name] = before
-        return before
-
-    def _recording_document(self, name: str, kept: _Kept) -> dict[str, Any]:
-        inside, played = kept.inside, self._played.get(name)
+    def _recording_document(self, kept: Kept) -> dict[str, Any]:
+        inside, played = kept.inside, self._played.get(kept.path)
         messages: Counter[str] = Counter()
         for key, count in (inside.counts if inside else {}).items():
             messages[parse_key(key)[0].name] += count
         return {
-            "name": name,
+            "name": kept.name,
+            "site": kept.space,
             "bytes": kept.size,
             "changed_ns": kept.changed_ns,
             "start_ns": inside.start_ns if inside else None,
@@ -261,22 +226,24 @@ class Recordings:
             "replay": played.document() if played else None,
         }
 
-    def _folder_for(self, name: str) -> Path:
-        if self._folder is None:
+    def _folder_for(self, name: str, principal: Principal) -> Path:
+        folder = self.folder.folder
+        if folder is None:
             raise ProblemError(404, "no-recordings", NOWHERE)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        if (self._folder / name).exists():
-            raise _name_taken_error(name)
-        if len(self._paths()) >= self._settings.max_files:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder.check_free(name, principal)
+        if len(self.folder.paths()) >= self._settings.max_files:
             raise ProblemError(
                 507,
                 "no-room",
                 f"There are {self._settings.max_files} recordings already (recordings."
                 "max_files). Delete one first.",
             )
-        return self._folder
+        return folder
 
-    async def _write(self, partial: Path, name: str, chunks: AsyncIterator[bytes]) -> None:
+    async def _write(
+        self, partial: Path, upload: _Upload, chunks: AsyncIterator[bytes]
+    ) -> None:
         """Write incoming bytes, within limits of size and time."""
         settings = self._settings
         room = self._room()
@@ -292,7 +259,7 @@ class Recordings:
                     ) from None
                 if chunk is None:
                     break
-                self._coming[name] += len(chunk)
+                self._coming[upload] += len(chunk)
                 if sum(self._coming.values()) > room:
                     raise self._no_room()
                 await asyncio.to_thread(file.write, chunk)
@@ -300,7 +267,7 @@ class Recordings:
             await asyncio.to_thread(os.fsync, file.fileno())
 
     def _room(self) -> int:
-        used = sum(path.stat().st_size for path in self._paths())
+        used = sum(path.stat().st_size for path in self.folder.paths())
         return self._settings.max_total_bytes - used
 
     def _no_room(self) -> ProblemError:
@@ -318,7 +285,7 @@ class Recordings:
         try:
             _give_name(partial, path)
         except FileExistsError:
-            raise _name_taken_error(path.name) from None
+            raise name_taken(path.name) from None
         except OSError as error:
             raise ProblemError(
                 507,
@@ -343,21 +310,6 @@ def _give_name(partial: Path, path: Path) -> None:
             raise
 
 
-def _name_taken_error(name: str) -> ProblemError:
-    return ProblemError(
-        409,
-        "there-already",
-        f"{name} exists already, and may be the only copy. Give another name.",
-    )
-
-
-def _may_see(kept: _Kept, reaches: Reaches) -> bool:
-    """Whether the caller may see all of a recording; an unreadable one is for admins only."""
-    if kept.inside is None:
-        return reaches("*")
-    return all(reaches(site) for site, _ in kept.addresses)
-
-
 def _check_sound(path: Path, name: str) -> None:
     try:
         check(path)
@@ -366,9 +318,10 @@ def _check_sound(path: Path, name: str) -> None:
         raise ProblemError(422, "not-sound", f"{name} is not taken in. {said}") from error
 
 
-def _check_reached(inside: Contents, reaches: Reaches) -> None:
-    sites = sorted({parse_key(key)[1] for key in inside.counts})
-    beyond = [site for site in sites if not reaches(site)]
+def _checked_sites(inside: Contents, principal: Principal) -> set[str]:
+    """Return the sites of a recording; refuse one that the caller may not see all of."""
+    sites = {parse_key(key)[1] for key in inside.counts}
+    beyond = sorted(site for site in sites if not principal.reaches(site))
     if beyond:
         raise ProblemError(
             403,
@@ -376,12 +329,14 @@ def _check_reached(inside: Contents, reaches: Reaches) -> None:
             f"It holds messages of {', '.join(beyond)[:200]}, which your token does not reach. "
             "Ask an admin for a token that does.",
         )
+    return sites
 
 
-def _read_contents(path: Path) -> tuple[Contents | None, str | None]:
-    with contextlib.suppress(FileNotFoundError):
-        try:
-            return contents(path), None
-        except RecordingError as error:
-            return None, str(error).replace(str(path), path.name)
-    return None, "It has gone."
+def _being_played(other: Kept, principal: Principal) -> ProblemError:
+    """Refuse a replay beside another one, which is named to who may see it."""
+    named = other.name if other.is_seen_by(principal) else "A recording of several sites"
+    return ProblemError(
+        409,
+        "being-played",
+        f"{named} is being played to twins of the same site. Wait, or stop it first.",
+    )

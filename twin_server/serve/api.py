@@ -2,12 +2,10 @@
 
 import asyncio
 import importlib.metadata
-from collections.abc import Callable, Mapping
 
 from fastapi import APIRouter, FastAPI, Request, Response
 
 from slowtime_schemas import asyncapi
-from twin_server.composites.composite import Composite
 from twin_server.identity.principals import NOBODY, principal_of
 from twin_server.serve.models.twins import (
     HealthModel,
@@ -15,7 +13,7 @@ from twin_server.serve.models.twins import (
 from twin_server.settings import ServeSettings
 
 from . import composites, exports
-from .composites import CompositeService
+from .composite_service import CompositeService
 from .http import problems
 from .http.body_limit import BodyLimit
 from .http.body_queue import BodyQueue
@@ -135,11 +133,8 @@ def create_app(
     )
     known = registered_in(knowledge)
     changing = BoundedThreads(2)
-    all_composites: Callable[[], Mapping[str, Composite]]
-    all_composites = dict if composite_service is None else composite_service.all
     app.include_router(
-        twins.routes(knowledge, known, changing, lambda twin_id: twin_id in all_composites()),
-        prefix="/api/v1",
+        twins.routes(knowledge, known, changing, composite_service), prefix="/api/v1"
     )
     app.include_router(history.routes(knowledge, settings, known), prefix="/api/v1")
     app.include_router(shapes.routes(knowledge, known), prefix="/api/v1")
@@ -149,7 +144,7 @@ def create_app(
     app.include_router(risks.routes(knowledge, known, queue), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, queue), prefix="/api/v1")
     app.include_router(
-        exports.routes(knowledge, known, settings.max_exports, all_composites),
+        exports.routes(knowledge, known, settings.max_exports, composite_service),
         prefix="/api/v1",
     )
     app.include_router(fatigue.routes(knowledge, known), prefix="/api/v1")

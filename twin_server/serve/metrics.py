@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from pydantic_core import from_json
 
 from twin_server.history.states import ESTIMATES
+from twin_server.identity.principals import SERVER
 
 from .http.compute_queue import WAYS, ComputeQueue
 from .knowledge import Knowledge
@@ -84,7 +85,7 @@ def exposition(
         *(() if alarm_service is None else _deliveries(alarm_service)),
     ):
         lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
-    ids = knowledge.ids()
+    ids = knowledge.ids(SERVER)
     found = _assets(knowledge, ids if len(ids) <= most_assets else [])
     for name, says in _OF_ASSET.items():
         lines += _family(f"slowtime_asset_{name}", "gauge", says, found.get(name, []))

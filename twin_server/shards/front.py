@@ -83,7 +83,7 @@ def _composed(
     api = APIRouter()
     api.include_router(composite_routes(ShardFacts(calls), composites, front.registered, queue))
     api.include_router(
-        graph_routes(assets.of_sites, assets.of_twin, front.registered, composites.all)
+        graph_routes(assets.of_sites, assets.of_twin, front.registered, composites)
     )
     return api
 
@@ -188,7 +188,7 @@ class _Front:
         """Refuse to register a twin whose id is that of a composite."""
         if method != "PUT" or path != f"/api/v1/twins/{twin_id}":
             return
-        if twin_id in await self._looking.run(self._composites.all):
+        if await self._looking.run(lambda: self._composites.exists(twin_id)):
             raise composite_of_that_id(twin_id)
 
     def _any(self) -> int:

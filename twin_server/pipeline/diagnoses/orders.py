@@ -25,11 +25,13 @@ from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
 from twin_server.diagnose import RAW, Ended, Jobs, Task, write_task
 from twin_server.fairness import OverQuotaError, Processors, Quota
+from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.rows import address
 from twin_server.pipeline.monitoring.gap import GapMonitor
+from twin_server.pipeline.recording_folder import RecordingFolder
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
@@ -54,6 +56,8 @@ class Diagnoses:
         That makes one diagnosis of the folder that is added to it.
     processors
         Pause diagnoses in favour of other sites.
+    recordings
+        Whose samples may be diagnosed; by default those of the settings' folder.
     """
 
     def __init__(
@@ -67,10 +71,12 @@ class Diagnoses:
         bus: Bus | None = None,
         clock: Clock | None = None,
         processors: Processors | None = None,
+        recordings: RecordingFolder | None = None,
     ) -> None:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
+        self._kept = recordings or RecordingFolder(settings.recordings)
         self._jobs = Jobs(command, settings, self._end, processors)
         self._minder = GapMonitor(
             pipeline, store, gaps, self.raw_samples, effects=settings.effects
@@ -101,7 +107,13 @@ class Diagnoses:
         """Return the gap of the twin's models."""
         return self._minder.gap(twin_id)
 
-    def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
+    def order(
+        self,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
+    ) -> int:
         """Take an order: samples are asked for at once, the rest waits for its turn."""
         try:
             holding = self._jobs.reserve(f"diagnosis of {twin_id}")
@@ -109,7 +121,7 @@ class Diagnoses:
             raise over_quota(error, RETRY_AFTER_S, "too-many-diagnoses") from error
         folder = Path(tempfile.mkdtemp(prefix="slowtime-diagnosis-"))
         try:
-            write_task(folder, self._prepared(folder, twin_id, registration, order))
+            write_task(folder, self._prepared(folder, twin_id, registration, order, principal))
             number = self._store.add_diagnosis(
                 DiagnosisRow(
                     0, twin_id, self._clock.now_ns(), None, "queued", order.model_dump_json()
@@ -360,7 +372,12 @@ class Diagnoses:
             )  # fmt: skip
 
     def _prepared(
-        self, folder: Path, twin_id: str, registration: Registration, order: DiagnosisOrder
+        self,
+        folder: Path,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
     ) -> Task:
         site, asset = address(twin_id)
         common: dict[str, Any] = {
@@ -386,28 +403,18 @@ class Diagnoses:
                 f"{twin_id} has no model, or one without sensors, to compare samples with. "
                 f"Give it one: PUT /api/v1/twins/{twin_id} with `model`.",
             )
-        holdout = self._recordings(order.holdout.files) if order.holdout else ()
+
+        def kept(names: Sequence[str]) -> tuple[Path, ...]:
+            return tuple(self._kept.of_twin(names, twin_id, principal))
+
+        holdout = kept(order.holdout.files) if order.holdout else ()
         if order.recordings is not None:
-            recordings = self._recordings(order.recordings.files)
+            recordings = kept(order.recordings.files)
         else:
             assert order.raw is not None
             recordings = (folder / RAW,)
             self._ask_edge(twin_id, model, order.raw.duration_s, recordings[0])
         return Task(**common, model=model, recordings=recordings, holdout=holdout)
-
-    def _recordings(self, names: Sequence[str]) -> tuple[Path, ...]:
-        """Paths of recordings that the server keeps."""
-        folder = self._settings.recordings
-        kept = {} if folder is None else {path.name: path for path in folder.glob("*.mcap")}
-        strange = [name for name in names if name not in kept]
-        if not kept or strange:
-            some = ", ".join(sorted(kept)[:20]) or "none; set diagnose.recordings to a folder"
-            raise ProblemError(
-                422,
-                "no-such-recording",
-                f"{', '.join(strange) or 'Recordings'} were asked for. The server has: {some}.",
-            )
-        return tuple(kept[name] for name in names or sorted(kept))
 
     def _ask_edge(self, twin_id: str, model: ModelFile, seconds: float, path: Path) -> None:
         """Ask the edge for its last samples, and write them as a recording."""

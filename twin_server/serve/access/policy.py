@@ -91,6 +91,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", _COMPOSITE, Reach.TWIN, Scope.ADMIN),
     Rule("GET", f"{_COMPOSITE}/members", Reach.TWIN),
     Rule("GET", f"{_COMPOSITE}/revisions", Reach.TWIN),
+    Rule("GET", f"{_COMPOSITE}/events", Reach.TWIN),
     *(Rule("GET", path, Reach.TWIN, scope) for path, scope in _SEE),
     *(Rule(method, path, Reach.TWIN, scope) for method, path, scope in _DO),
 )

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Protocol
 from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic_core import to_json
 
+from twin_server.identity.principals import Principal, principal_of
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
@@ -44,8 +45,14 @@ Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
 class DiagnosisService(Protocol):
     """Service of diagnoses; refusals are raised as `ProblemError`."""
 
-    def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
-        """Take an order; its number."""
+    def order(
+        self,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
+    ) -> int:
+        """Take an order of samples that the principal may see; its number."""
         ...
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
@@ -123,9 +130,10 @@ def routes(
         From raw samples that the edge has now, from recordings, or, with `clock: slow`, from
         the twin's history and the covariates beside it.
         """
+        who = principal_of(request.scope)
 
         def done() -> Response:
-            number = diagnosis_service.order(twin_id, registration, order)
+            number = diagnosis_service.order(twin_id, registration, order, who)
             where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
             return _json(there(twin_id, number), 202, Location=where)
 
