@@ -1,8 +1,9 @@
 """Diagnoses, one of each site at a time, each in a process that may be ended at any moment.
 
 Which site's is next, and whose goes on where there are more than processors, is decided by who
-has used least lately (`twin_server.fairness`). A process hears that it is to stop, and that the server has died, by the end of its standard
-input; it tells how far it has come by lines of JSON on its standard output.
+has used least lately (`twin_server.fairness`). A process hears that it is to stop, and that the
+server has died, by the end of its standard input; it tells how far it has come by lines of JSON
+on its standard output.
 """
 
 import contextlib
@@ -234,7 +235,10 @@ class Jobs:
         said: list[str] = []
         assert process.stdout is not None
         reader = threading.Thread(
-            target=self._listen, args=(job, process.stdout, said), name="diagnose-out", daemon=True
+            target=self._listen,
+            args=(job, process.stdout, said),
+            name="diagnose-out",
+            daemon=True,
         )
         reader.start()
         pid = process.pid

@@ -2,8 +2,8 @@
 
 from .gate import FairGate
 from .holders import ALONE, Holder, acting_for, current_holder
-from .processors import Processors, Turn
-from .quota import Holding, OverQuotaError, Quota
+from .processors import Processors, Turn, usable_processors
+from .quota import Holding, OverQuotaError, Quota, may_take
 from .registry import Holdings
 from .usage import DecayedUsage
 
@@ -20,4 +20,6 @@ __all__ = [
     "Turn",
     "acting_for",
     "current_holder",
+    "may_take",
+    "usable_processors",
 ]

@@ -2,7 +2,7 @@
 
 import contextlib
 import contextvars
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from twin_server.identity.principals import EVERYBODY, Principal
@@ -17,14 +17,14 @@ class Holder(NamedTuple):
     Parameters
     ----------
     site
-        A site; several, joined by "+", for a token of several that asks about no twin.
+        A site; several, joined by commas, for a token of several that asks about no twin.
     token
         Name of the token.
 
     Examples
     --------
-    >>> Holder("a+b", "t").reached_by(lambda site: site == "a")
-    False
+    >>> sorted(Holder("a,b", "t").sites)
+    ['a', 'b']
     """
 
     site: str
@@ -37,12 +37,13 @@ class Holder(NamedTuple):
             return ALONE
         if twin_id is not None:
             return cls(twin_id.partition(".")[0], principal.name)
-        sites = OF_ALL if principal.sites is None else "+".join(sorted(principal.sites))
+        sites = OF_ALL if principal.sites is None else ",".join(sorted(principal.sites))
         return cls(sites, principal.name)
 
-    def reached_by(self, reaches: Callable[[str], bool]) -> bool:
-        """Whether somebody may see what is held, given the sites that they reach."""
-        return all(map(reaches, self.site.split("+")))
+    @property
+    def sites(self) -> frozenset[str]:
+        """The sites."""
+        return frozenset(self.site.split(","))
 
 
 ALONE = Holder("", "")

@@ -1,7 +1,9 @@
 """All that is held, of every kind: listed and ended by who may, and counted by site."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
+
+from twin_server.identity.principals import Principal
 
 from .holders import Holder
 from .quota import Holding, Quota
@@ -22,14 +24,14 @@ class Holdings:
         """All quotas, in the order in which they were added."""
         return list(self._quotas.values())
 
-    def seen(self, reaches: Callable[[str], bool]) -> list[dict[str, Any]]:
+    def seen(self, principal: Principal) -> list[dict[str, Any]]:
         """Return what the sites that a caller reaches hold, the oldest first."""
-        found = sorted(self._seen(reaches), key=lambda one: one.since_s)
+        found = sorted(self._seen(principal), key=lambda one: one.since_s)
         return [_described(one) for one in found]
 
-    def find(self, holding_id: str, reaches: Callable[[str], bool]) -> Holding | None:
+    def find(self, holding_id: str, principal: Principal) -> Holding | None:
         """Return one by its id; None where there is none that the caller may see."""
-        return next((one for one in self._seen(reaches) if one.id == holding_id), None)
+        return next((one for one in self._seen(principal) if one.id == holding_id), None)
 
     def counts(self) -> Iterator[tuple[str, str, int, int]]:
         """Yield kind, site, how many it holds, and how many it was refused."""
@@ -38,10 +40,10 @@ class Holdings:
             for site in sorted({*held, *quota.refused}):
                 yield quota.kind, site, held.count(site), quota.refused[site]
 
-    def _seen(self, reaches: Callable[[str], bool]) -> Iterator[Holding]:
+    def _seen(self, principal: Principal) -> Iterator[Holding]:
         for quota in self.quotas():
             for one in quota.held():
-                if one.holder.reached_by(reaches):
+                if principal.covers(one.holder.sites):
                     yield one
 
 

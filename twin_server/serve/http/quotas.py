@@ -29,9 +29,7 @@ class CountedForHolder:
             await self._app(scope, receive, send)
 
 
-def over_quota(
-    error: OverQuotaError, retry_after_s: int, slug: str = "busy"
-) -> ProblemError:
+def over_quota(error: OverQuotaError, retry_after_s: int, slug: str = "busy") -> ProblemError:
     """Make the answer to who takes more than may be held now.
 
     Parameters

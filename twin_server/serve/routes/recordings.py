@@ -40,6 +40,7 @@ _PROBLEMS = problems.answers(
         409: "Not as things are",
         413: "Larger than a recording may be",
         422: "A name or a file that is not valid",
+        429: "More than your site or token may have under way",
         503: "Another is being taken in",
         507: "No room for it",
     }
@@ -212,8 +213,8 @@ def routes(recording_service: RecordingService) -> APIRouter:
     ) -> Response:
         """Play a recording to the twins, as the edges did; what they have already stays.
 
-        To the twins of a site one at a time. Where none of its twins is registered yet, they are registered as they
-        were recorded.
+        To the twins of a site one at a time. Where none of its twins is registered yet, they
+        are registered as they were recorded.
         """
         who = principal_of(request.scope)
         await threads.run(lambda: recording_service.play(name, site, order.speed, who))
