@@ -5,7 +5,7 @@ limiter would; whose turn it is, is told by the context (`current_holder`).
 """
 
 import asyncio
-import dataclasses
+import collections
 import time
 from collections import Counter
 from typing import Any
@@ -13,12 +13,6 @@ from typing import Any
 from .holders import ALONE, Holder, current_holder
 from .quota import may_take
 from .usage import DecayedUsage
-
-
-@dataclasses.dataclass(eq=False, slots=True)
-class _Waiting:
-    holder: Holder
-    begun: asyncio.Future[None]
 
 
 class FairGate:
@@ -36,7 +30,7 @@ class FairGate:
 
     def __init__(self, count: int, usage: DecayedUsage | None = None) -> None:
         self._count, self._usage = count, usage or DecayedUsage()
-        self._waiting: list[_Waiting] = []
+        self._waiting: dict[Holder, collections.deque[asyncio.Future[None]]] = {}
         self._running, self._total = Counter[Holder](), 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._turns: dict[asyncio.Task[Any] | None, tuple[Holder, float]] = {}
@@ -53,17 +47,15 @@ class FairGate:
         """Wait for a turn; return what `release` is given."""
         loop = asyncio.get_running_loop()
         if self._loop is not loop:  # of another server in this process, which has ended
-            self._loop, self._waiting = loop, []
+            self._loop, self._waiting = loop, {}
             self._running, self._total, self._turns = Counter(), 0, {}
-        one = _Waiting(holder, loop.create_future())
-        self._waiting.append(one)
+        begun = loop.create_future()
+        self._waiting.setdefault(holder, collections.deque()).append(begun)
         self._begin()
         try:
-            await one.begun
+            await begun
         except asyncio.CancelledError:
-            if one in self._waiting:
-                self._waiting.remove(one)
-            else:
+            if not begun.cancelled():  # its turn has come in the same moment
                 self.release(holder, time.monotonic())
             raise
         return holder, time.monotonic()
@@ -78,21 +70,24 @@ class FairGate:
 
     def _begin(self) -> None:
         while self._waiting and self._total < self._count:
-            one = min(self._waiting, key=self._rank)
-            of_site = self._of_site(one.holder.site)
+            holder = min(self._waiting, key=self._rank)
+            of_site = self._of_site(holder.site)
             free = self._count - self._total
-            if one.holder != ALONE and of_site and not may_take(of_site, free):
+            if holder != ALONE and of_site and not may_take(of_site, free):
                 return
-            self._waiting.remove(one)
-            if one.begun.done():
+            waiting = self._waiting[holder]
+            begun = waiting.popleft()
+            if not waiting:
+                del self._waiting[holder]
+            if begun.cancelled():
                 continue
-            self._running[one.holder] += 1
+            self._running[holder] += 1
             self._total += 1
-            one.begun.set_result(None)
+            begun.set_result(None)
 
-    def _rank(self, one: _Waiting) -> tuple[float, ...]:
-        site, token = self._usage.rank(one.holder)
-        return self._of_site(one.holder.site), site, self._running[one.holder], token
+    def _rank(self, holder: Holder) -> tuple[float, ...]:
+        site, token = self._usage.rank(holder)
+        return self._of_site(holder.site), site, self._running[holder], token
 
     def _of_site(self, site: str) -> int:
         return sum(count for holder, count in self._running.items() if holder.site == site)

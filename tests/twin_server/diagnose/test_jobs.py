@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from twin_server.diagnose import Ended, Jobs
-from twin_server.fairness import OverQuotaError
+from twin_server.fairness import Holder, OverQuotaError, Processors, acting_for
 from twin_server.settings import DiagnoseSettings
 
 TELL = "import json, pathlib, sys, time, os\nhere = pathlib.Path(sys.argv[1])\n"
@@ -31,8 +31,8 @@ RAMBLES = "print('not json')\n" + DONE
 class Told(Jobs):
     """A queue that keeps what it tells, and makes folders for what it is given."""
 
-    def __init__(self, command, settings, home):
-        super().__init__(command, settings, self._keep)
+    def __init__(self, command, settings, home, processors=None):
+        super().__init__(command, settings, self._keep, processors)
         self.told: dict[int, Ended] = {}
         self.home = home
 
@@ -159,3 +159,58 @@ def test_a_server_that_ends_ends_its_processes_and_says_nothing_of_them(
     assert not folder.exists()
     assert not waiting.exists()
     assert "diagnose" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_a_site_that_orders_many_keeps_no_other_one_waiting(jobs, eventually, tmp_path):
+    queue = jobs(SLEEPS, max_queued=3)
+    with acting_for(Holder("greedy", "t")):
+        held = [queue.reserve("a diagnosis") for _ in range(3)]
+        for number, holding in enumerate(held, 1):
+            (tmp_path / f"job-{number}").mkdir()
+            queue.submit(number, tmp_path / f"job-{number}", holding)
+        with pytest.raises(OverQuotaError, match=r"3 diagnoses of your token"):
+            queue.reserve("one more")
+    with acting_for(Holder("modest", "t")):
+        queue.give(9)
+    assert eventually(lambda: queue.progress(9).stage == "sleeping")
+    assert queue.progress(1).state == "running"
+    # Of its own site only one runs, and those of others are not counted to it.
+    assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
+    queue.cancel(9)
+    assert eventually(lambda: 9 in queue.told)
+
+
+TICKS = TELL + (
+    "for i in range(10_000):\n    (here / 'ticks').write_text(str(i))\n    time.sleep(0.01)\n"
+)
+
+
+def test_one_is_paused_for_a_site_that_has_used_less_and_goes_on_after_it(tmp_path, eventually):
+    (tmp_path / "work.py").write_text(TICKS)
+    processors = Processors(1)
+    processors.usage.add(Holder("greedy", "t"), 1_000.0)
+    command = [sys.executable, str(tmp_path / "work.py")]
+    queue = Told(command, DiagnoseSettings(), tmp_path, processors)
+    queue.start()
+
+    def ticks(number):
+        path = tmp_path / f"job-{number}" / "ticks"
+        return path.read_text() if path.exists() else ""
+
+    try:
+        with acting_for(Holder("greedy", "t")):
+            queue.give(1)
+        assert eventually(lambda: ticks(1))
+        with acting_for(Holder("modest", "t")):
+            queue.give(2)
+        assert eventually(lambda: ticks(2))
+        assert queue.progress(1).stage.endswith("paused for other work")
+        before, ran_s = ticks(1), queue.progress(1).seconds
+        now = ticks(2)
+        assert eventually(lambda: ticks(2) != now)
+        assert ticks(1) == before
+        assert queue.progress(1).seconds == pytest.approx(ran_s, abs=0.01)
+        assert queue.cancel(2)
+        assert eventually(lambda: ticks(1) not in (before, ""))
+    finally:
+        queue.stop()

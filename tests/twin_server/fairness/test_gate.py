@@ -96,7 +96,7 @@ def test_who_leaves_while_it_waits_or_works_frees_its_turn():
 
     asyncio.run(leave())
     assert [one.site for one in turns.order] == ["a", "c"]
-    assert (turns.gate._total, turns.gate._waiting, turns.gate._turns) == (0, [], {})
+    assert (turns.gate._total, turns.gate._waiting, turns.gate._turns) == (0, {}, {})
 
 
 def test_a_site_keeps_one_turn_of_four_free_and_everybody_alone_none():
