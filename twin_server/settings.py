@@ -87,7 +87,7 @@ class ServeSettings(Frozen):
     max_points: Annotated[int, Field(ge=2)] = 100_000
     max_live_clients: Count = 500
     max_live_of_one: Count = 50
-    """Of these, those of one token; a site may watch by two thirds of them at most."""
+    """Of these, those of one token; a site may have half of all."""
     max_connections: Annotated[int, Field(ge=2)] = 2_000
     """More at once are answered with 503; those on which nothing was asked give way."""
     max_connections_of_one: Count = 1_000
@@ -110,15 +110,15 @@ class ServeSettings(Frozen):
     site has so many at once."""
     spare_workers: Annotated[int, Field(ge=0)] = 4
     """Further such processes, each for a site that has none while others have all."""
-    max_waiting: Count = 32
-    """Requests that wait for these; more are answered with 503, those of a site that has more
-    than its share with 429."""
+    max_waiting: Count = 64
+    """Requests that wait for these; more are answered with 503, those of a site that has half of
+    them with 429."""
     max_waiting_of_one: Count = 8
     """Of these, forecasts of one twin; and simulations of one site."""
     work_timeout_s: Positive = 120.0
     """How long one of them may take until it is ended."""
-    max_exports: Count = 16
-    """Tables that are given at once."""
+    max_exports: Count = 32
+    """Tables that are given at once, half of them to one site."""
     reading_threads: Count = 8
     """Threads that answer what only has to be read."""
 
@@ -137,7 +137,7 @@ class DiagnoseSettings(Frozen):
     """Most numbers of one diagnosis, all channels together."""
     max_queued: Count = 4
     """Diagnoses of one site that wait while one of it runs."""
-    max_queued_of_all: Count = 32
+    max_queued_of_all: Count = 64
     """Diagnoses that wait, of all sites."""
     max_running: Count = 6
     """Diagnoses that run at once, of different sites; each may take `max_memory_bytes`. Those
@@ -166,8 +166,8 @@ class RecordingSettings(Frozen):
     """How long one that is being sent may fall behind `slowest_bytes_per_s`."""
     slowest_bytes_per_s: Positive = 8_192.0
     """Rate at which one is to be sent."""
-    max_at_once: Count = 16
-    """That are being sent at the same time."""
+    max_at_once: Count = 32
+    """That are being sent at the same time, half of them by one site."""
     max_replays: Count = 8
     """Replays at once, of different sites; one goes on at a time."""
     max_replay_s: Positive = 86_400.0

@@ -45,7 +45,7 @@ from twin_server.settings import TwinSettings
 MODEST, GREEDY = "modest", ("greedy-1", "greedy-2", "greedy-3", "greedy-4")
 SLACK = 0.3
 """What may be lost beside the share of each greedy site."""
-HISTORY, LONG = 400, 6_000
+HISTORY, LONG = 300, 1_500
 """Features of the twin that is asked about, and of a recording that is replayed."""
 AGAIN_S = 0.3
 """Pause of a greedy client that was refused [s], far shorter than `Retry-After`."""
@@ -203,6 +203,7 @@ WORK: dict[str, Callable[[Site], Awaitable[Answer]]] = {
 
 def recording(path: Path, site: str, count: int) -> bytes:
     """Write a recording of features; its bytes."""
+    path.unlink(missing_ok=True)
     rng = np.random.default_rng(0)
     with RecordingWriter(path) as writer:
         for sequence in range(count):
@@ -326,7 +327,7 @@ def main(given: list[str]) -> int:
         home = Path(home_name)
         tokens = TokenFile(home / "tokens.json")
         day = datetime.timedelta(days=1)
-        names = [MODEST, *GREEDY]
+        names = [MODEST, *GREEDY[: max(asked.greedy)]]
         words = {name: tokens.add(name, "admin", [name], day) for name in names}
         settings = {
             "port": 0, "database": home / "twin.sqlite", "synchronous": "NORMAL",

@@ -3,12 +3,13 @@
 from .gate import FairGate
 from .holders import ALONE, Holder, acting_for, current_holder
 from .processors import Processors, Turn, usable_processors
-from .quota import Holding, OverQuotaError, Quota, may_take
+from .quota import ALPHA, Holding, OverQuotaError, Quota, may_take
 from .registry import Holdings
 from .usage import DecayedUsage
 
 __all__ = [
     "ALONE",
+    "ALPHA",
     "DecayedUsage",
     "FairGate",
     "Holder",

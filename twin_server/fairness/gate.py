@@ -15,6 +15,11 @@ from .quota import may_take
 from .usage import DecayedUsage
 
 
+ALPHA = 2
+"""Ratio of the turns of a site to those that are free [1]: of two, one site may have both, since
+turns are short; of four, three."""
+
+
 class FairGate:
     """Turns, a few at once.
 
@@ -73,7 +78,7 @@ class FairGate:
             holder = min(self._waiting, key=self._rank)
             of_site = self._of_site(holder.site)
             free = self._count - self._total
-            if holder != ALONE and of_site and not may_take(of_site, free):
+            if holder != ALONE and of_site and not may_take(of_site, free, ALPHA):
                 return
             waiting = self._waiting[holder]
             begun = waiting.popleft()

@@ -1,10 +1,11 @@
 r"""Slots that are held for a while: how many a site and a token may hold at once.
 
-A site may hold one more while it holds less than :math:`\alpha` times what is free: the dynamic
-threshold of Choudhury and Hahne [1]_ with :math:`\alpha = 2`. One site alone gets two thirds of
-all; the last third is the reserve for others. Where `k` sites take all they can, each has
-:math:`\alpha / (1 + k \alpha)` of all, and as much as half of that stays free for the next one.
-The same holds for the tokens of a site, within what one site alone may hold.
+A site may hold one more while it holds less than what is free: the dynamic threshold of
+Choudhury and Hahne [1]_ with :math:`\alpha = 1`. One site alone gets half of all; the other half
+is the reserve for others. Of `k` sites that take all they can, one after the other, the last
+still leaves :math:`2^{-k}` of all, and each has :math:`1 / (1 + k)` once slots have been given
+back and taken again. The same holds for the tokens of a site, with :math:`\alpha = 4`: one token
+alone gets four fifths of what one site may hold.
 
 References
 ----------
@@ -21,9 +22,13 @@ from collections.abc import Callable
 
 from .holders import ALONE, Holder
 
-ALPHA = 2
-"""Ratio of what a site may hold to what is free [1]. With 1, one site alone would leave half
-unused; with 2, four that take all they can still leave a ninth."""
+ALPHA = 1
+"""Ratio of what a site may hold to what is free [1]. With 2, one site alone would get two thirds,
+but three of them in turn would leave one slot of 27 instead of one of 8."""
+
+ALPHA_OF_TOKEN = 4
+"""The same for a token and what is free of its site's [1]: tokens of one site are colleagues, so
+that a fifth is reserve enough."""
 
 
 class OverQuotaError(RuntimeError):
@@ -40,9 +45,9 @@ class OverQuotaError(RuntimeError):
         self.own = own
 
 
-def may_take(held: int, free: int) -> bool:
+def may_take(held: int, free: int, alpha: int = ALPHA) -> bool:
     """Whether who holds so many may take one more while so many are free."""
-    return free > 0 and held < ALPHA * free
+    return free > 0 and held < alpha * free
 
 
 @dataclasses.dataclass(eq=False, slots=True)
@@ -167,7 +172,7 @@ class Quota:
             allowed = min(self._of_site or self.most, of_site)
             whose, held = "of your sites", of_site
         elif of_token >= (self._of_token or self.most) or not may_take(
-            of_token, self._site_most - of_site
+            of_token, self._site_most - of_site, ALPHA_OF_TOKEN
         ):
             allowed = min(self._of_token or self.most, of_token)
             whose, held = "of your token", of_token

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from slowtime_services.operating_system import pause_process, resume_process
 from twin_server.fairness import (
     ALONE,
+    ALPHA,
     Holder,
     Holding,
     OverQuotaError,
@@ -159,8 +160,7 @@ class Uploads:
                 507,
                 "no-room",
                 f"There are {own or most} recordings already. Allowed: {most}, of one site as "
-                "long as it has less than twice what is free (recordings.max_files). Delete "
-                "one first.",
+                "many as it leaves free (recordings.max_files). Delete one first.",
             )
 
     def room(self, holder: Holder) -> int:
@@ -170,9 +170,9 @@ class Uploads:
         )
         if holder == ALONE:
             return free
-        # Each byte that is kept is one of the holder's more and one less that is free.
+        # Each byte that is kept is one more of the holder's, and one less that is free.
         own = sum(self._own(holder))
-        return min(free, (2 * free - own) // 3)
+        return min(free, (ALPHA * free - own) // (1 + ALPHA))
 
     def check_room(self, upload: Upload, room: int) -> None:
         """Refuse bytes that have come and find no room beside all others that come."""
@@ -200,5 +200,5 @@ def no_room(settings: RecordingSettings) -> ProblemError:
         507,
         "no-room",
         f"All recordings together may have {settings.max_total_bytes:,} bytes, those of one "
-        "site twice what is free (recordings.max_total_bytes). Delete one first.",
+        "site as many as it leaves free (recordings.max_total_bytes). Delete one first.",
     )

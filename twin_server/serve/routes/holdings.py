@@ -46,7 +46,7 @@ class QuotaModel(BaseModel):
     """How much of one kind may be under way."""
 
     kind: str = Field(examples=["uploads"])
-    most: int = Field(description="Of all sites together; one site may hold two thirds.")
+    most: int = Field(description="Of all sites together; one site may hold half.")
     held: int = Field(description="By the sites that you may see.")
 
 

@@ -27,6 +27,7 @@ SECRET = "greedy-secret"
 
 def recording(path, messages, site, *, span_s=1.0):
     """Write features of a site as a recorder would; its bytes."""
+    path.unlink(missing_ok=True)
     with RecordingWriter(path) as writer:
         for i, message in enumerate(messages):
             t_ns = message.t_ns + int(i * span_s * 1e9)
