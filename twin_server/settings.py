@@ -111,8 +111,8 @@ class ServeSettings(Frozen):
     spare_workers: Annotated[int, Field(ge=0)] = 4
     """Further such processes, each for a site that has none while others have all."""
     max_waiting: Count = 64
-    """Requests that wait for these; more are answered with 503, those of a site that has half of
-    them with 429."""
+    """Requests that wait for these; more are answered with 503, those of a site that has half
+    of them with 429."""
     max_waiting_of_one: Count = 8
     """Of these, forecasts of one twin; and simulations of one site."""
     work_timeout_s: Positive = 120.0

@@ -26,6 +26,7 @@ from twin_server.fairness import (
     Turn,
     current_holder,
 )
+from twin_server.identity.principals import site_of
 from twin_server.settings import DiagnoseSettings
 
 from .task import Outcome, read_outcome
@@ -69,11 +70,23 @@ class Ended(NamedTuple):
     outcome: Outcome | None = None
 
 
+class JobId(NamedTuple):
+    """Which diagnosis it is: its twin, and its number among those of the twin."""
+
+    twin: str
+    number: int
+
+    @property
+    def site(self) -> str:
+        """Site of the twin."""
+        return site_of(self.twin)
+
+
 @dataclasses.dataclass(eq=False, slots=True)
 class _Job:
     """A diagnosis that waits or runs."""
 
-    number: int
+    id: JobId
     folder: Path
     holding: Holding
     cancelled: bool = False
@@ -94,7 +107,7 @@ class Jobs:
     command
         Of the process; the folder is added.
     ended
-        Told, by such a thread, the number of each diagnosis that has ended, and how.
+        Told, by such a thread, which diagnosis has ended, and how.
     processors
         Pause processes in favour of other sites.
     """
@@ -103,7 +116,7 @@ class Jobs:
         self,
         command: Sequence[str],
         settings: DiagnoseSettings,
-        ended: Callable[[int, Ended], None],
+        ended: Callable[[JobId, Ended], None],
         processors: Processors | None = None,
     ) -> None:
         self._command, self._settings, self._ended = tuple(command), settings, ended
@@ -144,43 +157,47 @@ class Jobs:
         """
         return self.quota.take(current_holder(), what)
 
-    def submit(self, number: int, folder: Path, holding: Holding) -> None:
+    def submit(self, job: JobId, folder: Path, holding: Holding) -> None:
         """Enqueue the diagnosis of a folder, which is removed once that has ended."""
-        holding.on_cancel = lambda: self.cancel(number)
+        holding.on_cancel = lambda: self.cancel(job)
         with self._changed:
-            self._queue.append(_Job(number, folder, holding))
+            self._queue.append(_Job(job, folder, holding))
             self._begin_next()
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, job: JobId) -> bool:
         """End a diagnosis, or take it out of the queue; False where it is in neither."""
         with self._changed:
-            waiting = next((one for one in self._queue if one.number == number), None)
+            waiting = next((one for one in self._queue if one.id == job), None)
             if waiting is not None:
                 self._queue.remove(waiting)
-            for job in self._running:
-                if job.number == number:
-                    job.cancelled = True
+            for one in self._running:
+                if one.id == job:
+                    one.cancelled = True
                     return True
         if waiting is None:
             return False
         self._forget(waiting)
-        self._ended(number, Ended("cancelled", "It was cancelled before it began."))
+        self._ended(job, Ended("cancelled", "It was cancelled before it began."))
         return True
 
-    def progress(self, number: int) -> Progress | None:
-        """Return the progress of a diagnosis; None where it neither waits nor runs."""
+    def progress(self, job: JobId) -> Progress | None:
+        """Return the progress of a diagnosis; None where it neither waits nor runs.
+
+        Of those ahead of it, only those of its site are counted: who may see it need not know
+        how much is asked at other sites.
+        """
         with self._changed:
-            for job in self._running:
-                if job.number == number:
-                    seconds = job.turn.running_s() if job.turn is not None else 0.0
-                    paused = job.turn is not None and job.turn.paused
-                    stage = f"{job.stage}, paused for other work" if paused else job.stage
-                    return Progress("running", stage, job.share, seconds)
-            for place, job in enumerate(self._queue):
-                if job.number == number:
-                    ahead = [*self._running, *self._queue[:place]]
-                    own = sum(other.holder.site == job.holder.site for other in ahead)
-                    return Progress("queued", f"waiting, {own} ahead of it", 0.0, 0.0)
+            for one in self._running:
+                if one.id == job:
+                    seconds = one.turn.running_s() if one.turn is not None else 0.0
+                    return Progress("running", one.stage, one.share, seconds)
+            before = list(self._running)
+            for one in self._queue:
+                if one.id == job:
+                    ahead = sum(other.id.site == job.site for other in before)
+                    stage = f"waiting, {ahead} of its site ahead of it"
+                    return Progress("queued", stage, 0.0, 0.0)
+                before.append(one)
         return None
 
     def _begin_next(self) -> None:
@@ -202,14 +219,19 @@ class Jobs:
         try:
             ended = self._run(job)
         except Exception as error:  # the others in the queue have their turn
-            logger.exception("Diagnosis %d failed in the server.", job.number)
-            text = f"It failed in the server: {error!r:.200}. Order it again."
+            logger.exception("Diagnosis %d of %s failed.", job.id.number, job.id.twin)
+            text = (
+                f"It failed in the server ({type(error).__name__}), whose log says more. "
+                "Order it again."
+            )
             ended = Ended("failed", text)
         if ended is not None:
             try:
-                self._ended(job.number, ended)
+                self._ended(job.id, ended)
             except Exception:
-                logger.exception("The outcome of diagnosis %d could not be stored.", job.number)
+                logger.exception(
+                    "The outcome of diagnosis %d of %s could not be stored.", *job.id[::-1]
+                )
         self._forget(job)
         with self._changed:
             self._running.remove(job)
@@ -231,7 +253,7 @@ class Jobs:
                     start_new_session=True,
                 )  # fmt: skip
         except OSError as error:
-            return Ended("failed", f"It could not be started: {error}.")
+            return Ended("failed", f"It could not be started: {error.strerror}.")
         said: list[str] = []
         assert process.stdout is not None
         reader = threading.Thread(
@@ -265,7 +287,7 @@ class Jobs:
             try:
                 return Ended("done", outcome=read_outcome(job.folder))
             except (OSError, UnicodeDecodeError) as error:
-                return Ended("failed", f"It ended without a report: {error}.")
+                return Ended("failed", f"It ended without a report ({type(error).__name__}).")
         return Ended("failed", said[-1] if said else self._died(process.returncode, log))
 
     def _wait(self, process: subprocess.Popen[bytes], job: _Job) -> str:

@@ -14,10 +14,9 @@ from .holders import ALONE, Holder, current_holder
 from .quota import may_take
 from .usage import DecayedUsage
 
-
 ALPHA = 2
-"""Ratio of the turns of a site to those that are free [1]: of two, one site may have both, since
-turns are short; of four, three."""
+"""Ratio of the turns of a site to those that are free [1]: of two, one site may have both,
+since turns are short; of four, three."""
 
 
 class FairGate:

@@ -1,11 +1,11 @@
 r"""Slots that are held for a while: how many a site and a token may hold at once.
 
 A site may hold one more while it holds less than what is free: the dynamic threshold of
-Choudhury and Hahne [1]_ with :math:`\alpha = 1`. One site alone gets half of all; the other half
-is the reserve for others. Of `k` sites that take all they can, one after the other, the last
-still leaves :math:`2^{-k}` of all, and each has :math:`1 / (1 + k)` once slots have been given
-back and taken again. The same holds for the tokens of a site, with :math:`\alpha = 4`: one token
-alone gets four fifths of what one site may hold.
+Choudhury and Hahne [1]_ with :math:`\alpha = 1`. One site alone gets half of all; the other
+half is the reserve for others. Of `k` sites that take all they can, one after the other, the
+last still leaves :math:`2^{-k}` of all, and each has :math:`1 / (1 + k)` once slots have been
+given back and taken again. The same holds for the tokens of a site, with :math:`\alpha = 4`:
+one token alone gets four fifths of what one site may hold.
 
 References
 ----------
@@ -23,12 +23,12 @@ from collections.abc import Callable
 from .holders import ALONE, Holder
 
 ALPHA = 1
-"""Ratio of what a site may hold to what is free [1]. With 2, one site alone would get two thirds,
-but three of them in turn would leave one slot of 27 instead of one of 8."""
+"""Ratio of what a site may hold to what is free [1]. With 2, one site alone would get two
+thirds, but three of them in turn would leave one slot of 27 instead of one of 8."""
 
 ALPHA_OF_TOKEN = 4
-"""The same for a token and what is free of its site's [1]: tokens of one site are colleagues, so
-that a fifth is reserve enough."""
+"""The same for a token and what is free of its site's [1]: tokens of one site are colleagues,
+so that a fifth is reserve enough."""
 
 
 class OverQuotaError(RuntimeError):

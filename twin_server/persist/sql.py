@@ -50,6 +50,7 @@ from .tables.checksums import (
     seal,
 )
 from .tables.composites import CompositeRow
+from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
 from .tables.diagnoses import DiagnosisRow
 from .tables.digests import HashedRow, RollingHash
@@ -95,6 +96,12 @@ class SqlStore(abc.ABC):
             kept = last_number(reader, "run") or 1
         runs = [RunRow(*row[:11])._replace(closed=bool(row[9])) for row in rows]
         return runs, max(kept, runs[-1].number + 1 if runs else 1)
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
+        site, _, asset = twin_id.partition(".")
+        rows = self._all(RUNS, "where site = ? and asset = ? and boot = ?", (site, asset, boot))
+        return int(rows[0][0]) if rows else None
 
     def held(self) -> list[tuple[int, int, bytes]]:
         """Boot number, sequence and bytes of all features kept until their turn."""
@@ -284,21 +291,24 @@ class SqlStore(abc.ABC):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
-        whose, parameters = ("twin = ? and", (twin_id,)) if twin_id else ("", ())
+        """Events of one twin in order, or of all twins, one behind the other."""
         with self._reading() as reader:
-            rows = select(
-                reader, EVENTS, f"where {whose} number > ?", (*parameters, after), limit, newest
-            )
-        found = [EventRow(row[0], *row[2:])._replace(derived=bool(row[6])) for row in rows]
+            if twin_id is None:
+                rows = select(reader, EVENTS, limit=limit, newest=newest)
+            else:
+                asked = twin_id, key_after(reader, EVENTS, twin_id, after)
+                rows = select(
+                    reader, EVENTS, "where twin = ? and number > ?", asked, limit, newest
+                )
+        found = [
+            EventRow(count_of(row[0]), *row[2:])._replace(derived=bool(row[6])) for row in rows
+        ]
         return found[::-1] if newest else found
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
         """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
         with self._writing() as writer:
-            number = (last_number(writer, "diagnosis") or 0) + 1
-            note_number(writer, "diagnosis", number)
-            diagnoses_table.insert(writer, row._replace(number=number))
+            number = diagnoses_table.insert(writer, row)
             diagnoses_table.forget(writer, row.twin, kept)
             return number
 
@@ -310,19 +320,19 @@ class SqlStore(abc.ABC):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Read diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Read diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         with self._reading() as reader:
             return diagnoses_table.select(reader, twin_id, number)
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """Read the page of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.page_of(reader, number)
+            return diagnoses_table.page_of(reader, twin_id, number)
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.model_of(reader, number)
+            return diagnoses_table.model_of(reader, twin_id, number)
 
     def deliveries(
         self,

@@ -84,6 +84,10 @@ class Store(Protocol):
         """All boots in order, and the number the next one gets."""
         ...
 
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
+        ...
+
     def held(self) -> list[tuple[int, int, bytes]]:
         """Boot number, sequence and bytes of all features kept until their turn."""
         ...
@@ -166,7 +170,13 @@ class Store(Protocol):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
+        """Events of one twin in order, or of all twins, one behind the other.
+
+        Parameters
+        ----------
+        after
+            Number of an event of the twin, which those that are wanted follow.
+        """
         ...
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
@@ -180,14 +190,14 @@ class Store(Protocol):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         ...
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """HTML of a diagnosis; None where it has none."""
         ...
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Augmented model file of a diagnosis; None where it has none."""
         ...
 

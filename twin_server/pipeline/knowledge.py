@@ -143,6 +143,10 @@ class TwinKnowledge:
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
 
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot in the keys of `since`; None where the twin has none."""
+        return self._store.boot_number(twin_id, boot)
+
     def outlook(
         self,
         twin_id: str,

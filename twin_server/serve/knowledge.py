@@ -118,6 +118,13 @@ class Knowledge(Protocol):
         """States behind the one of `key`."""
         ...
 
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot in the keys of `since`; None where the twin has none.
+
+        It counts the boots of all twins, so that it is told to nobody.
+        """
+        ...
+
     def outlook(
         self,
         twin_id: str,

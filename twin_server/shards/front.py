@@ -6,6 +6,7 @@ same shards.
 """
 
 import asyncio
+import logging
 import re
 from http import HTTPStatus
 
@@ -31,10 +32,12 @@ from twin_server.serve.state_rendering import json_response
 from twin_server.settings import TwinSettings
 
 from .calls import Calls, is_down, owner, unavailable
-from .composing import ShardAssets, ShardComposites, ShardFacts
+from .composing import KEEPER, ShardAssets, ShardComposites, ShardFacts
 from .forwarding import Answer, ShardSilentError, ask, forward
 from .merging import MERGED, merged_metrics
 from .supervisor import Shards
+
+logger = logging.getLogger(__name__)
 
 _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
 
@@ -177,9 +180,13 @@ class _Front:
         url = self._shards.url(index)
         if url is not None:
             try:
-                return await forward(request, url, self._timeout_s, self._key)
+                answer = await forward(request, url, self._timeout_s, self._key)
             except ShardSilentError:
                 pass
+            else:
+                if twin is not None and index != KEEPER:
+                    await self._note_deletion(request.method, path, twin[1], answer)
+                return answer
         about = f" It has {twin[1]:.120}." if twin is not None else ""
         raise unavailable(self._is_down(index) + about)
 
@@ -199,6 +206,19 @@ class _Front:
         if answer.status != HTTPStatus.OK:
             raise ProblemError(answer.status, told["type"].rpartition(":")[2], told["detail"])
         return Registration.from_json(to_json(told["registration"]).decode())
+
+    async def _note_deletion(
+        self, method: str, path: str, twin_id: str, answer: Response
+    ) -> None:
+        """Tell the keeper of composites of a twin that another shard has deleted."""
+        if method != "DELETE" or path != f"/api/v1/twins/{twin_id}":
+            return
+        if answer.status_code != HTTPStatus.NO_CONTENT:
+            return
+        try:
+            await self._looking.run(lambda: self._composites.note_deleted_twin(twin_id))
+        except ProblemError as error:
+            logger.warning("No event says that %s was deleted: %s", twin_id, error)
 
     async def _check_no_composite(self, method: str, path: str, twin_id: str) -> None:
         """Refuse to register a twin whose id is that of a composite."""

@@ -28,6 +28,11 @@ GARBLED = DONE + "(here / 'report.json').write_bytes(b'caf\\xe9')\n"
 RAMBLES = "print('not json')\n" + DONE
 
 
+def job(number):
+    """Identity of a diagnosis."""
+    return JobId("lab.beam", number)
+
+
 class Told(Jobs):
     """A queue that keeps what it tells, and makes folders for what it is given."""
 
@@ -39,11 +44,11 @@ class Told(Jobs):
     def give(self, number):
         folder = self.home / f"job-{number}"
         folder.mkdir()
-        self.submit(number, folder, self.reserve(f"diagnosis {number}"))
+        self.submit(job(number), folder, self.reserve(f"diagnosis {number}"))
         return folder
 
-    def _keep(self, number, ended):
-        self.told[number] = ended
+    def _keep(self, job, ended):
+        self.told[job.number] = ended
 
 
 @pytest.fixture
@@ -73,7 +78,7 @@ def test_what_a_process_leaves_is_its_outcome_and_its_folder_goes(jobs, eventual
         assert queue.told[number].outcome.report == f"job-{number} report.json"
         assert queue.told[number].outcome.page == f"job-{number} report.html".encode()
     assert eventually(lambda: not any(folder.exists() for folder in folders))
-    assert queue.progress(7) is None
+    assert queue.progress(job(7)) is None
 
 
 def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventually, tmp_path):
@@ -81,18 +86,18 @@ def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventual
     for number in (1, 2, 3):
         queue.give(number)
         assert eventually(lambda: (tmp_path / "began").exists())
-    assert eventually(lambda: queue.progress(1).stage == "sleeping")
-    running = queue.progress(1)
+    assert eventually(lambda: queue.progress(job(1)).stage == "sleeping")
+    running = queue.progress(job(1))
     assert (running.state, running.share) == ("running", 0.4)
     assert running.seconds > 0.0
-    assert queue.progress(2)[:2] == ("queued", "waiting, 1 ahead of it")
-    assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
+    assert queue.progress(job(2))[:2] == ("queued", "waiting, 1 of its site ahead of it")
+    assert queue.progress(job(3))[:2] == ("queued", "waiting, 2 of its site ahead of it")
     with pytest.raises(OverQuotaError, match=r"3 diagnoses on this server.*max_queued"):
         queue.reserve("a fourth")
-    assert queue.cancel(2)
+    assert queue.cancel(job(2))
     assert queue.told[2].state == "cancelled"
     queue.reserve("another").release()
-    assert not queue.cancel(99)
+    assert not queue.cancel(job(99))
 
 
 @pytest.mark.parametrize(("script", "grace_s"), [(SLEEPS, 600.0), (DEAF, 0.5)])
@@ -102,8 +107,8 @@ def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
     monkeypatch.setattr("twin_server.diagnose.jobs.GRACE_S", grace_s)
     queue = jobs(script)
     queue.give(1)
-    assert eventually(lambda: queue.progress(1).stage in ("sleeping", "deaf"))
-    assert queue.cancel(1)
+    assert eventually(lambda: queue.progress(job(1)).stage in ("sleeping", "deaf"))
+    assert queue.cancel(job(1))
     assert eventually(lambda: 1 in queue.told)
     assert queue.told[1].state == "cancelled"
 
@@ -167,16 +172,19 @@ def test_a_site_that_orders_many_keeps_no_other_one_waiting(jobs, eventually, tm
         held = [queue.reserve("a diagnosis") for _ in range(3)]
         for number, holding in enumerate(held, 1):
             (tmp_path / f"job-{number}").mkdir()
-            queue.submit(number, tmp_path / f"job-{number}", holding)
+            queue.submit(JobId("greedy.beam", number), tmp_path / f"job-{number}", holding)
         with pytest.raises(OverQuotaError, match=r"3 diagnoses of your token"):
             queue.reserve("one more")
     with acting_for(Holder("modest", "t")):
         queue.give(9)
-    assert eventually(lambda: queue.progress(9).stage == "sleeping")
-    assert queue.progress(1).state == "running"
+    assert eventually(lambda: queue.progress(job(9)).stage == "sleeping")
+    assert queue.progress(JobId("greedy.beam", 1)).state == "running"
     # Of its own site only one runs, and those of others are not counted to it.
-    assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
-    queue.cancel(9)
+    assert queue.progress(JobId("greedy.beam", 3))[:2] == (
+        "queued",
+        "waiting, 2 of its site ahead of it",
+    )
+    queue.cancel(job(9))
     assert eventually(lambda: 9 in queue.told)
 
 
@@ -204,13 +212,13 @@ def test_one_is_paused_for_a_site_that_has_used_less_and_goes_on_after_it(tmp_pa
         with acting_for(Holder("modest", "t")):
             queue.give(2)
         assert eventually(lambda: ticks(2))
-        assert queue.progress(1).stage.endswith("paused for other work")
-        before, ran_s = ticks(1), queue.progress(1).seconds
+        assert processors.paused() == {"greedy": 1}
+        before, ran_s = ticks(1), queue.progress(job(1)).seconds
         now = ticks(2)
         assert eventually(lambda: ticks(2) != now)
         assert ticks(1) == before
-        assert queue.progress(1).seconds == pytest.approx(ran_s, abs=0.01)
-        assert queue.cancel(2)
+        assert queue.progress(job(1)).seconds == pytest.approx(ran_s, abs=0.01)
+        assert queue.cancel(job(2))
         assert eventually(lambda: ticks(1) not in (before, ""))
     finally:
         queue.stop()

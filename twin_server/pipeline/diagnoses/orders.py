@@ -23,7 +23,7 @@ from slowtime_services.plugins.installed_effects import installed_kinds
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
-from twin_server.diagnose import RAW, Ended, Jobs, Task, write_task
+from twin_server.diagnose import RAW, Ended, JobId, Jobs, Task, write_task
 from twin_server.fairness import OverQuotaError, Processors, Quota
 from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
@@ -132,7 +132,7 @@ class Diagnoses:
             shutil.rmtree(folder, ignore_errors=True)
             holding.release()
             raise
-        self._jobs.submit(number, folder, holding)
+        self._jobs.submit(JobId(twin_id, number), folder, holding)
         return number
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
@@ -146,21 +146,21 @@ class Diagnoses:
         rows = self._store.diagnoses(twin_id, number)
         return self._diagnosis_document(rows[0]) if rows else None
 
-    def file(self, number: int, name: str) -> bytes | None:
+    def file(self, twin_id: str, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
         if name in ("report.html", "charts.json"):
-            page = self._store.diagnosis_page(number)
+            page = self._store.diagnosis_page(twin_id, number)
             return page if name == "report.html" or page is None else _charts(page)
         if name == "augmented.yaml":
-            model = self._store.diagnosis_model(number)
+            model = self._store.diagnosis_model(twin_id, number)
         else:
-            rows = self._store.diagnoses(number=number)
+            rows = self._store.diagnoses(twin_id, number)
             model = rows[0].report if rows else None
         return None if model is None else model.encode()
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, twin_id: str, number: int) -> bool:
         """End one that waits or runs; False where it has ended already."""
-        return self._jobs.cancel(number)
+        return self._jobs.cancel(JobId(twin_id, number))
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
         """Adopt the result of a diagnosis into the registration of the twin.
@@ -192,7 +192,7 @@ class Diagnoses:
         changed = (
             {"covariates": self._followed(twin_id, registration, report)}
             if clock == "slow"
-            else {"model": self._augmented(number, report)}
+            else {"model": self._augmented(twin_id, number, report)}
         )
         given = registration.to_dict() | changed
         given["adopted"] = [*given["adopted"], one.model_dump(mode="json")]
@@ -249,7 +249,7 @@ class Diagnoses:
             )
         return report
 
-    def _augmented(self, number: int, report: dict[str, Any]) -> dict[str, Any]:
+    def _augmented(self, twin_id: str, number: int, report: dict[str, Any]) -> dict[str, Any]:
         if report["verdict"] in ("sensor_fault", "input_fault"):
             word = report["verdict"].replace("_", " ")
             raise ProblemError(
@@ -258,7 +258,7 @@ class Diagnoses:
                 f"Diagnosis {number} found a {word}, which must be repaired and cannot be "
                 "adopted.",
             )
-        text = self._store.diagnosis_model(number) or ""
+        text = self._store.diagnosis_model(twin_id, number) or ""
         named = {effect["effect"] for effect in report["effects"]}
         own = self._checked(number, named - catalogue().keys())
         return parse_model(text, "augmented.yaml", own=own).model_dump(mode="json")
@@ -336,7 +336,8 @@ class Diagnoses:
             "report": report,
             "adopted": self._is_adopted(row),
         }
-        now = self._jobs.progress(row.number) if row.ended_ns is None else None
+        job = JobId(row.twin, row.number)
+        now = self._jobs.progress(job) if row.ended_ns is None else None
         if now is not None:
             told |= {
                 "state": now.state,
@@ -351,9 +352,9 @@ class Diagnoses:
         taken = () if twin is None else twin.registration.adopted
         return row.number in [one.diagnosis for one in taken]
 
-    def _end(self, number: int, ended: Ended) -> None:
+    def _end(self, job: JobId, ended: Ended) -> None:
         """Store the outcome of a diagnosis; called in the thread of the jobs."""
-        rows = self._store.diagnoses(number=number)
+        rows = self._store.diagnoses(*job)
         if not rows:
             return  # its twin was deleted meanwhile
         row = rows[0]._replace(
@@ -367,8 +368,8 @@ class Diagnoses:
         with contextlib.suppress(ValueError):
             said = json.loads(report)["sentence"]
             self._pipeline.note(
-                row.twin, "diagnosed", "info", f"Diagnosis {number}: {said}",
-                {"diagnosis": number},
+                row.twin, "diagnosed", "info", f"Diagnosis {job.number}: {said}",
+                {"diagnosis": job.number},
             )  # fmt: skip
 
     def _prepared(

@@ -78,7 +78,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
     Rule("GET", f"{_V1}/fleet/plan", Reach.LISTED),
-    Rule("GET", f"{_V1}/ledger/heads", Reach.ANY),
+    Rule("GET", f"{_V1}/ledger/heads", Reach.ALL),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),
     Rule("PUT", _RECORDING, Reach.LISTED, Scope.OPERATOR),

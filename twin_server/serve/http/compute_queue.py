@@ -183,13 +183,14 @@ class ComputeQueue:
                 self.counts["shared"] += 1
                 return job
         holder = current_holder()
-        waiting = [
-            job for job in self._jobs if not job.running and job.holder.site == holder.site
+        alike = [
+            job
+            for job in self._jobs
+            if not job.running and job.group == group and job.holder.site == holder.site
         ]
-        of_group = sum(job.group == group for job in waiting)
-        if of_group >= self._of_one:
+        if len(alike) >= self._of_one:
             self.counts["refused"] += 1
-            raise self._busy(len(waiting), of_group)
+            raise self._busy()
         loop = asyncio.get_running_loop()
         job = _Job(holder, group, share, light, work, loop, loop.create_future())
         try:
@@ -198,18 +199,18 @@ class ComputeQueue:
             self.counts["refused"] += 1
             if error.own:
                 raise over_quota(error, RETRY_AFTER_S) from error
-            raise self._busy(len(waiting), of_group) from error
+            raise self._busy() from error
         self._jobs.append(job)
         self._begin_next()
         return job
 
-    def _busy(self, waiting: int, of_group: int) -> ProblemError:
+    def _busy(self) -> ProblemError:
         return ProblemError(
             503,
             "busy",
-            f"{waiting} requests wait to be computed, {of_group} of this kind. "
-            f"Allowed: {self._longest}, of one kind {self._of_one} (serve.max_waiting, "
-            f"serve.max_waiting_of_one). Try again in {RETRY_AFTER_S} s.",
+            f"Too many requests wait to be computed. Allowed: {self._longest}, of one kind "
+            f"{self._of_one} (serve.max_waiting, serve.max_waiting_of_one). Try again in "
+            f"{RETRY_AFTER_S} s.",
             **{"Retry-After": str(RETRY_AFTER_S)},
         )
 

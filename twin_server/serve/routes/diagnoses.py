@@ -39,7 +39,9 @@ _PROBLEMS = problems.answers(
     }
 )
 
-Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
+Number = Annotated[
+    int, Path(ge=1, lt=2**63, description="Of the diagnosis, among those of its twin.")
+]
 
 
 class DiagnosisService(Protocol):
@@ -63,11 +65,11 @@ class DiagnosisService(Protocol):
         """One diagnosis; None where there is none of that number."""
         ...
 
-    def file(self, number: int, name: str) -> bytes | None:
+    def file(self, twin_id: str, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
         ...
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, twin_id: str, number: int) -> bool:
         """End one that waits or runs; False where it has ended already."""
         ...
 
@@ -167,7 +169,7 @@ def routes(
     def cancel(twin_id: TwinId, number: Number, registration: Known) -> Response:
         """Cancel a diagnosis that waits or runs; what it has found by then is lost."""
         found = there(twin_id, number)
-        if not diagnosis_service.cancel(number):
+        if not diagnosis_service.cancel(twin_id, number):
             raise ProblemError(
                 409,
                 "ended-already",
@@ -188,7 +190,7 @@ def routes(
         report, each with its heading and what it shows in words, as Plotly takes them.
         """
         found = there(twin_id, number)
-        content = diagnosis_service.file(number, name) if name in FILES else None
+        content = diagnosis_service.file(twin_id, number, name) if name in FILES else None
         if content is None:
             allowed = ", ".join(FILES) if found["state"] == "done" else "none yet"
             raise ProblemError(

@@ -1,7 +1,7 @@
 """Routes of recordings: list, upload, download, replay and delete.
 
 A recording may hold several sites; who asks sees those of which all sites are theirs. Names
-are unique within what one caller sees: see `docs/decisions/0049`.
+are unique within what one caller sees.
 """
 
 from collections.abc import AsyncIterator, Mapping
