@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from twin_server.diagnose import Ended, Jobs
+from twin_server.diagnose import Ended, JobId, Jobs
 from twin_server.fairness import Holder, OverQuotaError, Processors, acting_for
 from twin_server.settings import DiagnoseSettings
 
