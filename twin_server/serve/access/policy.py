@@ -87,6 +87,8 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", _RECORDING, Reach.LISTED, Scope.ADMIN),
     Rule("POST", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
     Rule("DELETE", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
+    Rule("GET", f"{_V1}/holdings", Reach.LISTED),
+    Rule("DELETE", f"{_V1}/holdings/{{holding_id}}", Reach.LISTED, Scope.ADMIN),
     Rule("GET", f"{_V1}/composites", Reach.LISTED),
     Rule("GET", _COMPOSITE, Reach.TWIN),
     Rule("PUT", _COMPOSITE, Reach.TWIN, Scope.OPERATOR),
