@@ -150,10 +150,11 @@ def reestimate(
                 covered_share(kept).tolist(),
             )
             found, failed = estimating(batch, [row.message for row in rows])
-            for row, why in failed.items():
+            for place, why in failed.items():
                 if why != ASIDE_BEFORE:
+                    one = features[place]
                     raise NotEstimatedError(
-                        f"Features {features[row].sequence} of boot {features[row].boot} of "
+                        f"Features {one.sequence} of boot {one.boot} of "
                         f"{'.'.join(key)} cannot be estimated like this: {why}. Nothing was "
                         "changed. Look at the log, or change the registration."
                     )

@@ -75,9 +75,12 @@ def events(store, kind):
     return [body for body in bodies if body["kind"] == kind]
 
 
+def known(pipeline):
+    return pipeline.twin("lab.beam").checkpoint.known
+
+
 def past(pipeline, store):
-    checkpoint = pipeline.twin("lab.beam").checkpoint
-    return past_of(store.history("lab.beam").states, checkpoint.known)["stiffness_change"]
+    return past_of(store.history("lab.beam").states, known(pipeline))["stiffness_change"]
 
 
 def information(one):
@@ -171,9 +174,9 @@ def test_nothing_is_learnt_from_what_was_measured_before(store, sample):
     pipeline.register("lab.beam", Registration(learn_epochs=20))
     pipeline.ingest(map(sample, record(15)))
     pipeline.ingest(map(sample, record(30, boot="short", seconds=15.0, seed=5)))
-    assert pipeline.twin("lab.beam").checkpoint.known is None
+    assert known(pipeline) is None
     pipeline.ingest(map(sample, record(5, boot="new", begins_s=450.0)))
-    assert pipeline.twin("lab.beam").checkpoint.known is not None
+    assert known(pipeline) is not None
 
 
 def test_estimating_anew_finds_again_what_was_found_when_readings_came(twin, store, sample):
@@ -233,8 +236,11 @@ def test_a_window_of_all_times_costs_a_bounded_number_of_questions(
     for number in range(40):
         twin.ingest(map(sample, record(3, boot=f"b{number}", begins_s=1_000.0 * number)))
     asked, neighbours = [], store.neighbours
-    monkeypatch.setattr(
-        store, "neighbours", lambda *where: asked.append(where) or neighbours(*where)
-    )
+
+    def counted(*where):
+        asked.append(where)
+        return neighbours(*where)
+
+    monkeypatch.setattr(store, "neighbours", counted)
     twin.ingest(map(sample, [window(0, 0.0, 100_000.0, boot="all")]))
     assert 0 < len(asked) <= 2 * 16
