@@ -25,7 +25,7 @@ from slowtime_schemas.streams import (
 
 from .forwarding import ForwardingBus
 from .keys import matches
-from .protocol import Answers, Bus, Handle, Query, Sample
+from .protocol import MOST_ANSWER_BYTES, Answers, Bus, Handle, Query, Sample
 
 Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 
@@ -120,6 +120,7 @@ class TwoVersionBus(ForwardingBus):
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """Return all answers; of one asset, from its agent's version, else from the other."""
         former, own = former_key(key_expression), address_of(key_expression)
@@ -128,7 +129,7 @@ class TwoVersionBus(ForwardingBus):
             versions.reverse()
         answers = Answers()
         for version in versions:
-            found = self._bus.ask(version, parameters, timeout_s=timeout_s)
+            found = self._bus.ask(version, parameters, timeout_s=timeout_s, max_bytes=max_bytes)
             both = [one._replace(key=current_key(one.key)) for one in found]
             answers = Answers([*answers, *both], (*answers.errors, *found.errors))
             if answers.errors or (answers and own is not None and "*" not in own):

@@ -17,6 +17,15 @@ class Sample(NamedTuple):
     """The receiver's clock when it came, where it may wait before it is worked on."""
 
 
+MOST_ANSWER_BYTES = 2**30
+"""Bytes of all answers to one query, unless fewer are allowed: sixteen of the longest blocks of
+raw samples, so that a process that answers without end does not fill the memory."""
+
+
+_EACH_BYTES = 512
+"""Memory of an answer besides its payload [bytes]."""
+
+
 class Query(NamedTuple):
     """A question put to a process on one of its keys."""
 
@@ -31,43 +40,18 @@ class Answers(list[Sample]):
         super().__init__(answers)
         self.errors = tuple(errors)
 
-
-MOST_ANSWERED_BYTES = 2**28
-"""What is read of all answers to a query together [bytes], as an inbox holds: four times the
-ring of raw samples of an edge, or 10,000 features of 26 KiB."""
-_EACH_BYTES = 512
-"""Memory of an answer besides its payload [bytes]."""
-_LONGEST_ERROR = 1000
-"""Characters of an error that another process has answered with, which are kept."""
-
-
-class AnswersRead:
-    """Answers to a query as they come, until they are too much."""
-
-    def __init__(self) -> None:
-        self._answers: list[Sample] = []
-        self._errors: list[str] = []
-        self._bytes = 0
-
-    def take(self, answer: Sample | str) -> bool:
-        """Keep an answer or an error; return whether more may come."""
-        if isinstance(answer, str):
-            self._errors.append(answer[:_LONGEST_ERROR])
-            self._bytes += _EACH_BYTES + len(self._errors[-1])
-        else:
-            self._answers.append(answer)
-            self._bytes += _EACH_BYTES + len(answer.payload)
-        if self._bytes <= MOST_ANSWERED_BYTES:
-            return True
-        self._errors.append(
-            f"More than {MOST_ANSWERED_BYTES:,} bytes were answered; the rest was not read."
-        )
-        return False
-
-    @property
-    def answers(self) -> Answers:
-        """What was read so far."""
-        return Answers(self._answers, self._errors)
+    @classmethod
+    def first_of(cls, samples: Iterable[Sample], max_bytes: int) -> Self:
+        """Take answers as they come, up to `max_bytes` of payloads; then say so in `errors`."""
+        taken: list[Sample] = []
+        left = max_bytes
+        for sample in samples:
+            left -= len(sample.payload) + _EACH_BYTES
+            if left < 0:
+                said = f"Answers of more than {max_bytes:,} bytes were given; the rest is left."
+                return cls(taken, [said])
+            taken.append(sample)
+        return cls(taken)
 
 
 class BusClosedError(RuntimeError):
@@ -131,8 +115,12 @@ class Bus(Protocol):
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
-        """Return all answers to a query, and `errors` of those that failed."""
+        """Return all answers to a query, and `errors` of those that failed.
+
+        Where they are of more than `max_bytes`, the first of them, with an error.
+        """
         ...
 
     def announce(self, key: str) -> Handle:

@@ -17,7 +17,7 @@ import re
 import struct
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, Self
 from urllib.parse import quote, unquote
 
@@ -28,8 +28,8 @@ from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key
 from .protocol import (
+    MOST_ANSWER_BYTES,
     Answers,
-    AnswersRead,
     BusClosedError,
     BusUnreachableError,
     Query,
@@ -45,6 +45,9 @@ Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 ATTACHMENT = struct.Struct("<BQ")
 FORMAT = 0x10
 REPLAYED = 0x01
+
+MOST_ERRORS = 100
+"""Errors in answer to one query that are told."""
 
 
 def pack_attachment(sent_ns: int, replayed: bool) -> bytes:
@@ -235,28 +238,30 @@ class ZenohBus:
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """Return all answers within `timeout_s`; at once if no process can answer."""
         self._check_open()
         selector = zenoh.Selector(
             check_key(key_expression, wildcards=True), _as_parameters(parameters or {})
         )
-        read = AnswersRead()
-        for reply in self._session.get(
-            selector,
-            timeout=timeout_s,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-        ):
-            more = True
-            if reply.ok is not None:
-                more = read.take(_as_sample(reply.ok))
-            elif reply.err is not None:
-                more = read.take(reply.err.payload.to_bytes().decode(errors="replace"))
-            if not more:
-                break
-        return read.answers
+        errors: list[str] = []
+
+        def samples() -> Iterator[Sample]:
+            for reply in self._session.get(
+                selector,
+                timeout=timeout_s,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            ):
+                if reply.ok is not None:
+                    yield _as_sample(reply.ok)
+                elif reply.err is not None and len(errors) < MOST_ERRORS:
+                    errors.append(reply.err.payload.to_bytes().decode(errors="replace")[:1000])
+
+        answers = Answers.first_of(samples(), max_bytes)
+        return Answers(answers, (*errors, *answers.errors))
 
     def announce(self, key: str) -> _Declared:
         """Be alive under `key` until the handle is closed or the process ends, in any way."""

@@ -22,6 +22,9 @@ CHUNK_NS = 10**9
 MOST_CHANNELS = 2**16 - 1
 """Channels of a file, each a stream of an asset: MCAP numbers them with 16 bits, from 1."""
 LIBRARY = "slowtime"
+WINDOWS, COUNTED_ONCE = "windows", "counted once"
+"""Rule by which twins of this version take in windows of the same time, in the metadata: a
+recording without it was made where each boot's windows counted anew."""
 
 
 def free_path(path: Path) -> Path:
@@ -79,7 +82,8 @@ class RecordingWriter:
         self._closed = False
         self._writer.start(profile="", library=LIBRARY)
         self._writer.add_metadata(
-            LIBRARY, {"software": software(), "layout": "1", **(metadata or {})}
+            LIBRARY,
+            {"software": software(), "layout": "1", WINDOWS: COUNTED_ONCE, **(metadata or {})},
         )
         self._file.flush()
 

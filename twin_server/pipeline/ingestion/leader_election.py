@@ -116,6 +116,19 @@ class LeaderElection:
             self._sought = ""
             self._tell()
 
+    def resign(self) -> None:
+        """Withdraw this server's token, so that another leads; `step` announces it anew."""
+        if self._bus is None or not self._name:
+            return
+        with self._lock:
+            self._name = self._sought = self._let_go = ""
+            self._others.clear()
+        for handle in reversed(self._handles):
+            handle.close()
+        self._looks_s = None
+        # Of later servers none was kept, and one of them is first from now on.
+        self._handles = [self._bus.watch(server_key("*"), self._see)]
+
     def stop(self) -> None:
         """Be there no longer."""
         for handle in reversed(self._handles):

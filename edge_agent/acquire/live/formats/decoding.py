@@ -1,7 +1,6 @@
 """Decodes messages and lines to batches by a declared layout."""
 
 import itertools
-import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from edge_agent.acquire.live.batch import UNIT_NS, Batch, GarbledError, Rows
 from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
+from slowtime_services.documents.json_documents import read_json
 
 from .packed import decode_frame
 
@@ -109,7 +109,7 @@ class _JsonDecoder:
         self._by_message = layout.counter is not None and layout.counter.counts == "messages"
 
     def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
-        told = json.loads(data)
+        told = read_json(data)
         parts = told if isinstance(told, list) else [told]
         batches = [batch for part in parts for batch in self._part(part, arrival_ns)]
         return _joined(batches) if self._by_message else batches
