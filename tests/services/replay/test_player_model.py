@@ -143,7 +143,7 @@ class PlayerMachine(RuleBasedStateMachine):
 
     @rule(
         run=st.sampled_from((*RUNS, ("beam", "strange"), ("mast", "m1"))),
-        sequence=st.sampled_from([0, 3, 4, 5, 9, 20, 41, 42, 2**40, 2**62]),
+        sequence=st.sampled_from([0, 3, 4, 5, 9, 20, 41, 42, 2**39, 2**40 - 1]),
     )
     def confirm(self, run, sequence):
         self.say(run, sequence)

@@ -79,9 +79,9 @@ def test_a_client_that_comes_back_is_told_what_it_missed(own, ageing, eventually
     ]
 
 
-def test_nonsense_as_the_last_id_is_a_new_client(own):
-    ((_, kind, data),) = read(own, 1, last_id="'; drop table features")
-    assert (kind, data["sequence"]) == ("state", 29)
+def test_nonsense_as_the_last_id_is_a_new_client_after_a_reset(own):
+    (_, reset, _), (_, kind, data) = read(own, 2, last_id="'; drop table features")
+    assert (reset, kind, data["sequence"]) == ("reset", "state", 29)
 
 
 def test_registering_anew_resets_those_who_watch(own):

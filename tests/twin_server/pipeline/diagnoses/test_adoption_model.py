@@ -64,7 +64,7 @@ class AdoptionMachine(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp(prefix="adoption-model-"))
         self.found = {}
         self.stack = []
-        self.seen = []
+        self.seen = list[Registration]()
         self.base = registration("Frame")
         self.store = SqliteStore(self.folder / "twin.sqlite")
         self.open()
@@ -90,7 +90,9 @@ class AdoptionMachine(RuleBasedStateMachine):
 
     @property
     def now(self):
-        return self.pipeline.twin(ID).registration
+        twin = self.pipeline.twin(ID)
+        assert twin is not None
+        return twin.registration
 
     def changes(self, given, number):
         """What adopting a diagnosis gives; None where it cannot be adopted."""
@@ -128,19 +130,21 @@ class AdoptionMachine(RuleBasedStateMachine):
         if refused is not None:
             assert 400 <= refused.status < 500
             assert self.now == before
+        elif self.now != before:
+            self.seen = [*self.seen, before][-5:]
         return refused is None
 
     @rule(data=st.data(), late=st.booleans())
     def adopt(self, data, late):
         """With `late`, as somebody who has looked at the twin some time ago."""
         number = data.draw(st.integers(1, len(self.found) + 1))
-        given = data.draw(st.sampled_from(self.seen)) if late and self.seen else self.now
+        given = data.draw(st.sampled_from([*self.seen, self.now])) if late else self.now
         fits = given == self.now and number not in [n for n, _ in self.stack]
         changed = self.changes(given.to_dict(), number) if fits else None
         expected = changed is not None and len(self.stack) < MOST
         before = self.now
         assert self.attempt(self.orders.adopt, given, number) == expected
-        if expected:
+        if expected and changed is not None:
             self.stack.append((number, before))
             after = self.now.to_dict()
             if "model" in changed:
@@ -153,7 +157,7 @@ class AdoptionMachine(RuleBasedStateMachine):
     @rule(data=st.data(), late=st.booleans())
     def undo(self, data, late):
         number = data.draw(st.integers(1, len(self.found) + 1))
-        given = data.draw(st.sampled_from(self.seen)) if late and self.seen else self.now
+        given = data.draw(st.sampled_from([*self.seen, self.now])) if late else self.now
         expected = given == self.now and bool(self.stack) and self.stack[-1][0] == number
         assert self.attempt(self.orders.undo, given, number) == expected
         if expected:
@@ -170,12 +174,9 @@ class AdoptionMachine(RuleBasedStateMachine):
     @rule(number=st.integers(0, 9))
     def register_anew(self, number):
         """Somebody gives the twin another registration, with nothing adopted."""
+        self.seen = [*self.seen, self.now][-5:]
         self.base, self.stack = registration(f"Frame {number}"), []
         self.pipeline.register(ID, self.base)
-
-    @rule()
-    def look(self):
-        self.seen = [*self.seen, self.now][-5:]
 
     @rule()
     def restart(self):
