@@ -35,7 +35,7 @@ LIES: dict[str, str] = {
     "infinity": "a: 1e400\n",
     "values": "a: [" + "1," * 1_900_000 + "1]\n",
     "lists": "a: [" + "[]," * 1_000_000 + "[]]\n",
-    "keys": "{" + ", ".join(f"k{n}: 1" for n in range(300_000)) + "}",
+    "keys": "{" + ", ".join(f"k{n}: 1" for n in range(600_000)) + "}",
     "key_twice": "{" + ", ".join(f"k{n}: 1" for n in range(90_000)) + ", k1: 2}",
     "long_text": "a: " + "x" * 4_000_000 + "\n",
     "anchors": "".join(f"a{n}: &b{n} 1\n" for n in range(100_000)),

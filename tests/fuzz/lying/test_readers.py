@@ -40,9 +40,7 @@ def quickly():
 @pytest.mark.parametrize("name", [n for n in models.LIES if n not in ("long_text", "anchors")])
 def test_a_lying_yaml_text_is_refused_with_its_line(name):
     with pytest.raises(YamlError) as refused:
-        values, _ = read_with_lines(models.LIES[name])
-        assert values.keys() == {"a"}, "an honest text with one key"
-        raise YamlError(1, "not a model")
+        read_with_lines(models.LIES[name])
     assert refused.value.line >= 1
     assert not INTERNALS.search(str(refused.value))
 
