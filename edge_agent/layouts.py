@@ -14,6 +14,7 @@ A layout is declared, never guessed. It is a table of TOML or JSON::
 """
 
 import struct
+from collections import Counter as Tally
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -104,8 +105,8 @@ class _Layout(Frozen):
 
     @model_validator(mode="after")
     def _names_differ(self) -> "_Layout":
-        names = [channel.name for channel in self.channels]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        names = Tally(channel.name for channel in self.channels)
+        twice = sorted(name for name, count in names.items() if count > 1)
         if twice:
             raise ValueError(f"{twice} name more than one channel. Give each its own name.")
         return self

@@ -53,6 +53,10 @@ VERBS = {
         "twins.alarms:alarms",
         "Send a test alarm of a twin, and show deliveries of alarms.",
     ),
+    "holdings": Verb(
+        "twins.holdings:holdings",
+        "Show what a server has under way for your sites, and end it.",
+    ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."
     ),

@@ -18,6 +18,10 @@ from mcap.writer import MCAP0_MAGIC
 from slowtime_schemas.streams import STREAMS, Stream, current_key, parse_key
 from slowtime_services.record.chunks import Unpacking
 
+LAST_NS = 2**63
+"""End of the time that stamps of messages may state [ns since 1970], in 2262: clocks of the
+operating system and our messages have 63 bits for it, MCAP has 64."""
+
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
 
@@ -120,6 +124,8 @@ def _messages(
     with path.open("rb") as file:
         try:
             for message in _every_message(file, keys, first, last):
+                if message.log_ns >= LAST_NS:
+                    raise ValueError("a message in it is stamped after the year 2262")
                 if first <= message.log_ns <= last:
                     yield message
         except Exception as error:

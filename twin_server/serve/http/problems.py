@@ -27,6 +27,10 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 4, 80, 80
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 20
 
+RETRY_AFTER_S = 5
+"""When a caller is to come back whom the database did not answer [s]; a restart takes about so
+long."""
+
 CLIENT_LEFT = 499
 """What nginx calls it; nobody is there to read it."""
 
@@ -96,6 +100,25 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(ClientDisconnect, _left)
     app.add_exception_handler(Exception, _fault)
+
+
+def install_unavailable(app: FastAPI, *errors: type[Exception]) -> None:
+    """Answer these errors, of a database that cannot be used, with 503 and when to come back."""
+    for error in errors:
+        app.add_exception_handler(error, _unavailable)
+
+
+async def _unavailable(request: Request, error: Exception) -> Response:
+    # What the error names, such as a path or a host, is for the log and `/readyz`.
+    logger.warning("%s %s: %s", request.method, request.url.path, error)
+    detail = (
+        f"{request.method} {request.url.path:.200} needs the database, which cannot be used at "
+        f"the moment. Ask again in {RETRY_AFTER_S} s; /readyz and the server's log say why. "
+        "Nothing is lost: edge agents keep what is not acknowledged."
+    )
+    response = respond(request, 503, "database-away", detail)
+    response.headers["Retry-After"] = str(RETRY_AFTER_S)
+    return response
 
 
 async def _ours(request: Request, error: Exception) -> Response:
