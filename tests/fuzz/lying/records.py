@@ -879,7 +879,6 @@ HARMLESS = frozenset(
         wav_of_empty_chunks, wav_of_more_bytes, wav_of_many_channels, mseed_of_more_samples,
         mseed_of_long_records, mseed_of_a_round_of_blockettes, labview_of_more_channels,
         labview_of_digits, labview_of_headers, csv_of_spaces, knet_of_digits, uff_of_many_marks,
-        csv_of_many_columns,
     )
 )  # fmt: skip
 """Read as what they hold: the reader believes nothing of the lie."""
