@@ -876,7 +876,7 @@ HARMLESS = frozenset(
     (
         hdf5_of_groups_within_themselves, hdf5_of_links_that_double, xlsx_of_merged_cells,
         tdms_of_more_values, tdms_of_many_chunks, parquet_of_text, mcap_of_a_long_schema,
-        wav_of_more_bytes, mseed_of_more_samples,
+        wav_of_more_bytes, seg2_of_more_samples,
         mseed_of_long_records, mseed_of_a_round_of_blockettes, labview_of_more_channels,
         labview_of_digits, labview_of_headers, csv_of_spaces, knet_of_digits, uff_of_many_marks,
     )
