@@ -31,6 +31,7 @@ _INTERNALS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             r"a number has more than \1 digits",
         ),
         (r"maximum recursion depth exceeded[^.\n]*", "it is nested too deep"),
+        (r"<urlopen error (.*?)>", r"\1"),
         (r"\[(?:Errno|WinError) -?\d+\] ", ""),
         (r"int too large to convert to float", "a number is larger than 1.8e308"),
     )

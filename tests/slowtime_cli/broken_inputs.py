@@ -19,7 +19,7 @@ from slowtime_cli.shared.options import OutFile
 INTERNALS = re.compile(
     r"Traceback \(most recent|<frozen |<class '|\bobject at 0x|\bat 0x[0-9a-f]{6}|"
     r"File \"[^\"]*\.py\"|site-packages|<unknown>|sys\.set_int_max_str_digits|"
-    r"maximum recursion depth|Internal error in slowtime|\[Errno \d|<module|"
+    r"maximum recursion depth|<urlopen|Internal error in slowtime|\[Errno \d|<module|"
     r"slowtime_(?:cli|services|schemas)\.\w|twin_server\.\w|Warning: |DeprecationWarning"
 )
 """What no message to a user shows."""
