@@ -119,8 +119,8 @@ class HttpConnection:
         if isinstance(error, UnreachableError):
             return error
         return UnreachableError(
-            f"{self.url} did not answer: {reason_of(error)} Give the address of a running twin server, "
-            "such as http://127.0.0.1:8000, or start one with `slowtime twin`."
+            f"{self.url} did not answer: {reason_of(error)} Give the address of a running twin "
+            "server, such as http://127.0.0.1:8000, or start one with `slowtime twin`."
         )
 
 
