@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from twin_server.diagnose import Ended, Jobs, QueueFullError
+from twin_server.diagnose import Ended, JobId, Jobs, QueueFullError
 from twin_server.settings import DiagnoseSettings
 
 TELL = "import json, pathlib, sys, time, os\nhere = pathlib.Path(sys.argv[1])\n"
@@ -38,11 +38,17 @@ class Told(Jobs):
     def give(self, number):
         folder = self.home / f"job-{number}"
         folder.mkdir()
-        self.submit(number, folder)
+        self.submit(JobId("lab.rig", number), folder)
         return folder
 
-    def _keep(self, number, ended):
-        self.told[number] = ended
+    def progress(self, number):
+        return super().progress(JobId("lab.rig", number))
+
+    def cancel(self, number):
+        return super().cancel(JobId("lab.rig", number))
+
+    def _keep(self, job, ended):
+        self.told[job.number] = ended
 
 
 @pytest.fixture
@@ -84,9 +90,9 @@ def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventual
     running = queue.progress(1)
     assert (running.state, running.share) == ("running", 0.4)
     assert running.seconds > 0.0
-    assert queue.progress(2)[:2] == ("queued", "waiting, 1 ahead of it")
-    assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
-    with pytest.raises(QueueFullError, match=r"2 diagnoses are waiting already.*max_queued"):
+    assert queue.progress(2)[:2] == ("queued", "waiting, 1 of its site ahead of it")
+    assert queue.progress(3)[:2] == ("queued", "waiting, 2 of its site ahead of it")
+    with pytest.raises(QueueFullError, match=r"Allowed: 2 \(diagnose.max_queued"):
         queue.check_room()
     assert queue.cancel(2)
     assert queue.told[2].state == "cancelled"

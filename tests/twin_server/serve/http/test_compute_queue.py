@@ -89,7 +89,7 @@ async def test_a_full_line_is_said_to_be_at_once_and_empties():
         asyncio.create_task(queue.run(Caller().request, work, group=g)) for g in ("a", "a", "b")
     ]
     await until(lambda: queue.waiting == 3)
-    for group, why in (("c", "3 requests wait"), ("a", "2 of this kind")):
+    for group, why in (("c", "Allowed: 3"), ("a", "of one kind 2")):
         with pytest.raises(ProblemError) as refused:
             await queue.run(Caller().request, work, group=group)
         assert refused.value.status == 503
