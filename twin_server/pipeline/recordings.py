@@ -1,10 +1,8 @@
 """Stores uploaded recordings that are valid, and replays them to the twins of the server."""
 
 import asyncio
-import dataclasses
-import hashlib
+import collections
 import logging
-import math
 import os
 import threading
 from collections import Counter
@@ -17,46 +15,29 @@ from slowtime_services.bus import Bus
 from slowtime_services.replay import (
     PLAYED,
     Contents,
-    Progress,
     RecordingError,
+    Supervise,
     check,
     contents,
-    replay,
 )
+from twin_server.fairness import OverQuotaError, Processors, Quota, current_holder
 from twin_server.identity.principals import Principal
 from twin_server.serve import ProblemError
+from twin_server.serve.http.quotas import over_quota
 from twin_server.settings import RecordingSettings
 
 from .recording_folder import NOWHERE, Kept, RecordingFolder, name_taken
+from .replays import Replay, check_duration
+from .uploads import RETRY_AFTER_S, Upload, Uploads, no_room
 
 logger = logging.getLogger(__name__)
 
 
-class _Upload(NamedTuple):
-    """An upload under way: its name, and the sites of who sends it."""
+class _Played(NamedTuple):
+    """A recording, and its latest replay."""
 
-    name: str
-    sites: frozenset[str] | None
-
-    @property
-    def partial(self) -> str:
-        """Name of the file while it is written, another one for each group of sites."""
-        sites = "*" if self.sites is None else ",".join(sorted(self.sites))
-        return f".{hashlib.sha256(sites.encode()).hexdigest()[:16]}.{self.name}.partial"
-
-
-@dataclasses.dataclass(slots=True)
-class _Replay:
     kept: Kept
-    stop: threading.Event
-    thread: threading.Thread | None = None
-    state: str = "playing"
-    done: int = 0
-    total: int = 0
-    sentence: str = "It begins."
-
-    def document(self) -> dict[str, Any]:
-        return {key: getattr(self, key) for key in ("state", "done", "total", "sentence")}
+    replay: Replay
 
 
 class Recordings:
@@ -70,6 +51,8 @@ class Recordings:
         Whether a twin is registered.
     bus
         On which they are played.
+    processors
+        Pause checks and replays in favour of other sites.
     """
 
     def __init__(
@@ -78,23 +61,28 @@ class Recordings:
         settings: RecordingSettings,
         known: Callable[[str], bool],
         bus: Bus,
+        processors: Processors | None = None,
     ) -> None:
         self.folder = RecordingFolder(folder)
         self._settings, self._known, self._bus = settings, known, bus
-        self._coming: dict[_Upload, int] = {}
-        self._checking = threading.Lock()
+        self._processors = processors or Processors()
+        self.uploads = Uploads(self.folder, settings)
+        self.replays = Quota(
+            "replays", settings.max_replays, of_site=1, setting="recordings.max_replays"
+        )
+        self._checking: dict[str, threading.Lock] = collections.defaultdict(threading.Lock)
         self._lock = threading.Lock()
-        self._played: dict[Path, _Replay] = {}
+        self._played: dict[Path, _Played] = {}
 
     def stop(self) -> None:
         """End the replays in progress."""
         with self._lock:
             playing = list(self._played.values())
             for one in playing:
-                one.stop.set()
+                one.replay.stop.set()
         for one in playing:
-            if one.thread is not None:
-                one.thread.join(10.0)
+            if one.replay.thread is not None:
+                one.replay.thread.join(10.0)
 
     def listed(self, principal: Principal) -> dict[str, Any]:
         """Return all recordings that the caller may see, the newest first."""
@@ -111,39 +99,22 @@ class Recordings:
     async def take(self, name: str, chunks: AsyncIterator[bytes], principal: Principal) -> None:
         """Write one beside the others under another name, read it through, and keep it."""
         folder = await asyncio.to_thread(self._folder_for, name, principal)
-        upload = _Upload(name, principal.sites)
-        self._begin(upload)
-        partial = folder / upload.partial
-        try:
-            await self._write(partial, upload, chunks)
-            sites = await asyncio.to_thread(self._check, partial, name, principal)
-            self._place(partial, self.folder.place_for(name, sites, principal))
-        finally:
-            partial.unlink(missing_ok=True)
-            self._coming.pop(upload, None)
+        with self.uploads.begun(name, principal) as upload:
+            partial = folder / upload.partial
+            try:
+                await self._write(partial, upload, chunks)
+                sites = await asyncio.to_thread(self._check, partial, upload, principal)
+                place = self.folder.place_for(name, sites, principal)
+                await asyncio.to_thread(self._place, partial, place, upload)
+            finally:
+                partial.unlink(missing_ok=True)
 
-    def _begin(self, upload: _Upload) -> None:
-        """Begin an upload beside others; of the same sites each has a name of its own."""
-        if upload in self._coming:
-            raise ProblemError(
-                409,
-                "being-taken-in",
-                f"{upload.name} is being taken in already. Give another name.",
+    def _check(self, partial: Path, upload: Upload, principal: Principal) -> set[str]:
+        """Read one through; of each site one at a time. Return its sites."""
+        with self._checking[upload.holder.site]:
+            _check_sound(
+                partial, upload.name, lambda pid: upload.supervised(self._processors, pid)
             )
-        if len(self._coming) >= self._settings.max_at_once:
-            raise ProblemError(
-                503,
-                "busy",
-                "Other recordings are being taken in. Allowed: "
-                f"{self._settings.max_at_once} at once (recordings.max_at_once). Try again.",
-                **{"Retry-After": "5"},
-            )
-        self._coming[upload] = 0
-
-    def _check(self, partial: Path, name: str, principal: Principal) -> set[str]:
-        """Read one through; one at a time, since that takes a processor. Return its sites."""
-        with self._checking:
-            _check_sound(partial, name)
             return _checked_sites(contents(partial), principal)
 
     def delete(self, name: str, site: str | None, principal: Principal) -> None:
@@ -151,7 +122,7 @@ class Recordings:
         path = self.path(name, site, principal)
         with self._lock:
             one = self._played.get(path)
-            if one is not None and one.state == "playing":
+            if one is not None and one.replay.state == "playing":
                 raise ProblemError(
                     409, "being-played", f"{name} is being played. Stop it first."
                 )
@@ -166,47 +137,37 @@ class Recordings:
         kept = self.folder.one(name, site, principal)
         if kept.inside is None:
             raise ProblemError(409, "not-sound", kept.problem or "")
+        check_duration(kept.inside, speed, self._settings)
         with self._lock:
             for other in self._played.values():
-                if other.state == "playing" and other.kept.sites & kept.sites:
+                if other.replay.state == "playing" and other.kept.sites & kept.sites:
                     raise _being_played(other.kept, principal)
-            one = _Replay(kept, threading.Event(), total=kept.inside.messages)
+            try:
+                holding = self.replays.take(current_holder(), f"replay of {kept.name}")
+            except OverQuotaError as error:
+                raise over_quota(error, RETRY_AFTER_S) from error
+            one = _Played(kept, Replay(holding, self._settings.max_replay_s))
+            one.replay.total = kept.inside.messages
+            holding.on_cancel = one.replay.stop.set
             self._played[kept.path] = one
             strange = not any(self._known(f"{s}.{a}") for s, a in kept.addresses)
-            one.thread = threading.Thread(
-                target=self._play, args=(kept.path, one, speed, strange), name="replay",
+            streams = [stream for stream in PLAYED if strange or stream is not REGISTRATION]
+            one.replay.thread = threading.Thread(
+                target=one.replay.run,
+                args=(kept.path, self._bus, speed, streams, self._processors),
+                name="replay",
                 daemon=True,
-            )  # fmt: skip
-            one.thread.start()
+            )
+            one.replay.thread.start()
 
     def stop_playing(self, name: str, site: str | None, principal: Principal) -> None:
         """End a replay."""
         path = self.path(name, site, principal)
         with self._lock:
             one = self._played.get(path)
-            if one is None or one.state != "playing":
+            if one is None or one.replay.state != "playing":
                 raise ProblemError(409, "not-played", f"{name} is not being played.")
-            one.stop.set()
-
-    def _play(self, path: Path, one: _Replay, speed: float | None, strange: bool) -> None:
-        streams = [stream for stream in PLAYED if strange or stream is not REGISTRATION]
-
-        def tell(progress: Progress) -> None:
-            one.done, one.total = progress.done, progress.total
-            one.sentence = f"{one.done:,} of {one.total:,} messages."
-
-        try:
-            done = replay(
-                path, self._bus, speed=speed or math.inf, streams=streams, stop=one.stop,
-                progress=tell,
-            )  # fmt: skip
-        except Exception as error:  # whatever it is, the server goes on, and says so
-            logger.warning("%s could not be replayed: %s", path.name, error)
-            one.state, one.sentence = "failed", str(error).replace(str(path), path.name)
-            return
-        kept = f"{done.acknowledged:,} of {done.features:,} features are in the twins."
-        one.sentence = f"{'Stopped. ' if done.stopped else ''}{kept}"
-        one.state = "stopped" if done.stopped else "done"
+            one.replay.stop.set()
 
     def _recording_document(self, kept: Kept) -> dict[str, Any]:
         inside, played = kept.inside, self._played.get(kept.path)
@@ -223,7 +184,7 @@ class Recordings:
             "twins": [f"{site}.{asset}" for site, asset in kept.addresses],
             "messages": {stream: count for stream, count in messages.items() if count},
             "problem": kept.problem,
-            "replay": played.document() if played else None,
+            "replay": played.replay.document() if played else None,
         }
 
     def _folder_for(self, name: str, principal: Principal) -> Path:
@@ -232,56 +193,23 @@ class Recordings:
             raise ProblemError(404, "no-recordings", NOWHERE)
         folder.mkdir(parents=True, exist_ok=True)
         self.folder.check_free(name, principal)
-        if len(self.folder.paths()) >= self._settings.max_files:
-            raise ProblemError(
-                507,
-                "no-room",
-                f"There are {self._settings.max_files} recordings already (recordings."
-                "max_files). Delete one first.",
-            )
+        self.uploads.check_files(current_holder())
         return folder
 
-    async def _write(
-        self, partial: Path, upload: _Upload, chunks: AsyncIterator[bytes]
-    ) -> None:
+    async def _write(self, partial: Path, upload: Upload, chunks: AsyncIterator[bytes]) -> None:
         """Write incoming bytes, within limits of size and time."""
-        settings = self._settings
-        room = self._room()
+        room = await asyncio.to_thread(self.uploads.room, upload.holder)
         with partial.open("wb") as file:
-            while True:
-                try:
-                    chunk = await asyncio.wait_for(anext(chunks, None), settings.patience_s)
-                except TimeoutError:
-                    raise ProblemError(
-                        408,
-                        "too-slow",
-                        f"Nothing came for {settings.patience_s:g} s. Try again.",
-                    ) from None
-                if chunk is None:
-                    break
-                self._coming[upload] += len(chunk)
-                if sum(self._coming.values()) > room:
-                    raise self._no_room()
+            async for chunk in upload.chunks(chunks):
+                self.uploads.check_room(upload, room)
                 await asyncio.to_thread(file.write, chunk)
             file.flush()
             await asyncio.to_thread(os.fsync, file.fileno())
 
-    def _room(self) -> int:
-        used = sum(path.stat().st_size for path in self.folder.paths())
-        return self._settings.max_total_bytes - used
-
-    def _no_room(self) -> ProblemError:
-        return ProblemError(
-            507,
-            "no-room",
-            f"All recordings together may have {self._settings.max_total_bytes:,} bytes "
-            "(recordings.max_total_bytes). Delete one first.",
-        )
-
-    def _place(self, partial: Path, path: Path) -> None:
+    def _place(self, partial: Path, path: Path, upload: Upload) -> None:
         """Give the file its name, unless the name or the space has been taken meanwhile."""
-        if partial.stat().st_size > self._room():
-            raise self._no_room()
+        if partial.stat().st_size > self.uploads.room(upload.holder):
+            raise no_room(self._settings)
         try:
             _give_name(partial, path)
         except FileExistsError:
@@ -310,9 +238,9 @@ def _give_name(partial: Path, path: Path) -> None:
             raise
 
 
-def _check_sound(path: Path, name: str) -> None:
+def _check_sound(path: Path, name: str, supervise: Supervise) -> None:
     try:
-        check(path)
+        check(path, supervise)
     except RecordingError as error:
         said = str(error).replace(str(path), name)
         raise ProblemError(422, "not-sound", f"{name} is not taken in. {said}") from error

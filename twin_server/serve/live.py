@@ -10,7 +10,6 @@ import asyncio
 import collections
 import logging
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from twin_server.fairness import Holding, Quota, current_holder
 from twin_server.history.details import Bodies, part
 from twin_server.history.rendering import event_object, state_objects
 from twin_server.history.states import States
@@ -78,9 +78,9 @@ RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 class Client:
     """One client of a twin's stream; used in the event loop."""
 
-    def __init__(self, twin_id: str, backlog: int, caller: str | None = None) -> None:
-        self.twin_id, self.caller = twin_id, caller
-        self._backlog = backlog
+    def __init__(self, twin_id: str, backlog: int) -> None:
+        self.twin_id, self._backlog = twin_id, backlog
+        self.holding: Holding | None = None
         self._items: collections.deque[Item] = collections.deque()
         self.changed = asyncio.Event()
         self.ended = False
@@ -121,37 +121,42 @@ class Hub:
     """
 
     def __init__(self, max_clients: int, backlog: int, max_of_one: int | None = None) -> None:
-        self._max_clients, self.backlog = max_clients, backlog
-        self._max_of_one, self._callers = max_of_one, Counter[str]()
+        self.backlog = backlog
+        self.quota = Quota(
+            "streams", max_clients, of_token=max_of_one, setting="serve.max_live_clients"
+        )
         self._clients: dict[str, set[Client]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closed = False
-        self.count = 0
         self.dropped = 0
 
-    def join(self, twin_id: str, caller: str | None = None) -> Client | None:
-        """Watch a twin from now on; None where there is no room."""
+    @property
+    def count(self) -> int:
+        """Number of clients that watch."""
+        return self.quota.count
+
+    def join(self, twin_id: str) -> Client | None:
+        """Watch a twin from now on; None where the server is ending.
+
+        Raises
+        ------
+        OverQuotaError
+            Where there is no room, or none for the caller.
+        """
         self._loop = asyncio.get_running_loop()
-        if self.count >= self._max_clients or self._closed:
+        if self._closed:
             return None
-        if caller is not None:
-            if self._max_of_one is not None and self._callers[caller] >= self._max_of_one:
-                return None
-            self._callers[caller] += 1
-        client = Client(twin_id, self.backlog, caller)
+        client = Client(twin_id, self.backlog)
+        client.holding = self.quota.take(current_holder(), f"live {twin_id}", client.end)
         self._clients.setdefault(twin_id, set()).add(client)
-        self.count += 1
         return client
 
     def leave(self, client: Client) -> None:
         """Watch no longer."""
         of_twin = self._clients.get(client.twin_id, set())
-        if client in of_twin:
-            of_twin.remove(client)
-            self.count -= 1
-            if client.caller is not None:
-                self._callers[client.caller] -= 1
-                self._callers += Counter()  # forgets who has none
+        of_twin.discard(client)
+        if client.holding is not None:
+            client.holding.release()
         if not of_twin:
             self._clients.pop(client.twin_id, None)
 

@@ -23,6 +23,7 @@ from twin_server.serve.http.body_limit import BodyLimit
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.http.quotas import CountedForHolder
 from twin_server.serve.routes import page
 from twin_server.serve.routes.session import session
 from twin_server.serve.routes.twin_path import TwinId
@@ -43,6 +44,7 @@ _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
 METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"]
 
 HEADS = "/api/v1/ledger/heads"
+HOLDINGS = "/api/v1/holdings"
 RECORDINGS = "/api/v1/recordings"
 
 
@@ -61,6 +63,7 @@ def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     problems.install(app)
     largest = larger_bodies(settings.serve, settings.recordings.max_bytes)
     app.add_middleware(BodyLimit, max_bytes=settings.serve.max_body_bytes, larger=largest)
+    app.add_middleware(CountedForHolder)
     app.include_router(page.routes())
     app.include_router(session())
     calls = Calls(shards, settings.shards.key, settings.shards.answer_timeout_s)
@@ -71,6 +74,7 @@ def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     app.add_api_route("/metrics", front.metrics, methods=["GET"])
     for path in MERGED:
         app.add_api_route(path, front.of_all, methods=["GET"])
+    app.add_api_route(f"{HOLDINGS}/{{holding_id}}", front.of_any, methods=["DELETE"])
     app.include_router(_composed(calls, composites, front, settings), prefix="/api/v1")
     app.add_api_route("/{path:path}", front.of_one, methods=METHODS)
     return app
@@ -81,7 +85,9 @@ def _composed(
 ) -> APIRouter:
     """Make the routes whose answers are composed of those of several shards."""
     serve = settings.serve
-    queue = ComputeQueue(serve.workers, serve.max_waiting, serve.max_waiting_of_one)
+    queue = ComputeQueue(
+        serve.workers, serve.max_waiting, serve.max_waiting_of_one, serve.spare_workers
+    )
     assets = ShardAssets(calls)
     api = APIRouter()
     api.include_router(composite_routes(ShardFacts(calls), composites, front.registered, queue))
@@ -147,6 +153,16 @@ class _Front:
                 return told
         body = MERGED[request.url.path]([answer.body for answer in found])
         return Response(body, media_type="application/json")
+
+    async def of_any(self, request: Request) -> Response:
+        """Pass a request to all shards; the answer of the one that has what it is about."""
+        answers = [one for one in await self._ask_all(request, request.method) if one]
+        if not answers:
+            raise unavailable("No shard answers.")
+        found = min(answers, key=lambda one: one.status)
+        told = Response(found.body, found.status)
+        told.raw_headers = found.headers
+        return told
 
     async def of_one(self, request: Request) -> Response:
         """Pass a request to the shard that has its twin."""
@@ -227,7 +243,7 @@ class _Front:
             f"{self._shards.count - 1}. Give one, as ?shard=0.",
         )
 
-    async def _ask_all(self, request: Request) -> list[Answer | None]:
+    async def _ask_all(self, request: Request, method: str = "GET") -> list[Answer | None]:
         """Ask every shard the same; None of those that do not answer."""
 
         async def one(index: int) -> Answer | None:
@@ -235,7 +251,7 @@ class _Front:
             if url is None:
                 return None
             try:
-                return await ask(request, url, self._timeout_s, self._key)
+                return await ask(request, url, self._timeout_s, self._key, method=method)
             except ShardSilentError:
                 return None
 

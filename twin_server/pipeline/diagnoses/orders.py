@@ -23,7 +23,8 @@ from slowtime_services.plugins.installed_effects import installed_kinds
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
-from twin_server.diagnose import RAW, Ended, JobId, Jobs, QueueFullError, Task, write_task
+from twin_server.diagnose import RAW, Ended, JobId, Jobs, Task, write_task
+from twin_server.fairness import OverQuotaError, Processors, Quota
 from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
@@ -34,9 +35,13 @@ from twin_server.pipeline.recording_folder import RecordingFolder
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
+from twin_server.serve.http.quotas import over_quota
 from twin_server.settings import DiagnoseSettings, GapSettings
 
 from .history_file import covariates_of, history_of, reference_of
+
+RETRY_AFTER_S = 30
+"""What a client is told to wait where too many diagnoses wait [s]: about what one takes."""
 
 DIED = "The server ended while it was at it. Ask for it again."
 _FOLLOWED = ("temperature", "load")
@@ -49,6 +54,8 @@ class Diagnoses:
     ----------
     command
         That makes one diagnosis of the folder that is added to it.
+    processors
+        Pause diagnoses in favour of other sites.
     recordings
         Whose samples may be diagnosed; by default those of the settings' folder.
     """
@@ -63,13 +70,14 @@ class Diagnoses:
         *,
         bus: Bus | None = None,
         clock: Clock | None = None,
+        processors: Processors | None = None,
         recordings: RecordingFolder | None = None,
     ) -> None:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
         self._kept = recordings or RecordingFolder(settings.recordings)
-        self._jobs = Jobs(command, settings, self._end)
+        self._jobs = Jobs(command, settings, self._end, processors)
         self._minder = GapMonitor(
             pipeline, store, gaps, self.raw_samples, effects=settings.effects
         )
@@ -90,6 +98,11 @@ class Diagnoses:
         self._minder.stop()
         self._jobs.stop()
 
+    @property
+    def quota(self) -> Quota:
+        """Diagnoses that wait or run."""
+        return self._jobs.quota
+
     def gap(self, twin_id: str) -> Mapping[str, Any]:
         """Return the gap of the twin's models."""
         return self._minder.gap(twin_id)
@@ -103,9 +116,9 @@ class Diagnoses:
     ) -> int:
         """Take an order: samples are asked for at once, the rest waits for its turn."""
         try:
-            self._jobs.check_room()
-        except QueueFullError as error:
-            raise ProblemError(503, "too-many-diagnoses", str(error)) from error
+            holding = self._jobs.reserve(f"diagnosis of {twin_id}")
+        except OverQuotaError as error:
+            raise over_quota(error, RETRY_AFTER_S, "too-many-diagnoses") from error
         folder = Path(tempfile.mkdtemp(prefix="slowtime-diagnosis-"))
         try:
             write_task(folder, self._prepared(folder, twin_id, registration, order, principal))
@@ -117,8 +130,9 @@ class Diagnoses:
             )
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
+            holding.release()
             raise
-        self._jobs.submit(JobId(twin_id, number), folder)
+        self._jobs.submit(JobId(twin_id, number), folder, holding)
         return number
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:

@@ -62,7 +62,7 @@ def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
 def routes(
     knowledge: Knowledge,
     known: Callable[[str], Awaitable[Registration]],
-    most: int = 16,
+    under_way: Files,
     composite_service: CompositeService | None = None,
 ) -> APIRouter:
     """Make the routes.
@@ -71,12 +71,11 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    most
-        Exports that are under way at once.
+    under_way
+        Exports that are under way.
     composite_service
         Gives the composites that a caller may see; None for none.
     """
-    under_way = Files(most)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 

@@ -10,6 +10,7 @@ from twin_server.identity.principals import Principal, principal_of
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
+from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
@@ -33,6 +34,7 @@ _PROBLEMS = problems.answers(
         404: "No such twin, or no such diagnosis",
         409: "Not as things are",
         422: "A body that is not valid",
+        429: "Too many of your site or token wait already",
         503: "Too many wait already",
     }
 )
@@ -99,6 +101,7 @@ def routes(
         Threads for what has a history estimated anew.
     """
     api = APIRouter(tags=["diagnoses"])
+    ordering = BoundedThreads(4)  # an edge that is asked for samples may take seconds to answer
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -121,7 +124,7 @@ def routes(
         response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
-    def order(
+    async def order(
         request: Request, twin_id: TwinId, registration: Known, order: DiagnosisOrder
     ) -> Response:
         """Ask what the twin's model lacks: a job, whose number is told at once.
@@ -130,9 +133,14 @@ def routes(
         the twin's history and the covariates beside it.
         """
         who = principal_of(request.scope)
-        number = diagnosis_service.order(twin_id, registration, order, who)
-        where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
-        return _json(there(twin_id, number), 202, Location=where)
+
+        def done() -> Response:
+            number = diagnosis_service.order(twin_id, registration, order, who)
+            where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
+            return _json(there(twin_id, number), 202, Location=where)
+
+        release_body_slot(request.scope)
+        return await ordering.run(done)
 
     @api.get(
         "/twins/{twin_id}/diagnoses",

@@ -40,6 +40,7 @@ _PROBLEMS = problems.answers(
         409: "Not as things are",
         413: "Larger than a recording may be",
         422: "A name or a file that is not valid",
+        429: "More than your site or token may have under way",
         503: "Another is being taken in",
         507: "No room for it",
     }
