@@ -23,6 +23,7 @@ PARTS = {
     "name": ("monday.mcap", "unknown.mcap", "report.json", "x"),
     "number": ("1", "99", "none"),
     "event_id": ("0" * 32, "none"),
+    "holding_id": ("0" * 16, "none"),
 }
 """What stands in the place of each part of a path."""
 
