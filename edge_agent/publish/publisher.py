@@ -100,7 +100,7 @@ class Publisher:
         self._acknowledged = -1
         self._agreement = DigestCheck()
         self._cumulative = FatigueStore(spool.folder, origin.boot)
-        self._began_ns = clock.now_ns()
+        self._began_ns = clock.elapsed_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
 
@@ -179,7 +179,7 @@ class Publisher:
                 last_sequence=self._last_features,
                 first_held=held.first if held else -1,
                 dropped=self._spool.dropped,
-                uptime_s=max(0.0, (self._clock.now_ns() - self._began_ns) / 1e9),
+                uptime_s=(self._clock.elapsed_ns() - self._began_ns) / 1e9,
                 counters=self.counters | {ACK_VERSION: Acknowledgement.VERSION},
             ),
         )

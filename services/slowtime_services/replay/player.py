@@ -138,11 +138,11 @@ def _paced(
     if math.isinf(speed):
         yield from itertools.takewhile(lambda _: not stop.is_set(), messages)
         return
-    began_ns, first_ns = clock.now_ns(), None
+    began_ns, first_ns = clock.elapsed_ns(), None
     for message in messages:
         first_ns = message.log_ns if first_ns is None else first_ns
         due_ns = began_ns + (message.log_ns - first_ns) / speed
-        while not stop.is_set() and (now := clock.now_ns()) < due_ns:
+        while not stop.is_set() and (now := clock.elapsed_ns()) < due_ns:
             clock.sleep(min((due_ns - now) / 1e9, 0.1))
         if stop.is_set():
             return
