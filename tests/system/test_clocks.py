@@ -77,7 +77,7 @@ class Listener(threading.Thread):
 
     def __init__(self, house):
         super().__init__(daemon=True)
-        self._url, self.lines = house.url + "/api/v1/events/stream", 0
+        self._url, self.lines = house.url + "/api/v1/twins/lab.beam/live", 0
 
     def run(self):
         with urllib.request.urlopen(self._url, timeout=300) as answer:

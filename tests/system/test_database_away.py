@@ -28,7 +28,7 @@ EDGE = {
         },
     },
 }  # fmt: skip
-WITHOUT_END = "/events/stream"
+WITHOUT_END = "/live"
 """Ends of the addresses that stream for ever."""
 
 
