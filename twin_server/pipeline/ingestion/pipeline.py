@@ -61,6 +61,7 @@ from .estimation import (
     reestimate,
     registration_event,
 )
+from .failure_log import FailureLog
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
 from .routing import Routing
@@ -136,6 +137,7 @@ class Pipeline:
             functools.partial(acknowledged_range, store),
         )
         self.failing: str = ""
+        self._failure_log = FailureLog()
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
@@ -415,6 +417,8 @@ class Pipeline:
         """Go on whatever happens."""
         try:
             function()
+        except StoreError as error:
+            self._failure_log.say(str(error))
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
@@ -427,6 +431,7 @@ class Pipeline:
             function(change)
             self._conclude(change)
             self.failing = ""
+            self._failure_log.clear()
         except Exception as error:
             self.counts["failed_batches"] += 1
             self.failing = f"{type(error).__name__}: {error}"

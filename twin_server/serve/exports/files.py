@@ -1,13 +1,18 @@
 """Streams files while they are made, a few at a time."""
 
 import threading
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterable, AsyncIterator, Iterator, Mapping
+from typing import Any
 
 import anyio
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from twin_server.serve.http.problems import ProblemError
+
+BEGUN_PIECES = 2
+"""Pieces that are made before the status is sent: a heading, and the first that needs the
+database, which is answered with 503 where that is away."""
 
 AT_ONCE = 2
 """Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""
@@ -74,6 +79,29 @@ class _File(StreamingResponse):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         # Who takes nothing of it is cut off by `http.connections`, which ends it.
         try:
+            self.body_iterator = await _begun(self.body_iterator)
             await super().__call__(scope, receive, send)
         finally:
             self._files.end()
+
+
+async def _begun(pieces: AsyncIterable[Any]) -> AsyncIterator[Any]:
+    """Make the first pieces, and return all of them."""
+    rest = aiter(pieces)
+    first = [piece async for piece in _first(rest, BEGUN_PIECES)]
+
+    async def all_pieces() -> AsyncIterator[Any]:
+        for piece in first:
+            yield piece
+        async for piece in rest:
+            yield piece
+
+    return all_pieces()
+
+
+async def _first(pieces: AsyncIterator[Any], count: int) -> AsyncIterator[Any]:
+    for _ in range(count):
+        try:
+            yield await anext(pieces)
+        except StopAsyncIteration:
+            return
