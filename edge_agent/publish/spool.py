@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from slowtime_services.operating_system import lock_file, sync_folder
+from slowtime_services.operating_system import lock_file, same_file, sync_folder
 
 from .damaged_bytes import DamagedBytes
 from .spool_records import MARK, Damage, Sound, pack, scan
@@ -30,11 +30,12 @@ from .spool_records import MARK, Damage, Sound, pack, scan
 logger = logging.getLogger(__name__)
 
 SUFFIX = ".spool"
+LOCK = "lock"
 DROPPED = "dropped.json"
 WITHHELD = "withheld.json"
 MOST_DROPPED = 1_000
 """Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_APPEND
 
 
 class SpoolError(OSError):
@@ -166,6 +167,7 @@ class Spool:
                     f"Sequence {sequence} was given after {self._last}. Sequences must grow."
                 )
             record = pack(sequence, payload)
+            self._keep_in_place()
             segment = self._room_for(sequence)
             try:
                 _write_all(self._descriptor(), record)
@@ -199,7 +201,8 @@ class Spool:
         for path, size, begins, ends in wanted:
             try:
                 data = path.read_bytes()[:size]
-            except FileNotFoundError:  # acknowledged or dropped since
+            except FileNotFoundError:  # acknowledged or dropped since, or taken away
+                self._note_damage(path, boot, b"", Damage(0, 0, begins, ends))
                 continue
             due = begins
             for part in scan(data, begins, ends + 1):
@@ -281,8 +284,43 @@ class Spool:
         self._size += segment.size
         return segment
 
+    def _keep_in_place(self) -> None:
+        """Write the current segment again where its file was moved, deleted or replaced."""
+        if self._file is None or same_file(self._file, self._segments[-1].path):
+            return
+        segment = self._segments[-1]
+        logger.error(
+            "%s was moved, deleted or replaced while the agent used it. It is written again, "
+            "with all that is not acknowledged. Leave the folder of a spool alone while its "
+            "agent runs.", segment.path,
+        )  # fmt: skip
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            part = segment.path.with_suffix(".new")
+            part.unlink(missing_ok=True)
+            file = os.open(part, _NEW, 0o644)
+            try:
+                os.lseek(self._file, 0, os.SEEK_SET)
+                _write_all(file, os.read(self._file, segment.size))
+                part.replace(segment.path)
+            except OSError:
+                os.close(file)
+                raise
+        except OSError as error:
+            raise SpoolError(
+                f"The spool cannot write {segment.path} again: {error}. Make room on the disk, "
+                "or point spool.folder elsewhere."
+            ) from error
+        os.close(self._file)
+        self._file = file
+        if self._guard is not None and not same_file(self._guard, self.folder / LOCK):
+            _unlock(self._guard)
+            self._guard = None  # where another agent has the new one
+            self._guard = _lock_folder(self.folder)
+
     def _begin(self, path: Path) -> int:
         """Make a segment file; where the disk does not even take its mark, none is left."""
+        self.folder.mkdir(parents=True, exist_ok=True)  # it may have been taken away
         file = os.open(path, _NEW, 0o644)
         try:
             _write_all(file, MARK)
@@ -406,7 +444,7 @@ def _write_all(file: int, data: bytes) -> None:
 
 def _lock_folder(folder: Path) -> int | None:
     """Keep a second agent out of the folder; the lock dies with the process."""
-    file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+    file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         lock_file(file, wait=False)
     except OSError as error:

@@ -104,3 +104,13 @@ def lower_priority(steps: int) -> None:
     """
     with contextlib.suppress(AttributeError):
         os.nice(steps)
+
+
+def same_file(descriptor: int, path: Path) -> bool:
+    """Whether a path leads to the file that is open: it may have been moved or replaced."""
+    held = os.fstat(descriptor)
+    try:
+        found = os.stat(path)
+    except OSError:
+        return False
+    return (found.st_dev, found.st_ino) == (held.st_dev, held.st_ino)

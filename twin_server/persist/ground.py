@@ -175,12 +175,6 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def same_file(descriptor: int, path: Path) -> bool:
-    """Whether a path leads to the file that is open."""
-    held = os.fstat(descriptor)
-    return _identity(path) == (held.st_dev, held.st_ino)
-
-
 def rescue(writer: sqlite3.Connection, path: Path) -> None:
     """Copy a database whose file was deleted beside its path, and log where.
 

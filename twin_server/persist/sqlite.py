@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Literal
 
 from slowtime_services.ledger import Head
-from slowtime_services.operating_system import lock_file
+from slowtime_services.operating_system import lock_file, same_file
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .ground import Fault, Ground, Kind, rescue, same_file
+from .ground import Fault, Ground, Kind, rescue
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
