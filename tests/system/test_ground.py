@@ -126,8 +126,9 @@ def test_an_agent_whose_spool_is_taken_away_and_a_recorder_lose_nothing_that_is_
 ):
     house.router()
     house.twin()
+    (house.home / "rec").mkdir()
     house.start(
-        "recorder", "record", "--connect", house.endpoint, str(house.home / "rec" / "a.mcap")
+        "recorder", "record", "--connect", house.endpoint, "--out", "rec/a.mcap"
     )
     house.edge(EDGE)
     house.until(lambda: len(house.history("lab.beam")) > 100, "the first features")
