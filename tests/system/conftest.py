@@ -45,9 +45,7 @@ class House:
             stdout=log,
             stderr=subprocess.STDOUT,
             cwd=self.home,
-            env=os.environ
-            | {"OPENBLAS_NUM_THREADS": "1"}
-            | self.environments.get(name, {}),
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"} | self.environments.get(name, {}),
         )
         log.close()
 

@@ -121,9 +121,7 @@ def test_a_clock_that_is_set_costs_nothing_that_was_acknowledged_and_is_said(
     lines = listener.lines
     house.until(lambda: len(house.history("lab.beam")) >= FEATURES, "all features")
     points = house.history("lab.beam")
-    house.until(
-        lambda: house.get("/api/v1/ledger/heads?limit=1000") != heads, "another head"
-    )
+    house.until(lambda: house.get("/api/v1/ledger/heads?limit=1000") != heads, "another head")
     metrics = urllib.request.urlopen(house.url + "/metrics", timeout=60).read().decode()
     refused = [
         line for line in metrics.splitlines()

@@ -1,4 +1,4 @@
-"""PostgreSQL that is killed or stands still under a running server, and what callers are told."""
+"""PostgreSQL that is killed or stands still under a running server, and its answers."""
 
 import os
 import signal
@@ -115,7 +115,7 @@ def test_reads_answer_503_with_retry_after_while_postgresql_is_away_and_nothing_
     away = sorted(path for path, (status, _) in told.items() if status == 503)
     with capsys.disabled():
         print(
-            f"\nPostgreSQL {how}: {len(away)} of {len(paths)} addresses answered 503, the others "
-            f"without the database, none 500; all within {took_s:.0f} s; ready {ready_s:.1f} s "
-            f"after it was back; {len(numbers)} of {FEATURES} features in history"
+            f"\nPostgreSQL {how}: {len(away)} of {len(paths)} addresses answered 503, none "
+            f"500; all within {took_s:.0f} s; ready {ready_s:.1f} s after it was back; "
+            f"{len(numbers)} of {FEATURES} features in history"
         )

@@ -1,4 +1,4 @@
-"""The database of a running server is moved, deleted, or overwritten; spool and recorder too."""
+"""Files of running processes that are moved, deleted or overwritten."""
 
 import shutil
 import threading
@@ -127,9 +127,7 @@ def test_an_agent_whose_spool_is_taken_away_and_a_recorder_lose_nothing_that_is_
     house.router()
     house.twin()
     (house.home / "rec").mkdir()
-    house.start(
-        "recorder", "record", "--connect", house.endpoint, "--out", "rec/a.mcap"
-    )
+    house.start("recorder", "record", "--connect", house.endpoint, "--out", "rec/a.mcap")
     house.edge(EDGE)
     house.until(lambda: len(house.history("lab.beam")) > 100, "the first features")
     house.kill("twin")  # so that the spool holds what follows

@@ -1,6 +1,6 @@
 """Migration, backup, restore, adoption and composites killed by SIGKILL at each of their steps.
 
-A step is a statement of SQL, a page copied, or a call that renames, removes or syncs a file. The
+A step is a statement of SQL, or a call that copies, renames, removes or syncs a file. The
 process dies before it; afterwards the database is as before or as after, never in between.
 """
 
@@ -229,7 +229,9 @@ def test_a_killed_adoption_or_undoing_leaves_the_twin_before_or_after(
         if back:
             register(folder, {"nominal": {**NOMINAL, "frequency_hz": 3.1}}, "undone")
         else:
-            register(folder, {**ADOPTED, "nominal": {**NOMINAL, "frequency_hz": 3.1}}, "adopted")
+            register(
+                folder, {**ADOPTED, "nominal": {**NOMINAL, "frequency_hz": 3.1}}, "adopted"
+            )
 
     def look(folder):
         with contextlib.closing(SqliteStore(folder / "twin.sqlite")) as store:

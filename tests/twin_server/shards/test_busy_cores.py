@@ -52,10 +52,14 @@ def fleet(folder, endpoint, engine):
     """A fleet as it is started from the command line; gives its client."""
     port = free_port()
     command = [
-        sys.executable, "-m", "slowtime_cli", "twin", "--shards", str(COUNT), "--engine", engine,
-        "--port", str(port), "--connect", endpoint, "--database", str(folder / "twin.sqlite"),
+        sys.executable, "-m", "slowtime_cli", "twin", "--shards", str(COUNT),
+        "--engine", engine, "--port", str(port), "--connect", endpoint,
+        "--database", str(folder / "twin.sqlite"),
     ]  # fmt: skip
-    environment = {**os.environ, "SLOWTIME_TWIN_HEALING": '{"grace_s": 0.05, "max_backoff_s": 1}'}
+    environment = {
+        **os.environ,
+        "SLOWTIME_TWIN_HEALING": '{"grace_s": 0.05, "max_backoff_s": 1}',
+    }
     with (folder / "log").open("ab") as log:
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
