@@ -4,6 +4,7 @@ import contextlib
 import os
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -28,7 +29,7 @@ MIB = 1 << 20
 @pytest.fixture
 def volume(tmp_path):
     """Mount small volumes; skip where that is not allowed."""
-    mounted = []
+    mounted: list[Path] = []
 
     def mount(size=4 * MIB, inodes=200):
         where = tmp_path / f"volume-{len(mounted)}"
@@ -78,13 +79,15 @@ def test_a_ledger_goes_on_after_its_volume_was_full_and_proves_all_that_was_acce
     with contextlib.closing(SqliteStore(where / "twin.sqlite")) as store:
         pipeline = Pipeline(settings, store)
         pipeline.ingest(messages[:50])
-        assert pipeline.ledger_signer.sign(1) is not None
+        signer = pipeline.ledger_signer
+        assert signer is not None
+        assert signer.sign(1) is not None
         full(where)
         accepted, refused = 50, []
         for message in messages[50:]:
             try:
                 pipeline.ingest([message])
-                pipeline.ledger_signer.step()
+                signer.step()
             except StoreError as error:
                 refused.append(str(error))
             assert store.count("lab.beam") >= accepted
@@ -94,7 +97,7 @@ def test_a_ledger_goes_on_after_its_volume_was_full_and_proves_all_that_was_acce
         make_room(where)
         pipeline.ingest(messages)
         assert store.count("lab.beam") == 400
-        pipeline.ledger_signer.sign(2)
+        signer.sign(2)
     found = audit_file(where / "twin.sqlite", public=public)
     assert not found.wrong
     assert found.waiting == 0

@@ -121,6 +121,7 @@ def test_a_subscriber_that_is_stopped_delays_no_acknowledged_feature_for_long(
             [sys.executable, "-c", SUBSCRIBER, endpoint], stdout=subprocess.PIPE
         )
         try:
+            assert stopped.stdout is not None
             assert stopped.stdout.readline() == b"ready\n"
             stopped.send_signal(signal.SIGSTOP)
             beam = edge(of_edge)
@@ -133,8 +134,7 @@ def test_a_subscriber_that_is_stopped_delays_no_acknowledged_feature_for_long(
             took_s = time.monotonic() - begun - sent_s
         finally:
             stopped.kill()
-            stopped.wait()
-            stopped.stdout.close()
+            stopped.communicate()
             beam.close()
             pipeline.stop()
             store.close()
