@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from slowtime_services.operating_system import lock_file
 
-from .errors import WrongStoreError
+from .errors import StoreInUseError, WrongStoreError
 
 logger = logging.getLogger(__name__)
 
@@ -211,7 +211,7 @@ def take_lock(path: Path) -> int | None:
         lock_file(file, wait=False)
     except OSError as error:
         os.close(file)
-        raise WrongStoreError(
+        raise StoreInUseError(
             f"{path} is in use by another twin server. End that one, or give this one another "
             "--database."
         ) from error

@@ -12,8 +12,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+from .attempts import RowNote
 from .database_answers import AWAY_S, Away, Deadlines
-from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import (
     LACKING,
     VERSION,
@@ -98,6 +99,7 @@ class PostgresStore(SqlStore):
         self._closed = False
         self._writer: _Connection | None = None
         self._in_transaction = False
+        self.attempts = RowNote(self._writing)
         try:
             self._prepare(self._open_writer())
             if verify:
@@ -202,7 +204,7 @@ class PostgresStore(SqlStore):
                 time.sleep(0.05)
             if not mine:
                 writer.raw.close()
-                raise WrongStoreError(
+                raise StoreInUseError(
                     f"{self.name} is in use by another twin server. End that one, or give this "
                     "one another --database."
                 )

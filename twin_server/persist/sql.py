@@ -1,6 +1,5 @@
 """The store in the SQL that SQLite and PostgreSQL share, without their connections."""
 
-import abc
 import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,7 +19,8 @@ from twin_server.persist.tables.rows import (
 )
 
 from .history_hashes import HistoryHashes
-from .history_queries import select_history, select_thinned
+from .history_queries import select_boots, select_history, select_neighbours, select_thinned
+from .quarantine import QuarantineTable
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
     asset_events as asset_events_table,
@@ -40,6 +40,9 @@ from .tables import (
 from .tables import (
     ledger as ledger_table,
 )
+from .tables import (
+    quarantine as quarantine_table,
+)
 from .tables.checksums import (
     EVENTS,
     FEATURES,
@@ -50,6 +53,7 @@ from .tables.checksums import (
     seal,
 )
 from .tables.composites import CompositeRow
+from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
 from .tables.diagnoses import DiagnosisRow
 from .tables.digests import HashedRow, RollingHash
@@ -64,20 +68,12 @@ _ROWS_AT_ONCE = 1_000
 """Rows of a history that are rewritten by one statement."""
 
 
-class SqlStore(abc.ABC):
+class SqlStore(QuarantineTable):
     """All of a store but its connections."""
 
     def __init__(self) -> None:
         self._hashes = HistoryHashes()
         self._ends = ledger_table.ChainEnds()
-
-    @abc.abstractmethod
-    def _writing(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold the writer in a transaction; within another one, a part of that."""
-
-    @abc.abstractmethod
-    def _reading(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold a connection that sees one snapshot of the database."""
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""
@@ -95,6 +91,12 @@ class SqlStore(abc.ABC):
             kept = last_number(reader, "run") or 1
         runs = [RunRow(*row[:11])._replace(closed=bool(row[9])) for row in rows]
         return runs, max(kept, runs[-1].number + 1 if runs else 1)
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
+        site, _, asset = twin_id.partition(".")
+        rows = self._all(RUNS, "where site = ? and asset = ? and boot = ?", (site, asset, boot))
+        return int(rows[0][0]) if rows else None
 
     def held(self) -> list[tuple[int, int, bytes]]:
         """Boot number, sequence and bytes of all features kept until their turn."""
@@ -132,6 +134,7 @@ class SqlStore(abc.ABC):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
+        quarantine_table.add(writer, cut.aside)
         deliveries_table.insert(writer, cut.deliveries)
         deliveries_table.settle(writer, cut.settled)
         deliveries_table.acknowledge(writer, cut.acknowledgements)
@@ -150,6 +153,12 @@ class SqlStore(abc.ABC):
                     where = "where id between ? and ?"
                     asked = (max(span.first, floor), span.last)
                     rows += select(reader, FEATURES, where, asked, limit - len(rows))
+        return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
+
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        asked = (number << SHIFT | first, number << SHIFT | last)
+        rows = self._all(FEATURES, "where id between ? and ?", asked)
         return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
 
     def rewrite(
@@ -198,7 +207,7 @@ class SqlStore(abc.ABC):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
-                "fatigue",
+                "fatigue", "quarantine",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             note_number(writer, "run", following)
@@ -244,6 +253,16 @@ class SqlStore(abc.ABC):
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
 
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        with self._reading() as reader:
+            return select_boots(reader, twin_id)
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        with self._reading() as reader:
+            return select_neighbours(reader, number, t_ns)
+
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""
         question = "select count(*) from features where id between ? and ?"
@@ -284,21 +303,24 @@ class SqlStore(abc.ABC):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
-        whose, parameters = ("twin = ? and", (twin_id,)) if twin_id else ("", ())
+        """Events of one twin in order, or of all twins, one behind the other."""
         with self._reading() as reader:
-            rows = select(
-                reader, EVENTS, f"where {whose} number > ?", (*parameters, after), limit, newest
-            )
-        found = [EventRow(row[0], *row[2:])._replace(derived=bool(row[6])) for row in rows]
+            if twin_id is None:
+                rows = select(reader, EVENTS, limit=limit, newest=newest)
+            else:
+                asked = twin_id, key_after(reader, EVENTS, twin_id, after)
+                rows = select(
+                    reader, EVENTS, "where twin = ? and number > ?", asked, limit, newest
+                )
+        found = [
+            EventRow(count_of(row[0]), *row[2:])._replace(derived=bool(row[6])) for row in rows
+        ]
         return found[::-1] if newest else found
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
         """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
         with self._writing() as writer:
-            number = (last_number(writer, "diagnosis") or 0) + 1
-            note_number(writer, "diagnosis", number)
-            diagnoses_table.insert(writer, row._replace(number=number))
+            number = diagnoses_table.insert(writer, row)
             diagnoses_table.forget(writer, row.twin, kept)
             return number
 
@@ -310,19 +332,19 @@ class SqlStore(abc.ABC):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Read diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Read diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         with self._reading() as reader:
             return diagnoses_table.select(reader, twin_id, number)
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """Read the page of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.page_of(reader, number)
+            return diagnoses_table.page_of(reader, twin_id, number)
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.model_of(reader, number)
+            return diagnoses_table.model_of(reader, twin_id, number)
 
     def deliveries(
         self,

@@ -16,6 +16,7 @@ from typing import Literal
 from slowtime_services.ledger import Head
 from slowtime_services.operating_system import same_file
 
+from .attempts import FileNote, note_of
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .ground import Fault, Ground, Kind, lock_of, rescue, take_lock
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
@@ -67,6 +68,7 @@ class SqliteStore(SqlStore):
         super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._attempts = FileNote(note_of(self.path))
         self._lock = threading.RLock()
         # Of its own: whoever reads does not wait for whoever writes.
         self._idle_lock = threading.Lock()
@@ -113,6 +115,11 @@ class SqliteStore(SqlStore):
             raise _damaged(self.path, "; ".join(found[:5]))
         self._hashes.adopt(hashes)
 
+    @property
+    def attempts(self) -> FileNote:
+        """Note of what the server is about to do."""
+        return self._attempts
+
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
         with self._lock:
@@ -130,6 +137,7 @@ class SqliteStore(SqlStore):
             if self._ground is not None:
                 self._ground.close()
                 self._ground = None
+            self._attempts.close()
             if self._guard is not None:
                 os.close(self._guard)
                 self._guard = None

@@ -137,7 +137,7 @@ class ShardActor:
         from twin_server.__main__ import run
 
         try:
-            self._code = run(own, stop=self._stop, ready=self._answers)
+            self._code = run(own, stop=self._stop, ready=self._answers, owned=True)
         except Exception:
             logger.exception("The shard has failed.")
             self._code = 1
