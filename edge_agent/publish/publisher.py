@@ -48,7 +48,8 @@ from slowtime_services.tracing import Made, Traces
 from .digests import DigestCheck
 from .fatigue_store import FatigueStore
 from .ring import Ring
-from .spool import Spool, SpoolError
+from .segment_files import SpoolError
+from .spool import Spool
 
 logger = logging.getLogger(__name__)
 
