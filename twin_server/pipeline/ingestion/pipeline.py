@@ -64,6 +64,7 @@ from .estimation import (
     reestimate,
     registration_event,
 )
+from .failure_log import FailureLog
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
 from .repeated_windows import WindowNotices
@@ -147,6 +148,7 @@ class Pipeline:
         )
         self.failing, self.stalled = "", ""
         self._failing_since_s: float | None = None
+        self._failure_log = FailureLog()
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
@@ -486,6 +488,8 @@ class Pipeline:
         """Go on whatever happens."""
         try:
             function()
+        except StoreError as error:
+            self._failure_log.say(str(error))
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
@@ -504,6 +508,7 @@ class Pipeline:
             self.setting_aside.budget.run(lambda: function(change), messages)
             self._conclude(change)
             self.failing = ""
+            self._failure_log.clear()
         except Exception as error:
             self.counts["failed_batches"] += 1
             self.failing = f"{type(error).__name__}: {error}"
