@@ -29,9 +29,7 @@ POISON = 7
 
 def messages(count: int, asset: str, first: int = 0) -> list[Any]:
     """Features of an asset, from a sequence on."""
-    return [
-        _features(n, asset=asset, frequency_hz=3.0 - 1e-4 * n) for n in range(first, count)
-    ]
+    return [_features(n, asset=asset, frequency_hz=3.0 - 1e-4 * n) for n in range(first, count)]
 
 
 class Servers:
@@ -110,9 +108,7 @@ def test_a_step_over_its_budget_is_set_aside_and_the_leader_stays(house, edges):
 
 
 @pytest.mark.parametrize("how", ["hold", "wait"])
-def test_a_step_that_never_returns_ends_the_process_and_a_standby_leads(
-    house, edges, how
-):
+def test_a_step_that_never_returns_ends_the_process_and_a_standby_leads(house, edges, how):
     (good, bad), acknowledged = edges
     servers = Servers(house, how)
     standby_port = free_port()

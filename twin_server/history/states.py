@@ -98,8 +98,8 @@ _OURS = {
         "Register the twin again with a longer `covariates.train_span`."
     ),
     SET_ASIDE: (
-        "The estimation of this epoch exceeded its budget of work or failed, and its message was "
-        "set aside. Look at it with `slowtime quarantine`, and release or drop it."
+        "The estimation of this epoch exceeded its budget of work or failed, and its message "
+        "was set aside. Look at it with `slowtime quarantine`, and release or drop it."
     ),
 }
 

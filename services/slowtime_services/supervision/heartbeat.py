@@ -1,7 +1,8 @@
 """Signs of life of this process, to a watcher of its own and to systemd.
 
 The watcher is a process (`watcher.py`), because nothing within a process can end it while one
-call holds the interpreter's lock; how it was chosen is written in decision 0049.
+call holds the interpreter's lock. The decision on progress and budgets of work says how it was
+chosen.
 """
 
 import contextlib

@@ -145,10 +145,10 @@ def reestimate(
                 last = (row.number, row.sequence)
             batch = Batch([twin], features, [0] * len(rows), missing)
             found, failed = estimating(batch, [row.message for row in rows])
-            for row, why in failed.items():
+            for place, why in failed.items():
                 if why != ASIDE_BEFORE:
                     raise NotEstimatedError(
-                        f"Features {features[row].sequence} of boot {features[row].boot} of "
+                        f"Features {rows[place].sequence} of boot {features[place].boot} of "
                         f"{'.'.join(key)} cannot be estimated like this: {why}. Nothing was "
                         "changed. Look at the log, or change the registration."
                     )

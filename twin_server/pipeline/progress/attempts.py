@@ -118,18 +118,14 @@ class Attempts:
         self._write(self._current)
 
     def _write(self, current: Iterable[bytes]) -> None:
-        entries = [
-            _ENTRY.pack(digest, self._suspected.get(digest, 0), 1) for digest in current
-        ]
+        entries = [_ENTRY.pack(digest, self._suspected.get(digest, 0), 1) for digest in current]
         entries += [
             _ENTRY.pack(digest, level, 0)
             for digest, level in self._suspected.items()
             if digest not in self._current
         ]
         with self._lock:
-            self._note.write(
-                _HEADER.pack(_UNMARKED, _MAGIC, len(entries)) + b"".join(entries)
-            )
+            self._note.write(_HEADER.pack(_UNMARKED, _MAGIC, len(entries)) + b"".join(entries))
 
     def _load(self) -> None:
         """Read the last note; what was being worked then becomes more suspect."""

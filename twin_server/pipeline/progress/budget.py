@@ -4,7 +4,7 @@ A step runs in the thread of the pipeline. Another thread reads the processor ti
 used, and raises an exception in it beyond the budget (`PyThreadState_SetAsyncExc`). Processor
 time, not time by the clock: a busy computer makes no message guilty. Only arithmetic is run
 like this, which holds no lock and no transaction; what else a message leads to is watched
-(`monitor`), and not interrupted. Decision 0049 says why.
+(`monitor`), and not interrupted. The decision on progress and budgets of work says why.
 """
 
 import ctypes
@@ -113,9 +113,7 @@ class WorkBudget:
             self._step = None
             self._some.clear()
             if running.why:  # it may not have come yet, and must not come later
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                    ctypes.c_ulong(running.thread), None
-                )
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(running.thread), None)
 
     def _look(self) -> None:
         raised_s = 0.0

@@ -90,9 +90,7 @@ class _Rows:
         """Return all estimates."""
         some = any(detail is not None for detail in self.details)
         checkpoints = [twin.checkpoint for twin in self.twins]
-        return Estimated(
-            self.states, checkpoints, self.notices, self.details if some else ()
-        )
+        return Estimated(self.states, checkpoints, self.notices, self.details if some else ())
 
 
 def estimate_apart(
@@ -101,7 +99,7 @@ def estimate_apart(
     *,
     aside: Collection[int] = (),
     alone: Collection[int] = (),
-    noted: Noting = contextlib.nullcontext,
+    noted: Noting = lambda _row: contextlib.nullcontext(),
     advance: Callable[[], None] = lambda: None,
 ) -> Isolated:
     """Estimate the states of twins, as `estimate` does, without the rows that fail.

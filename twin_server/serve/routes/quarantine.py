@@ -109,13 +109,11 @@ def routes(
         await threads.run(lambda: quarantine_service.release(twin_id, number, who))
         return Response(status_code=204)
 
-    @api.delete(
-        "/twins/{twin_id}/quarantine/{number}", status_code=204, responses=_PROBLEMS
-    )
+    @api.delete("/twins/{twin_id}/quarantine/{number}", status_code=204, responses=_PROBLEMS)
     async def drop(
         request: Request, twin_id: TwinId, number: Number, registration: Known
     ) -> Response:
-        """Delete a message that was set aside; its place in the history stays without an estimate."""
+        """Delete a message; its place in the history stays without an estimate."""
         who = principal_of(request.scope).name
         await threads.run(lambda: quarantine_service.drop(twin_id, number, who))
         return Response(status_code=204)
