@@ -52,6 +52,10 @@ VERBS = {
         "twins.alarms:alarms",
         "Send a test alarm of a twin, and show deliveries of alarms.",
     ),
+    "quarantine": Verb(
+        "twins.quarantine:quarantine",
+        "List, release and drop messages that the server set aside.",
+    ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."
     ),

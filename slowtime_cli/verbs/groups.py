@@ -18,7 +18,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evolve", "forecast", "separate", "whatif", "risk", "plan",
     ),
     "Operate": (
-        "doctor", "status", "alarms", "keys", "tokens", "check", "ledger", "backup", "restore",
+        "doctor", "status", "alarms", "quarantine", "keys", "tokens", "check", "ledger", "backup", "restore",
         "plugins", "completion",
     ),
     "Data": (
