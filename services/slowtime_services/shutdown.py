@@ -1,4 +1,4 @@
-"""Shutdown of a process: Ctrl-C and SIGTERM set an event; what outlasts their grace is ended."""
+"""Shutdown of a process: Ctrl-C and SIGTERM set an event; what outlasts it is ended."""
 
 import contextlib
 import faulthandler

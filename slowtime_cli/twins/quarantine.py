@@ -17,7 +17,11 @@ def list_aside(twin: str, server: str) -> None:
     columns = ("number", "boot", "sequence", "since", "in_history", "why")
     plain = [
         {name: one[name] for name in columns if name != "since"}
-        | {"since": datetime.datetime.fromtimestamp(one["set_ns"] / 1e9, datetime.UTC).isoformat()}
+        | {
+            "since": datetime.datetime.fromtimestamp(
+                one["set_ns"] / 1e9, datetime.UTC
+            ).isoformat()
+        }
         for one in found
     ]
     rows = [[str(one[name]) for name in columns] for one in plain]

@@ -154,7 +154,7 @@ class SettingAside:
         return rows, events
 
     def failed(self, arrival: Arrival, error: Exception, now_ns: int) -> EventRow | None:
-        """Set features aside that cannot be given a place; return their event, if there is room."""
+        """Set features aside that cannot be given a place; return their event, if any."""
         features = arrival.features
         twin_id = features.twin_id
         if not self.quarantine.has_room(twin_id, len(arrival.payload)):
