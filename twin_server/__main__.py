@@ -19,9 +19,11 @@ from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.shutdown import ended_by_signals
 from slowtime_services.supervision import BEAT_S, Heartbeat, Watch, notify
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
+from twin_server.fairness import Holdings, Processors, usable_processors
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import (
     Store,
+    StoreError,
     StoreInUseError,
     WrongStoreError,
     note_path,
@@ -56,6 +58,7 @@ from twin_server.serve.access import (
     guarded,
 )
 from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.http.problems import install_unavailable
 from twin_server.serve.request_traces import Traced
 from twin_server.serve.shard_interface import ShardDoor, create_shard_interface
 from twin_server.settings import TwinSettings
@@ -204,32 +207,46 @@ def _serve(
     notifier = Notifier(settings.alarms, alarms, senders, clock or SystemClock())
     pipeline.listen(NotifierTrigger(notifier.wake))
     allow_files(limits.max_connections + OTHER_FILES)
-    workers = WorkerProcesses(limits.workers, limits.work_timeout_s)
+    # The shards of a machine share its processors, as they do the workers.
+    processors = Processors(max(1, usable_processors() // settings.shards.count))
+    workers = WorkerProcesses(
+        limits.workers + limits.spare_workers, limits.work_timeout_s, processors
+    )
     workers.warm()
-    queue = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
+    queue = ComputeQueue(
+        limits.workers, limits.max_waiting, limits.max_waiting_of_one, limits.spare_workers,
+        processors.usage,
+    )  # fmt: skip
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
-    orders = Diagnoses(
-        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
-    )
-    compositions = CompositeRegistry(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
         lambda twin_id: pipeline.twin(twin_id) is not None,
         bus,
+        processors,
     )
+    orders = Diagnoses(
+        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock,
+        recordings=recordings.folder, processors=processors,
+    )  # fmt: skip
+    holdings = Holdings()
+    for quota in (recordings.uploads.quota, recordings.replays, orders.quota):
+        holdings.add(quota)
+    compositions = CompositeRegistry(pipeline, store, clock)
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
         composite_service=compositions,
-        events=AssetEvents(pipeline, store, clock),
+        events=AssetEvents(pipeline, store, clock), holdings=holdings,
         quarantine_service=QuarantineDesk(pipeline, store, clock),
     )  # fmt: skip
+    install_unavailable(app, StoreError, WrongStoreError)
     door_of: ASGIApp = guard.around(app)
     if settings.shards.key:
         interface = create_shard_interface(knowledge, compositions, queue)
+        install_unavailable(interface, StoreError, WrongStoreError)
         door_of = ShardDoor(door_of, interface, settings.shards.key)
     connections = Connections(limits_of(settings))
     config = http_config(Traced(door_of, traces) if traces else door_of, settings, connections)

@@ -19,7 +19,7 @@ from twin_server.persist.tables.rows import (
 )
 
 from .history_hashes import HistoryHashes
-from .history_queries import select_history, select_thinned
+from .history_queries import select_boots, select_history, select_neighbours, select_thinned
 from .quarantine import QuarantineTable
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
@@ -53,6 +53,7 @@ from .tables.checksums import (
     seal,
 )
 from .tables.composites import CompositeRow
+from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
 from .tables.diagnoses import DiagnosisRow
 from .tables.digests import HashedRow, RollingHash
@@ -90,6 +91,12 @@ class SqlStore(QuarantineTable):
             kept = last_number(reader, "run") or 1
         runs = [RunRow(*row[:11])._replace(closed=bool(row[9])) for row in rows]
         return runs, max(kept, runs[-1].number + 1 if runs else 1)
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
+        site, _, asset = twin_id.partition(".")
+        rows = self._all(RUNS, "where site = ? and asset = ? and boot = ?", (site, asset, boot))
+        return int(rows[0][0]) if rows else None
 
     def held(self) -> list[tuple[int, int, bytes]]:
         """Boot number, sequence and bytes of all features kept until their turn."""
@@ -146,6 +153,12 @@ class SqlStore(QuarantineTable):
                     where = "where id between ? and ?"
                     asked = (max(span.first, floor), span.last)
                     rows += select(reader, FEATURES, where, asked, limit - len(rows))
+        return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
+
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        asked = (number << SHIFT | first, number << SHIFT | last)
+        rows = self._all(FEATURES, "where id between ? and ?", asked)
         return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
 
     def rewrite(
@@ -240,6 +253,16 @@ class SqlStore(QuarantineTable):
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
 
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        with self._reading() as reader:
+            return select_boots(reader, twin_id)
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        with self._reading() as reader:
+            return select_neighbours(reader, number, t_ns)
+
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""
         question = "select count(*) from features where id between ? and ?"
@@ -280,21 +303,24 @@ class SqlStore(QuarantineTable):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
-        whose, parameters = ("twin = ? and", (twin_id,)) if twin_id else ("", ())
+        """Events of one twin in order, or of all twins, one behind the other."""
         with self._reading() as reader:
-            rows = select(
-                reader, EVENTS, f"where {whose} number > ?", (*parameters, after), limit, newest
-            )
-        found = [EventRow(row[0], *row[2:])._replace(derived=bool(row[6])) for row in rows]
+            if twin_id is None:
+                rows = select(reader, EVENTS, limit=limit, newest=newest)
+            else:
+                asked = twin_id, key_after(reader, EVENTS, twin_id, after)
+                rows = select(
+                    reader, EVENTS, "where twin = ? and number > ?", asked, limit, newest
+                )
+        found = [
+            EventRow(count_of(row[0]), *row[2:])._replace(derived=bool(row[6])) for row in rows
+        ]
         return found[::-1] if newest else found
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
         """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
         with self._writing() as writer:
-            number = (last_number(writer, "diagnosis") or 0) + 1
-            note_number(writer, "diagnosis", number)
-            diagnoses_table.insert(writer, row._replace(number=number))
+            number = diagnoses_table.insert(writer, row)
             diagnoses_table.forget(writer, row.twin, kept)
             return number
 
@@ -306,19 +332,19 @@ class SqlStore(QuarantineTable):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Read diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Read diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         with self._reading() as reader:
             return diagnoses_table.select(reader, twin_id, number)
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """Read the page of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.page_of(reader, number)
+            return diagnoses_table.page_of(reader, twin_id, number)
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.model_of(reader, number)
+            return diagnoses_table.model_of(reader, twin_id, number)
 
     def deliveries(
         self,

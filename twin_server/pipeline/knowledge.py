@@ -10,6 +10,7 @@ from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
 from twin_server.estimate.elements import spatial_scene
+from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
@@ -63,9 +64,9 @@ class TwinKnowledge:
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulations(store, self._workers, effects)
 
-    def ids(self) -> list[str]:
-        """All twins, in the order of their registration."""
-        return [twin.id for twin in self._store.twins()]
+    def ids(self, principal: Principal) -> list[str]:
+        """Twins that a principal may see, in the order of their registration."""
+        return principal.seen(twin.id for twin in self._store.twins())
 
     def registration(self, twin_id: str) -> Registration | None:
         """Return the registration of a twin; None where there is none."""
@@ -142,6 +143,10 @@ class TwinKnowledge:
         """States behind the one of `key`."""
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot in the keys of `since`; None where the twin has none."""
+        return self._store.boot_number(twin_id, boot)
 
     def outlook(
         self,

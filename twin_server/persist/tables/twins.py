@@ -1,13 +1,15 @@
 """Twins, the accounts of their boots, and events: how they are written."""
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from .checksums import EVENTS, RUNS, TWINS
+from .counted import count_of, next_keys
 from .levels import GrownBoot
 from .rows import EventRow, FeatureRow, RunRow, TwinRow
-from .statements import Connection, insert, last_number, note_number, rows_by_key, upsert
+from .statements import Connection, insert, rows_by_key, upsert
 
 
 class WrittenBoot(NamedTuple):
@@ -74,27 +76,20 @@ def _rise(times: Sequence[float]) -> bool:
 
 
 def insert_events(writer: Connection, events: Sequence[EventRow]) -> list[int]:
-    """Keep events under the next numbers, and give these."""
+    """Keep events under the next numbers of their twins, and give these."""
     if not events:
         return []
-    first = (last_number(writer, "event") or 0) + 1
-    numbers = list(range(first, first + len(events)))
-    note_number(writer, "event", numbers[-1])
+    twins = [f"{event.site}.{event.asset}" for event in events]
+    following = {
+        twin: iter(keys) for twin, keys in next_keys(writer, EVENTS, Counter(twins)).items()
+    }
+    keys = [next(following[twin]) for twin in twins]
     insert(
         writer,
         EVENTS,
         (
-            (
-                n,
-                f"{e.site}.{e.asset}",
-                e.site,
-                e.asset,
-                e.t_ns,
-                e.slow_time,
-                int(e.derived),
-                e.body,
-            )
-            for n, e in zip(numbers, events, strict=True)
+            (key, twin, e.site, e.asset, e.t_ns, e.slow_time, int(e.derived), e.body)
+            for key, twin, e in zip(keys, twins, events, strict=True)
         ),
     )
-    return numbers
+    return [count_of(key) for key in keys]

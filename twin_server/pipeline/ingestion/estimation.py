@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
 from twin_server.estimate import Checkpoint, Estimated, Twin
-from twin_server.history.states import blank
+from twin_server.history.states import blank, covered_share, from_bytes
 from twin_server.persist import (
     DetailRow,
     EventRow,
@@ -88,6 +88,7 @@ def estimate_next(
         [o.features for o in ordered],
         owners,
         [o.missing_before for o in ordered],
+        [o.covered for o in ordered],
     )
     found, failed = estimating(batch, [o.payload for o in ordered])
     for key, checkpoint, notices in zip(keys, found.checkpoints, found.notices, strict=True):
@@ -138,17 +139,22 @@ def reestimate(
         last = (0, -1)
         while rows := store.messages(".".join(key), last, REESTIMATE_BATCH):
             features = [decoded(row.message) for row in rows]
-            missing = []
-            for row in rows:
-                before = last[1] if row.number == last[0] else -1
-                missing.append(row.sequence - before - 1)
-                last = (row.number, row.sequence)
-            batch = Batch([twin], features, [0] * len(rows), missing)
+            last = (rows[-1].number, rows[-1].sequence)
+            # What was missing, and what had been measured before, was found when they came.
+            kept = from_bytes(row.state for row in rows)
+            batch = Batch(
+                [twin],
+                features,
+                [0] * len(rows),
+                kept["missing_before"].tolist(),
+                covered_share(kept).tolist(),
+            )
             found, failed = estimating(batch, [row.message for row in rows])
             for place, why in failed.items():
                 if why != ASIDE_BEFORE:
+                    one = features[place]
                     raise NotEstimatedError(
-                        f"Features {rows[place].sequence} of boot {features[place].boot} of "
+                        f"Features {one.sequence} of boot {one.boot} of "
                         f"{'.'.join(key)} cannot be estimated like this: {why}. Nothing was "
                         "changed. Look at the log, or change the registration."
                     )

@@ -53,8 +53,9 @@ from twin_server.pipeline.progress import Phase
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
-from .accepted import acknowledged_range, contest_repeated
+from .accepted import RangeProver, contest_repeated
 from .assessed import AssessedMessages
+from .asset_limit import AssetLimit
 from .estimation import (
     EMPTY_ESTIMATE,
     estimate_next,
@@ -65,11 +66,14 @@ from .estimation import (
 )
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
+from .repeated_windows import WindowNotices
 from .routing import Routing
 from .rows import (
     address,
     asset_event_row,
     decoded,
+    doubted_event,
+    limit_event,
     lost_event,
     old_event,
     rivals_event,
@@ -83,6 +87,7 @@ from .rows import (
 from .set_aside import QuarantineFullError, SettingAside
 from .state_publisher import ACK_EVERY_S, StatePublisher
 from .updates import UpdateListener
+from .window_coverage import WindowCoverage
 
 logger = logging.getLogger(__name__)
 
@@ -138,13 +143,14 @@ class Pipeline:
             self.counts,
             settings.pipeline.states_per_batch,
             self._election,
-            functools.partial(acknowledged_range, store),
+            RangeProver(store).range_of,
         )
         self.failing, self.stalled = "", ""
         self._failing_since_s: float | None = None
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
+        self._limit = AssetLimit(settings.admission.max_assets_of_site, self.refusals)
         self._stale, self._hurried = True, False
         self._heard: dict[tuple[str, str], int] = {}
         self._assessed = AssessedMessages(store)
@@ -291,7 +297,7 @@ class Pipeline:
     ) -> None:
         """Store an event with its dependent rows, and publish it."""
         self.call(
-            lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
+            lambda: self._keep([event], deliveries, settled, acknowledgements, asset_events)
         )
 
     def record(self, told: AssetEvent) -> AssetEventRow:
@@ -355,6 +361,8 @@ class Pipeline:
             "edges_alive": len(account.alive),
             "holes": account.holes,
             "held": account.held,
+            "held_bytes": account.held_bytes,
+            "boots": account.boots,
             "inbox": self.waiting,
             "aside": self.setting_aside.quarantine.gauge(),
         }
@@ -391,7 +399,11 @@ class Pipeline:
     def _see(self, key: str, alive: bool) -> None:
         """Note that an edge appears or disappears."""
         if (of := address_of(key)) is not None and alive_key(*of) == key:
-            self._later(lambda: self._account.watch(*of, alive=alive))
+            self._later(lambda: self._watch(of, alive))
+
+    def _watch(self, of: tuple[str, str], alive: bool) -> None:
+        if not alive or self._limit.admits(of, self._account, self._twins):
+            self._account.watch(*of, alive=alive)
 
     def _run(self) -> None:
         try:
@@ -420,6 +432,8 @@ class Pipeline:
                 while self._calls:
                     with self._progress.doing(Phase.STORE):
                         self._guarded(self._calls.popleft())
+                if not self._account.corrections.is_empty:
+                    self._guarded(self._keep_corrections)
                 if samples:
                     self._next_s = time.monotonic() + self.settings.pipeline.gather_s
                     self._guarded(functools.partial(self._take, samples))
@@ -518,13 +532,35 @@ class Pipeline:
             account.watch(*address(twin_id), alive=True)
         self._publisher.forget_owed()
         self._account, self._twins = account, twins
+        self._coverage = WindowCoverage(self.store)
+        self._window_notices = WindowNotices(self.store, self.refusals)
         self._units = {row.number: row.slow_time_unit for row in rows}
         self._stale = False
+
+    def _keep_corrections(self) -> None:
+        """Store and report what was corrected of the restored account."""
+        found, self._account.corrections = self._account.corrections, Change()
+        for one in found.doubted:
+            logger.warning(
+                "The account of %s was corrected: it had sequence %d, and %d is expected. Its "
+                "readings are taken in from there on, and nothing is counted as lost.",
+                one.run,
+                one.stated,
+                one.expected,
+            )
+
+        def keep(change: Change) -> None:
+            change.doubted += found.doubted
+            change.released += found.released
+            change.touched.update(found.touched)
+
+        self._durably(keep)
 
     def _new_account(self) -> Account:
         return Account(
             self.settings.healing,
             max_jump=self.settings.admission.max_jump,
+            max_boots=self.settings.admission.max_boots,
             alone=self._bus is None,
         )
 
@@ -575,6 +611,12 @@ class Pipeline:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
+        else:
+            messages = [a.features for a in arrivals]
+            allowed = self._limit.allowed(messages, self._account, self._twins)
+            arrivals = [
+                a for a, is_allowed in zip(arrivals, allowed, strict=True) if is_allowed
+            ]
         now_ns = self._clock.now_ns()
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(self.setting_aside.admitted(arrivals))
@@ -588,6 +630,10 @@ class Pipeline:
         healths = received.healths
         if not self.settings.auto_register:
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        else:
+            messages = [health for health, _ in healths]
+            allowed = self._limit.allowed(messages, self._account, self._twins)
+            healths = [h for h, is_allowed in zip(healths, allowed, strict=True) if is_allowed]
         if not healths:
             return
         live = [health for health, replayed in healths if not replayed]
@@ -601,19 +647,19 @@ class Pipeline:
         return self._assessed.virtual(address(twin_id))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
-        """Make events of live sensors; for registered twins only."""
-        now_s = time.monotonic()
-        for health in healths:
-            site, asset = health.site, health.asset
-            if (site, asset) not in self._twins:
-                continue
-            try:
-                for notice in self._sensors.hear([health], now_s):
-                    _, _, kind, severity, message, details = notice
-                    self._note(f"{site}.{asset}", kind, severity, message, details)
-            except StoreError:
-                self._sensors.forget(site, asset)  # and tell it once it can be kept
-                raise
+        """Make events of live sensors, all in one transaction; for registered twins only."""
+        theirs = [health for health in healths if (health.site, health.asset) in self._twins]
+        try:
+            notices = self._sensors.hear(theirs, time.monotonic())
+            now_ns = self._clock.now_ns()
+            events = [note_event(*notice, now_ns) for notice in notices]
+            if events:
+                deliveries = self.routing.deliveries(events, self._twins, now_ns)
+                self._keep(events, deliveries)
+        except StoreError:
+            for health in theirs:
+                self._sensors.forget(health.site, health.asset)  # told once it can be kept
+            raise
 
     def _told_of_sensor(self, site: str, asset: str) -> Iterator[dict[str, Any]]:
         """Return stored sensor events of a twin, the newest first."""
@@ -638,7 +684,7 @@ class Pipeline:
             logger.exception("Features could not be processed.")
             features = arrivals[0].features
             if event := self.setting_aside.failed(arrivals[0], error, self._clock.now_ns()):
-                self._keep(event)
+                self._keep([event])
             self.refusals.refuse(
                 "failed",
                 f"{features.twin_id}: sequence {features.sequence} made the server fail: "
@@ -660,9 +706,7 @@ class Pipeline:
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
-        if not (
-            change.ordered or change.touched or change.lost or change.held or change.rivals
-        ):
+        if change.is_empty:
             return
         cut = WriteBatch(held=rows_of_held(change), released=rows_of_released(change))
         # Not a copy of all: a batch concerns a few twins of a hundred thousand.
@@ -670,6 +714,9 @@ class Pipeline:
         twins = collections.ChainMap(changed, self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
+        windows = self._coverage.sort(change.ordered)
+        change.ordered = windows.new
+        cut.events += self._window_notices.of(windows)
         aside, now_ns = self.setting_aside, self._clock.now_ns()
         with aside.attempts.noted_too(o.payload for o in change.ordered):
             fresh = estimate_next(
@@ -685,6 +732,8 @@ class Pipeline:
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.events += [old_event(aged) for aged in change.aged]
         cut.events += [rivals_event(rivals) for rivals in change.rivals]
+        cut.events += [doubted_event(doubted) for doubted in change.doubted]
+        cut.events += [limit_event(one, self._clock.now_ns()) for one in change.limits]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
             for run in change.touched
@@ -705,6 +754,7 @@ class Pipeline:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
+        self.counts["overlapping"] += sum(one.covered > 0.0 for one in change.ordered)
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
@@ -765,27 +815,28 @@ class Pipeline:
             return
         now_ns = self._clock.now_ns()
         event = note_event(*key, kind, severity, message, details, now_ns)
-        self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
+        self._keep([event], self.routing.deliveries([event], self._twins, now_ns))
 
     def _keep(
         self,
-        event: EventRow,
+        events: Sequence[EventRow],
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
-        """Store an event with its dependent rows, and publish it."""
+        """Store events with their dependent rows, and publish them."""
         cut = WriteBatch(
-            events=[event],
+            events=list(events),
             deliveries=list(deliveries),
             settled=list(settled),
             acknowledgements=list(acknowledgements),
             asset_events=list(asset_events),
         )
         numbers = self.store.write(cut)
-        self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
-        self._publisher.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
+        for event in events:
+            self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
+        self._publisher.tell((), EMPTY_ESTIMATE, self._units, events, numbers)
         for row in asset_events:
             key = ASSET_EVENT.key(*address(row.twin))
             self._publisher.say(key, row.body.encode(), ASSET_EVENT.encoding)
@@ -793,7 +844,7 @@ class Pipeline:
     def _record(self, told: AssetEvent) -> AssetEventRow:
         row, event = asset_event_row(told), told_event(told)
         deliveries = self.routing.deliveries([event], self._twins, row.t_ns)
-        self._keep(event, deliveries, asset_events=[row])
+        self._keep([event], deliveries, asset_events=[row])
         return row
 
     def _take_told(self, told: AssetEvent) -> None:
@@ -858,7 +909,9 @@ class Pipeline:
         self._heard.pop(key, None)
         self._assessed.forget(key)
         self._sensors.forget(*key)
-        self._account.forget(*key)
+        for number in self._account.forget(*key):
+            self._units.pop(number, None)
+        self.routing.forget(key)
         self.setting_aside.quarantine.load()
         self._publisher.reset(twin_id)
         return existed

@@ -40,6 +40,7 @@ class Batch(NamedTuple):
     features: Sequence[Features]
     owners: Sequence[int]
     missing_before: Sequence[int]
+    covered: Sequence[float]
 
 
 Noting = Callable[[int], contextlib.AbstractContextManager[None]]
@@ -49,7 +50,7 @@ class _Rows:
     """Features of a batch, and what is found of them."""
 
     def __init__(self, batch: Batch) -> None:
-        twins, features, self.owners, self.missing = batch
+        twins, features, self.owners, self.missing, self.covered = batch
         self.twins, self.features = list(twins), features
         self.states = st.blank(len(features))
         self.notices: list[list[Notice]] = [[] for _ in twins]
@@ -66,6 +67,7 @@ class _Rows:
                 [self.features[row] for row in rows],
                 [among[self.owners[row]] for row in rows],
                 [self.missing[row] for row in rows],
+                [self.covered[row] for row in rows],
             ),
             len(rows),
         )
@@ -84,6 +86,7 @@ class _Rows:
         state["sequence"], state["t_ns"] = features.sequence, features.t_ns
         state["slow_time"], state["missing_before"] = features.slow_time, self.missing[row]
         state["reasons"] = st.SET_ASIDE
+        st.note_coverage(state, [self.covered[row]])
         self.failed[row] = why
 
     def found(self) -> Estimated:

@@ -365,10 +365,10 @@ def _full(cut):
 def test_features_that_make_the_server_fail_stop_no_others(
     open_twin, ageing, sample, monkeypatch, caplog
 ):
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *more):
         if any(f.asset == "bad" and f.sequence == 5 for f in features):
             raise ZeroDivisionError("a fault of ours")
-        return estimators.estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, *more)
 
     monkeypatch.setattr(isolation, "estimate", fragile)
     pipeline, store = open_twin()
