@@ -43,8 +43,9 @@ class SettingAside:
 
     def __init__(self, store: Store, settings: ProgressSettings, refusals: Refusals) -> None:
         self._store, self._refusals = store, refusals
-        self.progress, self.budget = Progress(), WorkBudget(settings)
-        self.attempts = Attempts(store.attempts)
+        self.progress = Progress()
+        self.budget = WorkBudget(settings, self.progress)
+        self.attempts = Attempts(store.attempts, self.progress)
         self.quarantine = Quarantine(store, settings)
 
     def divided(self, samples: Sequence[Sample]) -> tuple[Sequence[Sample], list[Sample]]:
