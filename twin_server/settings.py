@@ -93,7 +93,7 @@ class ProgressSettings(Frozen):
     """Budget of the work on messages, and how long the server may stand still."""
 
     step_s: Positive = 5.0
-    """Processor time of one step on messages [s]; ten times what the slowest known one takes."""
+    """Processor time of one step on messages [s]; ten times what the slowest known takes."""
     step_s_per_message: NotNegative = 0.5
     """Added for each message of the step [s]; twice what one of a twin of elements takes."""
     silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0

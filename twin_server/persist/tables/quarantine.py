@@ -68,7 +68,9 @@ def read(reader: Connection, twin_id: str | None, number: int | None) -> list[As
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = select(reader, QUARANTINE, where, tuple(given.values()))
-    return [AsideRow(*row[:7], bool(row[7]), bool(row[8]), bytes(row[9])) for row in rows]
+    return [
+        AsideRow(*row)._replace(accepted=bool(row[7]), dropped=bool(row[8])) for row in rows
+    ]
 
 
 def remove(writer: Connection, number: int) -> None:

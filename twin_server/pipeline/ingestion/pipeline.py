@@ -583,11 +583,12 @@ class Pipeline:
         if len(samples) == 1 and aside.refuses(samples[0], now_ns):
             return 0
         noted = aside.attempts.noted(sample.payload for sample in samples)
-        with self._progress.doing(Phase.STEP), noted:
+        with self._progress.doing(Phase.STORE), noted:
             return self._take_noted(samples)
 
     def _take_noted(self, samples: Sequence[Sample]) -> int:
-        received = self._reception.read(samples, self._clock.now_ns())
+        with self._progress.doing(Phase.STEP):
+            received = self._reception.read(samples, self._clock.now_ns())
         # What a replay holds comes once: one part that fails must not cost the others.
         self._run_each(
             functools.partial(self._take_features, received),

@@ -65,6 +65,10 @@ class Quarantine:
         """Whether a twin that has messages aside may have no more."""
         return twin_id in self._counts and not self.has_room(twin_id, 0)
 
+    def count(self, twin_id: str) -> int:
+        """Return how many messages of a twin are aside."""
+        return self._counts.get(twin_id, 0)
+
     def gauge(self) -> int:
         """Return how many messages are aside."""
         return self._kept
