@@ -89,13 +89,20 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
-        raise NotDeliveredError(f"{path.name} cannot be read: {error}.") from error
+        raise NotDeliveredError(
+            f"{path.name} cannot be read: {reading_error_text(error)}."
+        ) from error
     if len(lines) < 2 or not lines[0]:
         raise NotDeliveredError(
             f"{path.name} holds {len(lines)} line(s). Give the user in the first line and the "
             "password in the second."
         )
     return lines[0], lines[1]
+
+
+def reading_error_text(error: OSError | ValueError) -> str:
+    """Describe why a file cannot be read, without its path: people of a site see the text."""
+    return getattr(error, "strerror", None) or type(error).__name__
 
 
 def connection_error_text(error: BaseException) -> str:

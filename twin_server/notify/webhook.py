@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from twin_server.events.receivers import WebhookReceiver
 
 from .deadlines import DEADLINES
-from .message import Message, NotDeliveredError, connection_error_text
+from .message import Message, NotDeliveredError, connection_error_text, reading_error_text
 from .webhook_signature import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
@@ -101,7 +101,9 @@ class Webhook:
             try:
                 text = receiver.secret_file.read_text(encoding="utf-8")
             except (OSError, ValueError) as error:
-                raise NotDeliveredError(f"{where} cannot be read: {error}.") from error
+                raise NotDeliveredError(
+                    f"{where} cannot be read: {reading_error_text(error)}."
+                ) from error
         secret = text.strip().encode()
         if len(secret) < SHORTEST:
             raise NotDeliveredError(
@@ -116,7 +118,9 @@ def tls(ca: object) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=None if ca is None else str(ca))
     except (OSError, ValueError) as error:
-        raise NotDeliveredError(f"The certificates of `ca` cannot be read: {error}.") from error
+        raise NotDeliveredError(
+            f"The certificates of `ca` cannot be read: {reading_error_text(error)}."
+        ) from error
 
 
 def _socket(

@@ -89,6 +89,17 @@ def scenario(tenant: Tenant) -> Iterator[None]:
     yield from _ends(tenant)
 
 
+def brief(t: Tenant) -> Iterator[None]:
+    """Do what is quick: composites, recordings, and what is about all sites."""
+    for asset in ("beam", "mast"):
+        body = {"name": f"{asset} {t.secret}"}
+        t.ask("operator", "PUT", f"/twins/{t.site}.{asset}", json=body)
+    yield
+    yield from _composites(t)
+    yield from _recordings(t)
+    yield from _of_all(t)
+
+
 def _twins(t: Tenant) -> Iterator[None]:
     twin, other = f"/twins/{t.site}.beam", OTHER[t.site]
     t.ask("operator", "PUT", twin, json=registration(t))

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from .house import Answer
 from .scenario import Tenant
 
 PARTS = {
@@ -16,7 +17,7 @@ PARTS = {
 BODIES: tuple[Any, ...] = ({}, [], {"unheard": "of"})
 
 
-def sweep(tenant: Tenant, document: dict[str, Any]) -> None:
+def sweep(tenant: Tenant, document: dict[str, Any]) -> list[Answer]:
     """Ask every operation with each of some parts of its path, queries and bodies.
 
     What deletes something of the site's own is left to the scenario.
@@ -25,6 +26,7 @@ def sweep(tenant: Tenant, document: dict[str, Any]) -> None:
         for method, operation in sorted(operations.items()):
             for filled in _filled(tenant, path):
                 _ask_each(tenant, method.upper(), filled, operation)
+    return tenant.answers
 
 
 def _filled(tenant: Tenant, path: str) -> list[str]:
