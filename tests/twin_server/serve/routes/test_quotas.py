@@ -142,15 +142,13 @@ def test_admins_see_and_end_what_holds_their_own_site_up(sites, eventually):
             said += part
             if b"cancelled by an admin" in said:
                 break
-        assert said.startswith(b"HTTP/1.1 409")
+        assert said.startswith(b"HTTP/1.1 503")
 
 
 def test_a_replay_that_would_take_weeks_is_refused(sites, ageing, tmp_path, eventually):
     greedy, modest = sites
     for site in sites:
-        content = recording(
-            tmp_path / "r.mcap", ageing(30, asset="played"), site.name
-        )
+        content = recording(tmp_path / "r.mcap", ageing(30, asset="played"), site.name)
         given = site.ask("PUT", "/recordings/slow.mcap", content=content)
         assert given.status_code == 201, given.text
     play = "/recordings/slow.mcap/replay"

@@ -301,8 +301,10 @@ def _of_all(t: Tenant) -> Iterator[None]:
     for path in (
         "/twins", "/fleet/plan", "/dtdl", "/session", "/ledger/heads", "/metrics", "/healthz",
         "/readyz", "/openapi.json", "/asyncapi.json", "/recordings", "/composites",
+        "/holdings",
     ):  # fmt: skip
         t.get(path)
+    t.ask("admin", "DELETE", f"/holdings/{'0' * 16}")
     yield
     for params in ({"site": t.site}, {"site": OTHER[t.site]}, {"site": "none"}, {"site": "A"}):
         t.get("/dtdl", params=params)
