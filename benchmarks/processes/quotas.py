@@ -203,7 +203,6 @@ WORK: dict[str, Callable[[Site], Awaitable[Answer]]] = {
 
 def recording(path: Path, site: str, count: int) -> bytes:
     """Write a recording of features; its bytes."""
-    path.unlink(missing_ok=True)
     rng = np.random.default_rng(0)
     with RecordingWriter(path) as writer:
         for sequence in range(count):
@@ -271,11 +270,8 @@ class Crowd:
                 self.statuses.update(pipe.recv())
 
 
-async def prepare(site: Site, history: bytes) -> None:
-    """Give a site its recordings and its twin a history."""
-    for name, content in (("history.mcap", history), ("long.mcap", site.recording)):
-        given = await site.ask("PUT", f"{V1}/recordings/{name}", content)
-        assert given.status == 201, given
+async def prepare(site: Site) -> None:
+    """Give the twin of a site a history."""
     await site.ask("POST", f"{V1}/recordings/history.mcap/replay", b"{}")
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
@@ -343,9 +339,12 @@ def main(given: list[str]) -> int:
             port = int(ours.recv().rpartition(":")[2])
             sites = []
             for name in names:
-                content = recording(home / "long.mcap", name, LONG)
+                folder = home / "recordings" / name  # where those of its site are kept
+                folder.mkdir(parents=True)
+                recording(folder / "history.mcap", name, HISTORY)
+                content = recording(folder / "long.mcap", name, LONG)
                 site = Site(name, words[name], port, content)
-                asyncio.run(prepare(site, recording(home / "history.mcap", name, HISTORY)))
+                asyncio.run(prepare(site))
                 sites.append(site)
             for work in asked.what:
                 timed(sites[0], work)  # what is loaded and compiled once
