@@ -42,7 +42,15 @@ class AdmissionSettings(Frozen):
     not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
     """No sensor time is earlier: a clock that was never set."""
     max_jump: Count = 1_000_000
-    """How far a sequence may be ahead of the one expected."""
+    """How far a sequence may be ahead of the one expected: ten a second for a day. What is
+    farther ahead is taken in where the agent's account lists it and the agent delivers it."""
+    max_boots: Count = 10_000
+    """Boots of one asset that are remembered: one start an hour for more than a year. Further
+    ones are refused, and stay in the agent's spool; an event `too_many_boots` says so."""
+    max_assets_of_site: Count = 20_000
+    """Assets of one site that are taken in without being registered first; twice the
+    largest fleet that was measured on one machine (docs/benchmarks.md). Registered twins have
+    no limit."""
 
 
 class BackfillSettings(Frozen):
@@ -62,6 +70,8 @@ class BackfillSettings(Frozen):
     """How long to wait for an edge agent that is away."""
     max_held: Count = 20_000
     """Features of one boot kept out of order; more are asked for again when there is room."""
+    max_held_bytes: Annotated[int, Field(ge=5 * 2**20)] = 64 * 2**20
+    """Bytes of all features of one asset kept out of order: 20,000 of 3 KiB."""
 
 
 class PipelineSettings(Frozen):
@@ -77,6 +87,30 @@ class PipelineSettings(Frozen):
     inbox_bytes: Annotated[int, Field(ge=2**20)] = 256 * 2**20
     states_per_batch: Count = 200
     """A batch with more states than this publishes the latest of each twin only."""
+
+
+class ProgressSettings(Frozen):
+    """Budget of the work on messages, and how long the server may stand still."""
+
+    step_s: Positive = 5.0
+    """Processor time of one step on messages [s]; ten times what the slowest known one takes."""
+    step_s_per_message: NotNegative = 0.5
+    """Added for each message of the step [s]; twice what one of a twin of elements takes."""
+    silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0
+    """How long a step may stand still, and the process give no sign of life [s]. Beyond it the
+    stacks are logged, the claim to lead is released and the process ends, all within 15 s."""
+    store_s: Annotated[float, Field(ge=10)] = 120.0
+    """How long the database may take for one statement, or a request for its turn, without any
+    progress [s]; as long as PostgreSQL may take to fail over."""
+    end_s: Annotated[float, Field(ge=1)] = 15.0
+    """How long the server may take to end after SIGTERM, beside `shutdown_s` [s]; then it is
+    ended. Longer than a busy machine needs, shorter than containers are waited for (30 s)."""
+    max_aside: Count = 1_000
+    """Messages that are kept aside; more are refused until some are released or dropped."""
+    max_aside_of_one: Count = 100
+    """Of these, those of one asset."""
+    max_aside_bytes: Annotated[int, Field(ge=2**20)] = 64 * 2**20
+    """Of all of them together."""
 
 
 class ServeSettings(Frozen):
@@ -316,6 +350,9 @@ class TwinSettings(ProcessSettings):
     database: str | Path = Path("twin.sqlite")
     """SQLite file, or URL of a PostgreSQL database: postgresql://user@host/name. Give its
     password by libpq's PGPASSFILE or PGPASSWORD."""
+    standby: bool = False
+    """Wait while another server has the database, and go on when that has ended, instead of
+    refusing to start."""
     synchronous: Literal["NORMAL", "FULL"] = "FULL"
     """FULL waits for the disk before anything is acknowledged, so that a power cut costs
     nothing; NORMAL survives the death of the process only."""
@@ -339,6 +376,7 @@ class TwinSettings(ProcessSettings):
     admission: AdmissionSettings = AdmissionSettings()
     healing: BackfillSettings = BackfillSettings()
     pipeline: PipelineSettings = PipelineSettings()
+    progress: ProgressSettings = ProgressSettings()
     serve: ServeSettings = ServeSettings()
     access: AccessSettings = AccessSettings()
     tls: TlsSettings | None = None

@@ -9,6 +9,7 @@ import click
 from slowtime_cli.shared.terminal import plural
 from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
+from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.ledger import Head
 from slowtime_services.replay import RecordingError, verdicts
 
@@ -98,7 +99,7 @@ def public_key_of(key: str) -> str:
 def kept_head(path: Path) -> Head:
     """Read a head that was kept."""
     try:
-        return Head.of(json.loads(path.read_text()))
+        return Head.of(read_json_file(path))
     except (ValueError, TypeError) as error:
         raise click.UsageError(
             f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."

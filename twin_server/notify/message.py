@@ -5,6 +5,8 @@ import socket
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from slowtime_services.outbound.addresses import LocalAddressError
+from slowtime_services.reasons import reason_of
 from twin_server.events.deliveries import TEST, Delivery
 from twin_server.events.receivers import AlarmSettings
 
@@ -107,6 +109,8 @@ def reading_error_text(error: OSError | ValueError) -> str:
 
 def connection_error_text(error: BaseException) -> str:
     """Describe the error of a connection."""
+    if isinstance(error, LocalAddressError):
+        return str(error)
     if isinstance(error, TimeoutError):
         return "it did not answer in time"
     if isinstance(error, ConnectionRefusedError):
@@ -115,4 +119,4 @@ def connection_error_text(error: BaseException) -> str:
         return "its name is not known"
     if isinstance(error, ConnectionError):
         return "it ended the connection"
-    return f"{type(error).__name__}: {error}"[:200]
+    return reason_of(error).rstrip(".")[:200]

@@ -1,7 +1,8 @@
 """Sends events by HTTP: one signed POST each to an address that an operator declared.
 
 No redirection is followed and no proxy of the environment is used: the request goes to that
-address or nowhere. Of the answer only the status is read.
+address or nowhere, and its name may not lead to this machine or its link. Of the answer only
+the status is read.
 """
 
 import contextlib
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
+from slowtime_services.outbound.connections import PlainConnection, SecureConnection
 from twin_server.events.receivers import WebhookReceiver
 
 from .deadlines import DEADLINES
@@ -76,11 +78,11 @@ class Webhook:
     def _connection(self) -> http.client.HTTPConnection:
         parts = urlsplit(self._receiver.url)
         assert parts.hostname is not None
-        patience = self._receiver.timeout_s
+        patience, local = self._receiver.timeout_s, self._receiver.local
         if parts.scheme == "http":
-            return http.client.HTTPConnection(parts.hostname, parts.port, timeout=patience)
-        return http.client.HTTPSConnection(
-            parts.hostname, parts.port, timeout=patience, context=self._context()
+            return PlainConnection(parts.hostname, parts.port, patience, local=local)
+        return SecureConnection(
+            parts.hostname, parts.port, patience, self._context(), local=local
         )
 
     def _context(self) -> ssl.SSLContext:

@@ -1,6 +1,5 @@
 """The store in the SQL that SQLite and PostgreSQL share, without their connections."""
 
-import abc
 import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,7 +19,8 @@ from twin_server.persist.tables.rows import (
 )
 
 from .history_hashes import HistoryHashes
-from .history_queries import select_history, select_thinned
+from .history_queries import select_boots, select_history, select_neighbours, select_thinned
+from .quarantine import QuarantineTable
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import (
     asset_events as asset_events_table,
@@ -39,6 +39,9 @@ from .tables import (
 )
 from .tables import (
     ledger as ledger_table,
+)
+from .tables import (
+    quarantine as quarantine_table,
 )
 from .tables.checksums import (
     EVENTS,
@@ -65,20 +68,12 @@ _ROWS_AT_ONCE = 1_000
 """Rows of a history that are rewritten by one statement."""
 
 
-class SqlStore(abc.ABC):
+class SqlStore(QuarantineTable):
     """All of a store but its connections."""
 
     def __init__(self) -> None:
         self._hashes = HistoryHashes()
         self._ends = ledger_table.ChainEnds()
-
-    @abc.abstractmethod
-    def _writing(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold the writer in a transaction; within another one, a part of that."""
-
-    @abc.abstractmethod
-    def _reading(self) -> contextlib.AbstractContextManager[Connection]:
-        """Hold a connection that sees one snapshot of the database."""
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""
@@ -139,6 +134,7 @@ class SqlStore(abc.ABC):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
+        quarantine_table.add(writer, cut.aside)
         deliveries_table.insert(writer, cut.deliveries)
         deliveries_table.settle(writer, cut.settled)
         deliveries_table.acknowledge(writer, cut.acknowledgements)
@@ -157,6 +153,12 @@ class SqlStore(abc.ABC):
                     where = "where id between ? and ?"
                     asked = (max(span.first, floor), span.last)
                     rows += select(reader, FEATURES, where, asked, limit - len(rows))
+        return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
+
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        asked = (number << SHIFT | first, number << SHIFT | last)
+        rows = self._all(FEATURES, "where id between ? and ?", asked)
         return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
 
     def rewrite(
@@ -205,7 +207,7 @@ class SqlStore(abc.ABC):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
-                "fatigue",
+                "fatigue", "quarantine",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             note_number(writer, "run", following)
@@ -250,6 +252,16 @@ class SqlStore(abc.ABC):
         """At most `max_points` states between two times, with statistics of all of them."""
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
+
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        with self._reading() as reader:
+            return select_boots(reader, twin_id)
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        with self._reading() as reader:
+            return select_neighbours(reader, number, t_ns)
 
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""

@@ -23,10 +23,12 @@ from twin_server.persist.tables.rows import (
     TwinRow,
 )
 
+from .attempts import AttemptNote
 from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import FatigueRow
 from .tables.ledger import HeadRow
+from .tables.quarantine import AsideRow
 
 
 @dataclasses.dataclass(slots=True)
@@ -47,6 +49,8 @@ class WriteBatch:
     acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
     asset_events: list[AssetEventRow] = dataclasses.field(default_factory=list)
     """Of an id that a twin has already, the first stays."""
+    aside: list[AsideRow] = dataclasses.field(default_factory=list)
+    """Messages that are set aside."""
 
 
 class History(NamedTuple):
@@ -98,6 +102,10 @@ class Store(Protocol):
 
     def messages(self, twin_id: str, after: tuple[int, int], limit: int) -> list[FeatureRow]:
         """Read the next features of a twin, in order, after (boot number, sequence)."""
+        ...
+
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
         ...
 
     def rewrite(
@@ -152,6 +160,14 @@ class Store(Protocol):
 
         It costs about the same whether there are a thousand states or a million.
         """
+        ...
+
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        ...
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
         ...
 
     def count(self, twin_id: str) -> int:
@@ -268,6 +284,27 @@ class Store(Protocol):
 
     def fatigue(self, twin_id: str) -> list[FatigueRow]:
         """Fatigue messages of a twin in the order of time."""
+        ...
+
+    def set_aside(self, rows: Sequence[AsideRow]) -> None:
+        """Keep messages that are set aside; one that is kept already is not kept again."""
+        ...
+
+    def aside(self, twin_id: str | None = None, number: int | None = None) -> list[AsideRow]:
+        """Read the messages that were set aside: of a twin, of a number, or all, in order."""
+        ...
+
+    def release_aside(self, number: int) -> None:
+        """Forget a message that is no longer aside."""
+        ...
+
+    def drop_aside(self, row: AsideRow) -> None:
+        """Delete a message; its place in the history stays without an estimate."""
+        ...
+
+    @property
+    def attempts(self) -> AttemptNote:
+        """Note of what the server is about to do."""
         ...
 
     def check(self) -> None:

@@ -23,6 +23,7 @@ from .analysis.forecast_cache import ForecastCache
 from .analysis.plans import STALE, PlanCache
 from .analysis.risk import RiskCache
 from .analysis.simulations import Simulations
+from .ingestion.estimation import NotEstimatedError
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
 from .ingestion.updates import TwinUpdate
@@ -232,7 +233,10 @@ class TwinKnowledge:
             self._pipeline.routing.check(twin_id, registration)
         except UnknownReceiverError as error:
             raise ProblemError(422, "no-such-receiver", str(error)) from error
-        return self._pipeline.register(twin_id, registration)
+        try:
+            return self._pipeline.register(twin_id, registration)
+        except NotEstimatedError as error:
+            raise ProblemError(422, "not-estimated", str(error)) from error
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin; False where there is none."""
@@ -243,6 +247,8 @@ class TwinKnowledge:
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.stalled:
+            found.append(self._pipeline.stalled)
         if self._pipeline.trouble:
             found.append(self._pipeline.trouble)
         if self._pipeline.failing:
@@ -254,6 +260,10 @@ class TwinKnowledge:
         except Exception as error:
             found.append(str(error))
         return found
+
+    def stalled(self) -> str:
+        """Say that the pipeline stands still; empty while it goes on."""
+        return self._pipeline.stalled
 
     def counts(self) -> Mapping[str, int]:
         """Return all counters."""

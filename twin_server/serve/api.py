@@ -36,6 +36,7 @@ from .routes import (
     history,
     page,
     plans,
+    quarantine,
     recordings,
     risks,
     shapes,
@@ -46,6 +47,7 @@ from .routes import events as event_routes
 from .routes.alarms import AlarmService
 from .routes.asset_events import AssetEventService
 from .routes.diagnoses import DiagnosisService
+from .routes.quarantine import QuarantineService
 from .routes.holdings import routes as holding_routes
 from .routes.recordings import RecordingService
 from .routes.session import session
@@ -88,6 +90,7 @@ def create_app(
     alarm_service: AlarmService | None = None,
     events: AssetEventService | None = None,
     composite_service: CompositeService | None = None,
+    quarantine_service: QuarantineService | None = None,
     holdings: Holdings | None = None,
 ) -> FastAPI:
     """Make the ASGI application of a twin server.
@@ -114,6 +117,8 @@ def create_app(
         Records repairs, replacements, inspections and notes.
     composite_service
         Registers composites.
+    quarantine_service
+        Lists, releases and drops messages that were set aside.
     holdings
         What is under way beside what the application itself counts.
     """
@@ -167,6 +172,8 @@ def create_app(
         app.include_router(alarms.routes(alarm_service, known), prefix="/api/v1")
     if events is not None:
         app.include_router(asset_events.routes(events, known), prefix="/api/v1")
+    if quarantine_service is not None:
+        app.include_router(quarantine.routes(quarantine_service, known), prefix="/api/v1")
     if composite_service is not None:
         app.include_router(
             composites.routes(
@@ -208,9 +215,16 @@ def _operations(
         "metrics",
     )
 
-    @api.get("/healthz", response_model=HealthModel)
-    async def healthz() -> Response:
-        """Whether the process lives."""
+    @api.get(
+        "/healthz",
+        response_model=HealthModel,
+        responses={503: {"content": {problems.MEDIA_TYPE: {}}, "description": "No progress"}},
+    )
+    async def healthz(request: Request) -> Response:
+        """Whether the process lives, and goes on with its work."""
+        if knowledge.stalled():
+            detail = "The server stands still, and is about to end. Its log says where."
+            return problems.respond(request, 503, "no-progress", detail)
         return json_response({"status": "ok"})
 
     @api.get(

@@ -215,6 +215,10 @@ class Knowledge(Protocol):
         """Return sentences on problems of this server; none if all is well."""
         ...
 
+    def stalled(self) -> str:
+        """Say that the work stands still; empty while it goes on."""
+        ...
+
     def counts(self) -> Mapping[str, int]:
         """Return all counters."""
         ...

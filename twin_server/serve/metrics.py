@@ -22,6 +22,7 @@ from .routes.alarms import AlarmService
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
     "out_of_order": "Features that came early and were held until their turn.",
+    "overlapping": "Features whose time earlier windows had measured in part or wholly.",
     "lost": "Features that are lost for good.",
     "batches": "Transactions.",
     "failed_batches": "Transactions that failed; nothing of them was kept.",
@@ -36,7 +37,10 @@ _GAUGES = {
     "edges_alive": "Edge agents that are online.",
     "holes": "Boots of which something is missing now.",
     "held": "Features held out of order now.",
+    "held_bytes": "Bytes of the features held out of order now.",
+    "boots": "Boots that are remembered, of all assets.",
     "inbox": "Messages that wait to be worked.",
+    "aside": "Messages that were set aside and wait to be released or dropped.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }

@@ -17,6 +17,10 @@ DELETED = "d"
 """The twin was deleted with all it had seen; what follows is of one registered anew."""
 
 
+MOST_TOLD = 20_000
+"""Entries of one twin that a message tells [1]; of more, only their end is told."""
+
+
 class Entry(NamedTuple):
     """An accepted row: its kind, its number among these, and the hash of its content.
 

@@ -58,7 +58,7 @@ def check(path: Path, supervise: Supervise = unpaused) -> None:
     RecordingError
         Where it is not sound; the text says why, and what to do.
     """
-    command = [sys.executable, "-P", "-m", __spec__.name, str(path)]
+    command = [sys.executable, "-P", "-W", "ignore", "-m", __spec__.name, str(path)]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as process, supervise(process.pid) as running_s:  # fmt: skip

@@ -15,12 +15,11 @@ from slowtime_services.clock import Clock
 from slowtime_services.credentials import Signer
 from slowtime_services.ledger import Entry, Head, Leaf, Link, MerkleTree, headed
 from slowtime_services.ledger import chain as kinds
+from slowtime_services.ledger.chain import MOST_TOLD
 from twin_server.persist import HeadRow, Store
 
 from .estimation import NO_BOOT
 
-MOST_TOLD = 20_000
-"""Entries of one twin that a message tells; of more, only their end is told."""
 LOOKED_BACK = 1_000
 """Heads that a server looks through when it starts, for what it has told of each twin."""
 _LOW = (1 << 40) - 1

@@ -47,7 +47,7 @@ _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "/forecast",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
-    "/memberships", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
+    "/memberships", "/quarantine", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),
@@ -56,6 +56,8 @@ _DO = [
     ("POST", f"{_TWIN}/events", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/test", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/{{event_id}}/acknowledge", Scope.OPERATOR),
+    ("POST", f"{_TWIN}/quarantine/{{number}}/release", Scope.OPERATOR),
+    ("DELETE", f"{_TWIN}/quarantine/{{number}}", Scope.OPERATOR),
     ("POST", f"{_TWIN}/diagnoses", Scope.OPERATOR),
     ("DELETE", f"{_TWIN}/diagnoses/{{number}}", Scope.OPERATOR),
     ("POST", f"{_TWIN}/diagnoses/{{number}}/adopt", Scope.OPERATOR),
