@@ -16,7 +16,10 @@ BITS = 32
 
 _COUNT = (1 << BITS) - 1
 
-_OVER_ALL_TWINS = {"events": "event", "diagnoses": "diagnosis"}
+NUMBERED = f"(number & {_COUNT}) = ?"
+"""Condition on the number of a row, to be asked beside its twin."""
+
+_OVER_ALL_TWINS = {"events": "event", "diagnoses": "diagnosis", "quarantine": "quarantine"}
 """What the last number over all twins was kept as, by table."""
 
 

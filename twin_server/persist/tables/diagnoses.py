@@ -4,9 +4,8 @@ import zlib
 from typing import Any, NamedTuple
 
 from .checksums import DIAGNOSES, Table, damaged, opened, seal
-from .counted import BITS, count_of, next_keys
+from .counted import NUMBERED, count_of, next_keys
 
-_NUMBERED = f"(number & {(1 << BITS) - 1}) = ?"
 _BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
 
@@ -63,7 +62,7 @@ def forget(writer: Any, twin_id: str, kept: int) -> None:
 
 def select(reader: Any, twin_id: str | None, number: int | None) -> list[DiagnosisRow]:
     """Read those of a twin, or of all, or the one of a number of a twin."""
-    asked = {"twin = ?": twin_id, _NUMBERED: number}
+    asked = {"twin = ?": twin_id, NUMBERED: number}
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = reader.execute(
@@ -86,7 +85,7 @@ def model_of(reader: Any, twin_id: str, number: int) -> str | None:
 
 def _files(reader: Any, twin_id: str, number: int) -> tuple[bytes | None, str | None]:
     question = (
-        f"select number, page, model, files_crc from diagnoses where twin = ? and {_NUMBERED}"
+        f"select number, page, model, files_crc from diagnoses where twin = ? and {NUMBERED}"
     )
     row = reader.execute(question, (twin_id, number)).fetchone()
     if row is None:
@@ -97,6 +96,6 @@ def _files(reader: Any, twin_id: str, number: int) -> tuple[bytes | None, str | 
 
 
 def _key_of(reader: Any, twin_id: str, number: int) -> int | None:
-    question = f"select number from diagnoses where twin = ? and {_NUMBERED}"
+    question = f"select number from diagnoses where twin = ? and {NUMBERED}"
     row = reader.execute(question, (twin_id, number)).fetchone()
     return None if row is None else int(row[0])

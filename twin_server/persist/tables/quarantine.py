@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from .checksums import QUARANTINE
-from .statements import Connection, insert, last_number, note_number, select
+from .counted import NUMBERED, count_of, next_keys
+from .statements import Connection, insert, select
 
 
 class AsideRow(NamedTuple):
@@ -13,7 +14,7 @@ class AsideRow(NamedTuple):
     Parameters
     ----------
     number
-        Counts all of a store, 0 before it is kept.
+        Key of the row, 0 before it is kept; people see its `count`.
     boot, sequence
         Of the message.
     set_ns
@@ -41,6 +42,11 @@ class AsideRow(NamedTuple):
     dropped: bool
     message: bytes
 
+    @property
+    def count(self) -> int:
+        """Number of the message among those of its twin."""
+        return count_of(self.number)
+
 
 def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
     """Keep rows under the next numbers; what is kept already is not kept again."""
@@ -52,15 +58,13 @@ def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
         ).fetchone()
         if known is not None:
             continue
-        number = (last_number(writer, "quarantine") or 0) + 1
-        note_number(writer, "quarantine", number)
-        kept = row._replace(number=number)
-        insert(writer, QUARANTINE, [_stored(kept)])
+        [key] = next_keys(writer, QUARANTINE, {row.twin: 1})[row.twin]
+        insert(writer, QUARANTINE, [_stored(row._replace(number=key))])
 
 
 def read(reader: Connection, twin_id: str | None, number: int | None) -> list[AsideRow]:
-    """Read the rows of a twin, of a number, or all, in order."""
-    asked: dict[str, Any] = {"twin = ?": twin_id, "number = ?": number}
+    """Read the rows of a twin, the one of a number of a twin, or all, in order."""
+    asked: dict[str, Any] = {"twin = ?": twin_id, NUMBERED: number}
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = select(reader, QUARANTINE, where, tuple(given.values()))

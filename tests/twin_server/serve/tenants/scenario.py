@@ -120,7 +120,7 @@ def _twins(t: Tenant) -> Iterator[None]:
     for path in (
         "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
         "/forecast", "/plan", "/risk", "/events", "/events/recorded", "/gap", "/fatigue",
-        "/virtual", "/alarms", "/alarms/deliveries", "/memberships", "/diagnoses",
+        "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships", "/diagnoses",
     ):  # fmt: skip
         t.get(twin + path)
     yield
@@ -224,6 +224,7 @@ def _recordings(t: Tenant) -> Iterator[None]:
     yield
     t.ask("operator", "POST", f"{path}/replay", json={})
     t.ask("admin", "DELETE", path)
+    t.get("/holdings")
     yield
     t.ask("operator", "DELETE", f"{path}/replay")
     t.house.until(lambda: _replay(t)["state"] == "stopped")
@@ -300,11 +301,9 @@ def _diagnosed(t: Tenant, order: dict[str, Any]) -> int:
 def _of_all(t: Tenant) -> Iterator[None]:
     for path in (
         "/twins", "/fleet/plan", "/dtdl", "/session", "/ledger/heads", "/metrics", "/healthz",
-        "/readyz", "/openapi.json", "/asyncapi.json", "/recordings", "/composites",
-        "/holdings",
+        "/readyz", "/holdings", "/openapi.json", "/asyncapi.json", "/recordings", "/composites",
     ):  # fmt: skip
         t.get(path)
-    t.ask("admin", "DELETE", f"/holdings/{'0' * 16}")
     yield
     for params in ({"site": t.site}, {"site": OTHER[t.site]}, {"site": "none"}, {"site": "A"}):
         t.get("/dtdl", params=params)
