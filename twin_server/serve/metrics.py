@@ -145,7 +145,7 @@ def _held(holdings: Holdings) -> Iterator[tuple[str, str, str, Sequence[Metric]]
         for kind, site, held, refused in holdings.counts()
     ]
     yield (
-        "held",
+        "under_way",
         "gauge",
         "Uploads, replays, diagnoses, computations, exports and streams under way, by site.",
         [Metric(labels, held) for labels, held, _ in found],
