@@ -280,12 +280,14 @@ class LiveResponse(Response):
         """Collect events that a client missed; for a new one, the latest state."""
         seen = LAST_ID.fullmatch(self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
-        before: list[Item] = []
+        chapter = knowledge.latest(twin_id, None)
+        newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
+        last_key, last_number = max(chapter.keys, default=0), newest[-1][0] if newest else 0
         key = None if seen is None else self._key_of(seen["boot"], int(seen["sequence"]))
-        if seen is None or key is None:
-            chapter = knowledge.latest(twin_id, None)
-            newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
-            self._number = newest[-1][0] if newest else 0
+        before: list[Item] = []
+        # Ahead of all there is: the history is another, such as one out of a backup.
+        if seen is None or key is None or key > last_key or int(seen["number"]) > last_number:
+            self._number = last_number
             if seen is not None or FORMER_ID.fullmatch(self._last_id or ""):
                 before = [RESET]  # of a history that is not there any more
         else:
