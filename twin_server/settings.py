@@ -235,6 +235,13 @@ class LedgerSettings(Frozen):
     all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""
+    audit_every_s: Annotated[float, Field(ge=0)] = 86_400.0
+    """The running server compares its whole database with the ledger so often; 0 for never. A
+    server that starts does so in any case, before it signs."""
+    continue_after_head: Annotated[int, Field(ge=1)] | None = None
+    """Sign again although the database does not prove consistent with this head, its last one.
+    All rows are chained anew as they stand, and every later audit against this head or one
+    before says so."""
 
 
 class ShardSettings(Frozen):

@@ -17,6 +17,7 @@ from .layout import (
     VERSION,
     all_rows,
     build_levels,
+    chain_rows,
     postgres_lacking,
     postgres_schema,
 )
@@ -134,6 +135,7 @@ class PostgresStore(SqlStore):
                     build_levels(writer)
                 if LEDGER in LACKING[version]:
                     build_ledger(writer)
+                chain_rows(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:

@@ -26,11 +26,14 @@ class Leaf(NamedTuple):
     history_count: int
     history: str
     """SHA-256 of so many rows with the states they led to, as `GET .../history/hash` tells."""
+    tree: str = ""
+    """Merkle tree hash (RFC 9162) of the entries of its chain; empty before version 11 of the
+    database, whose chains covered features, registrations and reports only."""
 
     @property
     def written(self) -> bytes:
         """Bytes that are hashed."""
-        return "\n".join(map(str, self)).encode()
+        return "\n".join(map(str, self if self.tree else self[:5])).encode()
 
     @property
     def end(self) -> Link:

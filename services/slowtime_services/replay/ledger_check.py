@@ -1,5 +1,7 @@
 """Compares the features of a recording with the signed ledger messages in it."""
 
+import base64
+import contextlib
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +18,7 @@ from slowtime_services.ledger import (
     features_digest,
     linked,
     proven,
+    unpacked,
 )
 
 from .recording_reader import read_recording
@@ -117,7 +120,12 @@ def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
     if not head.is_signed or head.public != (public or head.public):
         return "is not signed with the server's key"
     leaf = Leaf(
-        message.twin_id, message.count, message.link, message.history_count, message.history
+        message.twin_id,
+        message.count,
+        message.link,
+        message.history_count,
+        message.history,
+        message.tree or "",
     )
     path = [(branch.side, bytes.fromhex(branch.hash)) for branch in message.proof]
     if proven(leaf.written, path).hex() != head.root:
@@ -169,6 +177,10 @@ def _entries(
                 key = (one.boot, sequence)
                 place = (one.number << 40) + sequence
                 yield key, Entry(one.kind, place, there.get(key, b""))
+        elif one.kind == "w":
+            with contextlib.suppress(ValueError):  # what is no entry hashes to nothing signed
+                for entry in unpacked(base64.b64decode(one.entries, validate=True)):
+                    yield None, entry
         else:
             yield None, Entry(one.kind, one.key, bytes.fromhex(one.digest or ""))
 

@@ -26,6 +26,7 @@ from twin_server.persist.tables.digests import HashedRow, RollingHash, insert_di
 from twin_server.persist.tables.ledger import ChainEnds, of_features, of_registration
 from twin_server.persist.tables.search import whole
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
+from twin_server.settings import LedgerSettings
 
 from .tables.test_levels import cut_of, states_of
 
@@ -55,7 +56,7 @@ def house(tmp_path_factory, key):
     """A database of two twins and three boots, one of which comes late, under eight heads."""
     path = tmp_path_factory.mktemp("house") / "twin.sqlite"
     store = SqliteStore(path)
-    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), LedgerSettings(), lambda *_: None)
     store.write(WriteBatch(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     kept = []
     for part in range(8):
@@ -293,7 +294,7 @@ def test_a_cut_end_is_found_by_a_head_that_was_kept(house, key, tmp_path):
 def store_at(path, key, parts):
     """The database of `house` as it was after some parts."""
     store = SqliteStore(path)
-    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), LedgerSettings(), lambda *_: None)
     store.write(WriteBatch(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     for part in range(parts):
         store.write(cut_of(1, states_of(np.arange(20 * part, 20 * part + 20))))
@@ -323,7 +324,7 @@ def test_what_an_operator_does_is_no_forgery(tmp_path, key, act):
     path = tmp_path / "twin.sqlite"
     store_at(path, key, parts=3)
     store = SqliteStore(path)
-    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), LedgerSettings(), lambda *_: None)
     if act == "estimated anew":
         twin = TwinRow("lab", "beam", '{"changes":"mass"}', "{}")
         states = states_of(np.arange(60), seed=9)

@@ -4,6 +4,7 @@ import zlib
 from typing import Any, NamedTuple
 
 from .checksums import DIAGNOSES, Table, damaged, opened, seal
+from .statements import insert as insert_rows
 
 _BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
@@ -27,30 +28,35 @@ class DiagnosisRow(NamedTuple):
     report: str | None = None
 
 
-def insert(writer: Any, row: DiagnosisRow) -> None:
-    """Keep one more, under its number."""
-    sealed = DIAGNOSES.sealed((*row, None, None))
-    names = DIAGNOSES.all_columns
-    writer.execute(
-        f"insert into diagnoses ({', '.join(names)}) values ({','.join('?' * len(names))})",
-        sealed,
-    )
+def insert(writer: Any, row: DiagnosisRow) -> tuple[object, ...]:
+    """Keep one more under its number, and return all its columns."""
+    whole = (*row, None, None)
+    insert_rows(writer, DIAGNOSES, [whole])
+    return whole
 
 
-def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> None:
-    """Store the outcome of a diagnosis; page and model only if not empty."""
-    kept = DIAGNOSES.sealed((*row, zlib.compress(page) if page else None, model or None))
+def update(
+    writer: Any, row: DiagnosisRow, page: bytes, model: str
+) -> list[tuple[object, ...]]:
+    """Store the outcome of a diagnosis, page and model only if not empty; return its row.
+
+    There is none where the diagnosis was deleted meanwhile.
+    """
+    whole = (*row, zlib.compress(page) if page else None, model or None)
     assigned = ", ".join(f"{name} = ?" for name in DIAGNOSES.all_columns)
-    writer.execute(f"update diagnoses set {assigned} where number = ?", (*kept, row.number))
+    question = f"update diagnoses set {assigned} where number = ?"
+    there = writer.execute(question, (*DIAGNOSES.sealed(whole), row.number)).rowcount
+    return [whole] if there else []
 
 
-def forget(writer: Any, twin_id: str, kept: int) -> None:
-    """Drop all of a twin but the last `kept`."""
-    writer.execute(
-        "delete from diagnoses where twin = ? and number not in "
-        "(select number from diagnoses where twin = ? order by number desc limit ?)",
-        (twin_id, twin_id, kept),
-    )
+def forget(writer: Any, twin_id: str, kept: int) -> list[int]:
+    """Drop all of a twin but the last `kept`; return their numbers."""
+    rows = writer.execute(
+        "select number from diagnoses where twin = ? order by number desc", (twin_id,)
+    ).fetchall()
+    gone = [row[0] for row in rows[kept:]]
+    writer.executemany("delete from diagnoses where number = ?", [(one,) for one in gone])
+    return gone
 
 
 def select(reader: Any, twin_id: str | None, number: int | None) -> list[DiagnosisRow]:

@@ -146,9 +146,8 @@ class Pipeline:
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
-            every_s = settings.ledger.every_s
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, every_s, self._publisher.say
+                store, self._clock, signer, settings.ledger, self._publisher.say
             )
         self._load()
 
@@ -403,13 +402,15 @@ class Pipeline:
         return not self._calls
 
     def _sign_ledger(self, *, at_once: bool = False) -> None:
-        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        """Sign a head of the ledger where it is due; tell the twins that cannot be proven."""
         if self.ledger_signer is None or self._stale:
             return
         if at_once:
-            self.ledger_signer.sign(self._clock.now_ns())
+            self.ledger_signer.close()
         else:
             self.ledger_signer.step()
+        for twin_id, message in self.ledger_signer.take_unsaid().items():
+            self._note(twin_id, "ledger_refused", "alarm", message, {})
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""

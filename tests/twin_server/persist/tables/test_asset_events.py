@@ -11,6 +11,7 @@ from twin_server.events.asset_events import AssetEventRow
 from twin_server.persist import SqliteStore, TwinRow, WriteBatch, audit_file, open_store
 from twin_server.persist.tables.checksums import ASSET_EVENTS
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
+from twin_server.settings import LedgerSettings
 
 TWIN = TwinRow("lab", "beam", "{}", "{}")
 ROWS = [
@@ -34,7 +35,7 @@ def test_events_are_kept_in_the_order_of_their_acceptance_and_the_first_stays(da
 def signed(path, key):
     """A database with events under a signed head."""
     store = SqliteStore(path)
-    signer = LedgerSigner(store, HandClock(10**18), Signer.read(key), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, HandClock(10**18), Signer.read(key), LedgerSettings(), lambda *_: None)
     store.write(WriteBatch(twins=[TWIN]))
     store.write(WriteBatch(asset_events=ROWS[:2]))
     signer.step()

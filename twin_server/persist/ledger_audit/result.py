@@ -1,0 +1,58 @@
+"""The result of an audit."""
+
+import dataclasses
+from collections.abc import Iterable
+
+from slowtime_services.ledger import CompactRange, Head, Link, MerkleTree
+
+MOST_NAMED = 5
+"""Rows of one twin and table that are named one by one; of more, their number is told."""
+
+
+@dataclasses.dataclass
+class Audit:
+    """Result of comparing a database with its ledger.
+
+    Parameters
+    ----------
+    wrong
+        Differences from what was accepted, one sentence each; empty if there are none.
+    chains_wrong
+        Names of the chains of which there are.
+    heads, last
+        How many signed heads there are, and the last one.
+    against
+        The head that the rest refers to: the one that was kept elsewhere, else the last one.
+    vouched, waiting
+        Number of entries that this head covers, and of those behind it.
+    notes
+        Checks that could not be made, and why.
+    standing
+        Leaves that the last head signs.
+    ends
+        End of each chain, and the Merkle tree of its entries.
+    """
+
+    wrong: list[str] = dataclasses.field(default_factory=list)
+    chains_wrong: set[str] = dataclasses.field(default_factory=set)
+    heads: int = 0
+    last: Head | None = None
+    against: Head | None = None
+    vouched: int = 0
+    waiting: int = 0
+    notes: list[str] = dataclasses.field(default_factory=list)
+    standing: MerkleTree = dataclasses.field(default_factory=MerkleTree)
+    ends: dict[str, tuple[Link, CompactRange]] = dataclasses.field(default_factory=dict)
+
+    def blame(self, chain: str, what: str) -> None:
+        """Add a difference in what belongs to one chain."""
+        self.chains_wrong.add(chain)
+        self.wrong.append(f"{chain}: {what}")
+
+    def blame_each(self, chain: str, sentences: Iterable[str]) -> None:
+        """Add several, of which the first are told one by one."""
+        several = list(sentences)
+        for what in several[:MOST_NAMED]:
+            self.blame(chain, what)
+        if len(several) > MOST_NAMED:
+            self.blame(chain, f"and {len(several) - MOST_NAMED} more rows of the same table")
