@@ -48,21 +48,22 @@ def audit(
     found = Audit()
     vouched = check_heads(reader, found, public, kept)
     features, counts, buckets = 0, dict.fromkeys(COVERED, 0), 0
-    greatest = dict.fromkeys(_COUNTED.values(), 0)
+    greatest, was_renewed = dict.fromkeys(_COUNTED.values(), 0), False
     for owner in _owners(reader, found):
         one = _ChainAudit(reader, owner, vouched, found, seal)
         if one.check():
             features += one.features
             buckets += one.buckets
             counts = {name: counts[name] + read for name, read in one.counts.items()}
-            for name in greatest:
-                numbers = one.walked.rows.get(COVERED[name].kind.encode(), {})
-                greatest[name] = max(greatest[name], *numbers, 0)
+        was_renewed |= one.walked.basis > 0
+        for name in greatest:
+            kind = COVERED[name].kind.encode()
+            greatest[name] = max(greatest[name], one.walked.greatest.get(kind, 0))
         if tell is not None:
             tell(owner, one.walked.end.length)
     if not found.wrong:
         _check_counts(reader, found, counts | {"features": features, "levels": buckets})
-    _check_counters(reader, found, greatest)
+    _check_counters(reader, found, greatest, may_exceed=was_renewed)
     if not found.heads:
         found.notes.append(
             "No head was ever signed here: give the server a key (`slowtime ledger key`)."
@@ -207,15 +208,28 @@ def _check_counts(reader: Any, found: Audit, counts: dict[str, int]) -> None:
         found.wrong.append(f"the row {stray[0]} of details belongs to no feature")
 
 
-def _check_counters(reader: Any, found: Audit, greatest: dict[str, int]) -> None:
-    """Find counters that were set back, so that a number would be given twice."""
+def _check_counters(
+    reader: Any, found: Audit, greatest: dict[str, int], *, may_exceed: bool
+) -> None:
+    """Find counters that are not at the last number given, so that one is given twice.
+
+    Parameters
+    ----------
+    may_exceed
+        Whether rows were removed before they were chained.
+    """
     rows = reader.execute(f"select {', '.join(NUMBERS.all_columns)} from numbers")
     values = dict(opened(NUMBERS, rows))
+    newest = reader.execute("select coalesce(max(number), 0) from runs").fetchone()[0]
+    # The counter of boots is that of the next one, and is written where the last was deleted.
+    values["run"] = max(values.get("run", 1) - 1, newest)
     for what, table in _COUNTED.items():
-        # Boots are numbered after the last one, also where no counter was written yet.
-        least = greatest[table] if what != "run" else 0
-        if values.get(what, 0) < least:
+        value, last = values.pop(what, 0), greatest[table]
+        if value < last or (value > last and not may_exceed):
             found.wrong.append(
-                f"the row {what} of numbers says {values.get(what, 0)}, but number {least} was "
-                f"given already to a row of {table}"
+                f"the row {what} of numbers says {value}, but the last number that was given to "
+                f"a row of {table} is {last}"
             )
+    for what, value in values.items():
+        if (what, value) != ("check", 1):
+            found.wrong.append(f"the row {what} of numbers was never accepted")

@@ -39,6 +39,10 @@ class Walk:
         First block behind the last head that the server's key did not seal; None if none.
     reordered
         Whether features came before others since the last head.
+    greatest
+        Greatest key of each kind of row, of removed rows as well.
+    twice
+        Rows that were written again, though none of their table ever is.
     """
 
     end: Link
@@ -51,6 +55,7 @@ class Walk:
     states: dict[int, list[tuple[int, bytes]]] = dataclasses.field(default_factory=dict)
     unsealed: int | None = None
     reordered: bool = False
+    greatest: dict[bytes, int] = dataclasses.field(default_factory=dict)
     twice: list[str] = dataclasses.field(default_factory=list)
 
     def void(self) -> None:
@@ -150,5 +155,6 @@ def _take(found: Walk, count: int, block: bytes, last: int, *, is_newer: bool) -
             if coverage.is_appended and key in rows and not (digest == GONE and is_remade):
                 found.twice.append(coverage.name_of_missing(key))
             rows[key] = digest, count
+            found.greatest[kind] = max(key, found.greatest.get(kind, 0))
     found.reordered |= is_newer and found.remade == count
     return last
