@@ -13,7 +13,7 @@ from .backups import backup, restore
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .factory import is_url, open_store
 from .ledger_audit import Audit, audit
-from .postgres import PostgresStore
+from .postgres import PostgresStore, audit_url, without_secret
 from .sqlite import SqliteStore, audit_file, verify_file
 from .store import History, Store, WriteBatch
 from .tables.composites import CompositeRow
@@ -44,9 +44,11 @@ __all__ = [
     "WrongStoreError",
     "audit",
     "audit_file",
+    "audit_url",
     "backup",
     "is_url",
     "open_store",
     "restore",
     "verify_file",
+    "without_secret",
 ]

@@ -112,7 +112,9 @@ class SqlStore(SqlRecords):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
-            journal.remove(HELD, ((number, sequence, None) for number, sequence in cut.released))
+            journal.remove(
+                HELD, ((number, sequence, None) for number, sequence in cut.released)
+            )
         journal.put(DELIVERIES, deliveries_table.insert(writer, cut.deliveries))
         journal.put(DELIVERIES, deliveries_table.settle(writer, cut.settled))
         acknowledged = deliveries_table.acknowledge(writer, cut.acknowledgements)

@@ -33,7 +33,9 @@ class SqlRecords(SqlBase):
             new = diagnoses_table.insert(writer, row._replace(number=number))
             journal.put(DIAGNOSES, [new])
             gone = diagnoses_table.forget(writer, row.twin, kept)
-            journal.remove(DIAGNOSES, (of_key(DIAGNOSES, number=n, twin=row.twin) for n in gone))
+            journal.remove(
+                DIAGNOSES, (of_key(DIAGNOSES, number=n, twin=row.twin) for n in gone)
+            )
             return number
 
     def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
@@ -86,7 +88,9 @@ class SqlRecords(SqlBase):
         """Drop those that ended before then."""
         with self._chaining() as (writer, journal):
             gone = deliveries_table.forget(writer, before_ns)
-            journal.remove(DELIVERIES, (of_key(DELIVERIES, id=i, twin=twin) for i, twin in gone))
+            journal.remove(
+                DELIVERIES, (of_key(DELIVERIES, id=i, twin=twin) for i, twin in gone)
+            )
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
         """Read the acknowledgements of alarms of a twin."""

@@ -28,6 +28,7 @@ _COUNTERS = {
     "asked": "Questions put to edges about what is missing.",
     "inbox_dropped": "Messages that found no room in the inbox.",
     "callback_errors": "Failures within callbacks of the bus.",
+    "witness_failures": "Signed heads of the ledger that could not be kept elsewhere.",
 }
 _GAUGES = {
     "twins": "Registered twins.",
@@ -35,6 +36,7 @@ _GAUGES = {
     "holes": "Boots of which something is missing now.",
     "held": "Features held out of order now.",
     "inbox": "Messages that wait to be worked.",
+    "ledger_refused": "Whether the ledger is not signed, because the database is not proven.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }

@@ -130,7 +130,7 @@ def inclusion_proof(index: int, leaves: Sequence[bytes]) -> list[bytes]:
 def root_of_inclusion(
     index: int, size: int, leaf: bytes, proof: Sequence[bytes]
 ) -> bytes | None:
-    """Compute the root of a tree from a leaf and its inclusion proof; None if it is malformed."""
+    """Compute a root from a leaf and its inclusion proof; None if that is malformed."""
     if not 0 <= index < size:
         return None
     fn, sn, found = index, size - 1, leaf_hash(leaf)

@@ -59,9 +59,14 @@ class Head(NamedTuple):
         return "\n".join(map(str, words)).encode()
 
     @property
+    def hashed(self) -> bytes:
+        """Bytes whose hash is `digest`."""
+        return self.said + self.signature.encode()
+
+    @property
     def digest(self) -> str:
         """Hash by which the next head refers to it."""
-        return hashlib.sha256(self.said + self.signature.encode()).hexdigest()
+        return hashlib.sha256(self.hashed).hexdigest()
 
     @property
     def is_signed(self) -> bool:

@@ -39,6 +39,8 @@ class Verdict:
         the last.
     missing
         Features that the server accepted and the recording has not.
+    has_kept
+        Whether the head that was kept elsewhere is in it.
     wrong
         What has been changed, a sentence each; empty if nothing has.
     """
@@ -47,16 +49,21 @@ class Verdict:
     vouched: int = 0
     waiting: int = 0
     missing: int = 0
+    has_kept: bool = False
     wrong: list[str] = dataclasses.field(default_factory=list)
 
 
-def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
+def verdicts(
+    path: Path | str, public: str | None = None, kept: Head | None = None
+) -> dict[str, Verdict]:
     """Compare a recording with the signed heads in it.
 
     Parameters
     ----------
     public
         Key of the server, from elsewhere; None to believe the one in the heads.
+    kept
+        A head that was kept elsewhere; one of its number has to be the same.
 
     Returns
     -------
@@ -84,6 +91,13 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
     found = {}
     for asset in sorted(there.keys() | said.keys()):
         found[asset] = _verdict(there.get(asset, {}), said.get(asset, []), public)
+        for head in {message.head for message in said.get(asset, [])}:
+            if kept is not None and head.number == kept.number:
+                found[asset].has_kept = is_same = Head(**head.model_dump()) == kept
+                if not is_same:
+                    found[asset].wrong.append(
+                        f"head {kept.number} is another than the one that was kept elsewhere"
+                    )
         if public is None and len(keys) > 1:
             found[asset].wrong.append(
                 f"heads are signed with {len(keys)} keys; name the server's own with --key"

@@ -1,4 +1,4 @@
-"""Written rows in, entries of the ledger out: which table is covered how, and by which chain."""
+"""Written rows in, entries of the ledger out: which chain covers a row, and how."""
 
 from .coverage import COVERED, FOLLOWING, Coverage
 from .journal import Journal

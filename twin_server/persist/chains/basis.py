@@ -1,4 +1,4 @@
-"""Chains all rows of a database as they stand: after an upgrade, or when an operator says so."""
+"""Chains all rows as they stand: after an upgrade, or when an operator says so."""
 
 import itertools
 from collections.abc import Iterator
@@ -56,7 +56,9 @@ def states_between(
     some = reader.execute(
         "select 1 from details where id between ? and ? limit 1", (first, last)
     ).fetchone()
-    more = ("changes, body", "left join details d on d.id = f.id") if some else ("null, null", "")
+    more = (
+        ("changes, body", "left join details d on d.id = f.id") if some else ("null, null", "")
+    )
     question = (
         f"select f.id, state, {more[0]} from features f {more[1]} "
         "where f.id between ? and ? order by f.id limit ?"

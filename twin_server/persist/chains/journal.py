@@ -69,5 +69,3 @@ def of_key(table: Table, **keys: object) -> tuple[object, ...]:
     (3, 7, None)
     """
     return tuple(keys.get(name) for name in table.columns)
-
-

@@ -17,7 +17,12 @@ from .rows import compare_features, compare_states, compare_tables
 from .signed_heads import Vouched, check_heads
 
 _LOW = (1 << SHIFT) - 1
-_COUNTED = {"event": "events", "diagnosis": "diagnoses", "composite": "composites", "run": "runs"}
+_COUNTED = {
+    "event": "events",
+    "diagnosis": "diagnoses",
+    "composite": "composites",
+    "run": "runs",
+}
 """Names of counters, and the tables whose numbers they give."""
 
 
@@ -138,8 +143,8 @@ class _ChainAudit:
         if self.walked.unsealed is not None:
             self._found.blame(
                 self._owner,
-                f"its entries up to {self.walked.unsealed}, behind the last head, were not "
-                "written by a server with this key",
+                f"its entries up to {self.walked.unsealed}, behind the last head, carry no "
+                "seal of this key: a server without it, or somebody else, has written them",
             )
 
     def _check_basis(self, against: int) -> None:
@@ -227,8 +232,8 @@ def _check_counters(
         value, last = values.pop(what, 0), greatest[table]
         if value < last or (value > last and not may_exceed):
             found.wrong.append(
-                f"the row {what} of numbers says {value}, but the last number that was given to "
-                f"a row of {table} is {last}"
+                f"the row {what} of numbers says {value}, but the last number that was given "
+                f"to a row of {table} is {last}"
             )
     for what, value in values.items():
         if (what, value) != ("check", 1):

@@ -77,7 +77,11 @@ def blocks(reader: Any, owner: str) -> Iterator[tuple[int, bytes, bytes]]:
 
 
 def walk(
-    reader: Any, owner: str, leaves: dict[int, Leaf], sealed_after: int | None, seal: Seal | None
+    reader: Any,
+    owner: str,
+    leaves: dict[int, Leaf],
+    sealed_after: int | None,
+    seal: Seal | None,
 ) -> Walk:
     """Follow a chain, and compare it with all leaves that were signed of it.
 

@@ -17,8 +17,8 @@ class Audit:
     ----------
     wrong
         Differences from what was accepted, one sentence each; empty if there are none.
-    chains_wrong
-        Names of the chains of which there are.
+    by_chain
+        The same of each chain; what belongs to none is in `wrong` only.
     heads, last
         How many signed heads there are, and the last one.
     against
@@ -34,7 +34,7 @@ class Audit:
     """
 
     wrong: list[str] = dataclasses.field(default_factory=list)
-    chains_wrong: set[str] = dataclasses.field(default_factory=set)
+    by_chain: dict[str, list[str]] = dataclasses.field(default_factory=dict)
     heads: int = 0
     last: Head | None = None
     against: Head | None = None
@@ -46,7 +46,7 @@ class Audit:
 
     def blame(self, chain: str, what: str) -> None:
         """Add a difference in what belongs to one chain."""
-        self.chains_wrong.add(chain)
+        self.by_chain.setdefault(chain, []).append(what)
         self.wrong.append(f"{chain}: {what}")
 
     def blame_each(self, chain: str, sentences: Iterable[str]) -> None:

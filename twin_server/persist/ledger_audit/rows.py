@@ -4,8 +4,8 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-from slowtime_services.ledger import features_digest, states_digest
 from slowtime_services.ledger import chain as kinds
+from slowtime_services.ledger import features_digest, states_digest
 from slowtime_services.ledger.chain import GONE, WIDTH
 from twin_server.persist.chains.basis import states_between
 from twin_server.persist.chains.coverage import COMPOSITE, COVERED, SERVER, Coverage

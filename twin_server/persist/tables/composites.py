@@ -29,9 +29,7 @@ class CompositeRow(NamedTuple):
     body: str
 
 
-def insert(
-    writer: Any, rows: Sequence[CompositeRow], following: int
-) -> Sequence[CompositeRow]:
+def insert(writer: Any, rows: Sequence[CompositeRow], following: int) -> Sequence[CompositeRow]:
     """Keep rows under the numbers from `following` on, and return them so."""
     numbered = [row._replace(number=following + at) for at, row in enumerate(rows)]
     insert_rows(writer, COMPOSITES, numbered)

@@ -35,9 +35,7 @@ def insert(writer: Any, row: DiagnosisRow) -> tuple[object, ...]:
     return whole
 
 
-def update(
-    writer: Any, row: DiagnosisRow, page: bytes, model: str
-) -> list[tuple[object, ...]]:
+def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> list[tuple[object, ...]]:
     """Store the outcome of a diagnosis, page and model only if not empty; return its row.
 
     There is none where the diagnosis was deleted meanwhile.

@@ -31,7 +31,7 @@ def write_twins(
         last = writer.execute("select coalesce(max(place), 0) from twins").fetchone()[0]
         following = itertools.count(last + 1)
         places |= {key: next(following) for key in newest if key not in places}
-    rows = [(key, places[key], *twin) for key, twin in newest.items()]
+    rows: list[tuple[object, ...]] = [(key, places[key], *twin) for key, twin in newest.items()]
     upsert(writer, TWINS, rows)
     changed = {
         key: twin.registration

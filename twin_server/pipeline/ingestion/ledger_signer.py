@@ -8,7 +8,7 @@ import base64
 import itertools
 import json
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from slowtime_schemas.codec import encode
@@ -39,6 +39,12 @@ logger = logging.getLogger(__name__)
 
 MOST_NAMED = 5
 """Differences that a refusal names; `slowtime check --ledger` tells all."""
+MOST_TWINS_TOLD = 1_000
+"""Twins that get an event of a refusal; all of a larger site are wrong for one reason."""
+_CURE = (
+    "Keep the database aside as evidence, and restore the last backup that "
+    "`slowtime check --ledger` finds sound."
+)
 MOST_TOLD = 20_000
 """Entries of one twin that a message tells; of more, only their end is told."""
 LOOKED_BACK = 1_000
@@ -54,6 +60,11 @@ class Witness(Protocol):
     @property
     def last(self) -> Head | None:
         """The last head that was kept; None where none was, or it cannot be read back."""
+        ...
+
+    @property
+    def failures(self) -> int:
+        """Attempts that failed."""
         ...
 
     def take(self, head: Head) -> None:
@@ -121,6 +132,16 @@ class LedgerSigner:
         if self._witness is not None:
             self._witness.close()
 
+    @property
+    def refused(self) -> bool:
+        """Whether nothing is signed, because the store does not prove consistent."""
+        return bool(self.refusal)
+
+    @property
+    def missed(self) -> int:
+        """How often a head could not be kept elsewhere."""
+        return 0 if self._witness is None else self._witness.failures
+
     def take_unsaid(self) -> dict[str, str]:
         """Return once, by twin, what its people have to be told."""
         unsaid, self._unsaid = self._unsaid, {}
@@ -160,7 +181,11 @@ class LedgerSigner:
         """Compare the whole store with its last head, and let its blocks be sealed."""
         seal = self._signer.seal
         self._store.seal_with(None)
-        kept = self._witness.last if self._witness is not None else None
+        try:
+            kept = self._witness.last if self._witness is not None else None
+        except ValueError as error:
+            self._refuse(f"the file of heads cannot be read: {error}", {})
+            return
         found = audit_store(self._store, public=self._signer.public, kept=kept, seal=seal)
         if found.wrong and found.last is not None and kept in (None, found.last):
             if self._settings.continue_after_head == found.last.number:
@@ -183,11 +208,8 @@ class LedgerSigner:
         link, log = self._proven.get(owner, (beginning(owner), CompactRange()))
         entries = self._store.entries(owner, link.length)
         if linked(link, entries) != end:
-            self._refuse(
-                f"{owner}: the entries behind {link.length} are not those that this server "
-                "chained",
-                {owner},
-            )
+            what = f"the entries behind {link.length} are not those that this server chained"
+            self._refuse(f"{owner}: {what}", {owner: [what]})
             return False
         log.extend(entry.written for entry in entries)
         self._proven[owner] = end, log
@@ -195,17 +217,16 @@ class LedgerSigner:
 
     def _refuse_where_wrong(self, found: Audit) -> None:
         if found.wrong:
-            self._refuse("; ".join(found.wrong[:MOST_NAMED]), found.chains_wrong)
+            self._refuse("; ".join(found.wrong[:MOST_NAMED]), found.by_chain)
 
-    def _refuse(self, why: str, chains: set[str]) -> None:
-        """Sign and seal nothing more, and say so."""
+    def _refuse(self, why: str, by_chain: Mapping[str, Sequence[str]]) -> None:
+        """Sign and seal nothing more, and say so; to each site what concerns it only."""
         self._store.seal_with(None)
-        self.refusal = (
-            f"The ledger is not signed any more: {why}. Keep the database aside as evidence and "
-            "restore the last backup that `slowtime check --ledger` finds sound."
-        )
-        self._unsaid |= dict.fromkeys(sorted(chains), self.refusal)
+        self.refusal = f"The ledger is not signed any more: {why}. {_CURE}"
         logger.error("%s", self.refusal)
+        for chain in sorted(by_chain)[:MOST_TWINS_TOLD]:
+            what = "; ".join(by_chain[chain][:MOST_NAMED])
+            self._unsaid[chain] = f"The ledger is not signed any more: {what}. {_CURE}"
 
     def _tell(self, head: Head, leaf: Leaf) -> None:
         site, _, asset = leaf.asset.partition(".")

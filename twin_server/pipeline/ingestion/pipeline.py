@@ -47,6 +47,7 @@ from twin_server.collect import (
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
@@ -147,7 +148,12 @@ class Pipeline:
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, settings.ledger, self._publisher.say
+                store,
+                self._clock,
+                signer,
+                settings.ledger,
+                self._publisher.say,
+                HeadWitnesses(settings.ledger),
             )
         self._load()
 
@@ -317,6 +323,9 @@ class Pipeline:
             "holes": account.holes,
             "held": account.held,
             "inbox": self.waiting,
+            "ledger_refused": int(
+                self.ledger_signer is not None and self.ledger_signer.refused
+            ),
         }
 
     def tallies(self) -> dict[str, int]:
@@ -324,6 +333,7 @@ class Pipeline:
         return {
             "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
+            "witness_failures": self.ledger_signer.missed if self.ledger_signer else 0,
         }
 
     def _later(self, call: Callable[[], None]) -> bool:

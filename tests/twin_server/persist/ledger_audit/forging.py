@@ -7,6 +7,7 @@ import numpy as np
 from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer
 from slowtime_services.ledger import Head
+from tests.twin_server.persist.tables.test_levels import cut_of, states_of
 from twin_server.events.asset_events import AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
 from twin_server.persist import (
@@ -24,7 +25,6 @@ from twin_server.persist import (
 from twin_server.persist.tables.checksums import TABLES, Table
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 from twin_server.settings import LedgerSettings
-from tests.twin_server.persist.tables.test_levels import cut_of, states_of
 
 SITES = {"lab.beam": 1, "yard.mast": 2}
 """Twins of two sites, and the number of the boot of each."""
@@ -68,17 +68,17 @@ def signer_of(store, key, **settings):
     )
 
 
-def build(database, key):
-    """Write all tables in turns, and sign a head after each."""
+def build(database, key, turns=3):
+    """Write all tables in turns, sign a head after each, and write what no head covers."""
     store = open_unverified(database)
     signer, seen, heads = signer_of(store, key), [], []
-    for turn in range(3):
+    for turn in range(turns):
         _write_turn(store, turn)
         heads.append(signer.sign(10**18 + turn))
         seen.append({table.name: rows_of(store, table) for table in TABLES})
-    _write_turn(store, 3, behind=True)
+    _write_turn(store, turns, behind=True)
     store.close()
-    return House(database, key, heads[1], seen[0], seen[1])
+    return House(database, key, heads[min(1, turns - 1)], seen[0], seen[min(1, turns - 1)])
 
 
 def _write_turn(store, turn, *, behind=False):
@@ -205,7 +205,11 @@ def edit(house, writer, table, column=None):
         row = next(one for one in candidates(house, writer, table) if one[8] == "waiting")
     column = column or others[-1]
     remove(writer, table, row)
-    put(writer, table, with_column(table, row, column, other_value(row[table.columns.index(column)])))
+    put(
+        writer,
+        table,
+        with_column(table, row, column, other_value(row[table.columns.index(column)])),
+    )
     return [row]
 
 
