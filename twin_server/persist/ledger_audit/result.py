@@ -30,7 +30,7 @@ class Audit:
     standing
         Leaves that the last head signs.
     ends
-        End of each chain, and the Merkle tree of its entries.
+        End of each chain, and the Merkle tree of its entries, for who has the key.
     """
 
     wrong: list[str] = dataclasses.field(default_factory=list)
