@@ -8,6 +8,10 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.clock import Clock
 
+LONGEST_PAUSE_S = 3600.0
+"""Longest pause between two blocks of a file [s], whatever their times say: those of a logger
+whose clock was set meanwhile are decades apart."""
+
 
 @runtime_checkable
 class Source(Protocol):
@@ -76,9 +80,11 @@ def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block
     ------
     The same blocks, until stopped.
     """
-    first_ns: int | None = None
+    due_s, before_ns = 0.0, None
     for block in blocks:
-        first_ns = block.start_ns if first_ns is None else first_ns
-        if not pacer.wait_until((block.end_ns - first_ns) / 1e9 / speed if speed else 0.0):
+        since_ns = block.start_ns if before_ns is None else before_ns
+        pause_s = max(0, block.end_ns - since_ns) / 1e9 / speed if speed else 0.0
+        due_s, before_ns = due_s + min(pause_s, LONGEST_PAUSE_S), block.end_ns
+        if not pacer.wait_until(due_s):
             return
         yield block

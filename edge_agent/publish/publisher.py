@@ -55,6 +55,8 @@ logger = logging.getLogger(__name__)
 MOST_AT_ONCE = 10_000
 """Features in one answer; who wants more asks again."""
 
+LARGEST_COUNT = 2**63 - 1
+"""Largest counter that a `Health` message holds [1]."""
 
 MOST_RANGES = 1_000
 """Damaged ranges of a boot in one answer; the next are told once these are acknowledged."""
@@ -139,7 +141,9 @@ class Publisher:
     def counters(self) -> dict[str, int]:
         """Counters of the publisher and of the source."""
         told = {} if self._counts is None else self._counts()
-        return dict(sorted((*self._counters.items(), *told.items())))
+        every = sorted((*self._counters.items(), *told.items()))
+        # One that is out of bounds would keep all the others from being told.
+        return {name: min(max(0, count), LARGEST_COUNT) for name, count in every}
 
     def raw(self, block: Block) -> None:
         """Keep a block for requests, and publish it if the settings say so."""

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 from slowtime_services.operating_system import lock_file, sync_folder
 
 from .damaged_bytes import DamagedBytes
-from .spool_records import MARK, Damage, Sound, pack, scan
+from .spool_records import LARGEST_SEQUENCE, MARK, Damage, Sound, pack, scan
 
 logger = logging.getLogger(__name__)
 
@@ -354,7 +354,7 @@ class Spool:
 def _place(path: Path) -> int:
     """Place of a segment's boot among all; 0 of software that did not name it."""
     place = path.name.partition(".")[0]
-    return int(place) if len(place) == 8 and place.isdigit() else 0
+    return int(place) if len(place) == 8 and place.isascii() and place.isdigit() else 0
 
 
 def _boot_of(path: Path) -> str:
@@ -365,7 +365,9 @@ def _boot_of(path: Path) -> str:
 def _first_of(path: Path) -> int:
     """Return the first sequence of a segment, by its name; 0 if the name lacks it."""
     first = path.name.removesuffix(SUFFIX).rpartition(".")[2]
-    return int(first) if first.isascii() and first.isdigit() else 0
+    if not (first.isascii() and first.isdigit()):
+        return 0
+    return min(int(first), LARGEST_SEQUENCE)
 
 
 def _open(path: Path, next_path: Path | None, damaged: DamagedBytes) -> _Segment | None:
@@ -393,7 +395,7 @@ def _read_dropped(path: Path) -> dict[str, int]:
         return {str(boot): int(last) for boot, last in json.loads(path.read_text()).items()}
     except FileNotFoundError:
         return {}
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         logger.warning("%s cannot be read and is started again: %r", path, error)
         return {}
 

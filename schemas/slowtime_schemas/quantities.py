@@ -44,12 +44,58 @@ BootId = Annotated[
 ]
 
 Nanoseconds = Annotated[int, Field(ge=0, lt=2**63, description="Since 1970-01-01 UTC [ns].")]
+
+SEQUENCES = 2**40
+"""Sequences are smaller than this: a store keeps features by the number of their boot and 40
+bits of sequence. At a thousand features a second, that is 35 years of one boot."""
+
+MOST_COUNTERS = 256
+"""Counters of one message; an edge agent has some twenty."""
+LONGEST_COUNTER = 100
+"""Characters in the name of a counter; the longest of an edge agent has 25."""
+
+LONGEST_S = 2.0**63 / 1e9
+"""Longest time that can be stated [s]: as long as nanoseconds since 1970 can be counted."""
+
+
+def _below_sequences(value: int) -> int:
+    # Not in the JSON Schema, whose frozen versions allow 63 bits; no agent comes near either.
+    if value >= SEQUENCES:
+        raise ValueError(
+            f"A sequence of {value} was given. Allowed: below 2^40. Number the messages of a "
+            "boot from 0."
+        )
+    return value
+
+
+StorableSequence = AfterValidator(_below_sequences)
+"""Marks a sequence, or a number that stands for one, that a store can keep."""
+
 Sequence = Annotated[
-    int, Field(ge=0, lt=2**63, description="Counts a stream's messages within a boot.")
+    int,
+    Field(ge=0, lt=2**63, description="Counts a stream's messages within a boot."),
+    StorableSequence,
 ]
 Finite = FiniteFloat
 Sd = Annotated[NonNegativeFloat, Field(allow_inf_nan=False, description="Standard deviation.")]
 
+
+LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e8
+"""Sampling rates that are believed [Hz]: from a sample in eleven days to the fastest digitizers
+of acoustic emission. Receivers make room for what a rate and a duration ask for."""
+
+
+def _believed_rate(rate_hz: float) -> float:
+    if not LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
+        raise ValueError(
+            f"A rate of {rate_hz:g} Hz was given. Allowed: {LEAST_RATE_HZ:g} to "
+            f"{MOST_RATE_HZ:g}. Give samples per second."
+        )
+    return rate_hz
+
+
+BelievedRate = AfterValidator(_believed_rate)
+"""Marks a rate that is held to bounds which the frozen schemas do not state."""
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Flag = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -60,6 +106,38 @@ Covariates = Annotated[
     Field(max_length=64, description="Named with their unit, such as temperature_c."),
 ]
 """Numbers known beside the measured ones: temperature, load, a simulator's truth."""
+
+
+def _few_counters(counters: dict[str, int]) -> dict[str, int]:
+    if len(counters) > MOST_COUNTERS:
+        raise ValueError(
+            f"{len(counters)} counters were given. Allowed: up to {MOST_COUNTERS}. Leave some "
+            "out."
+        )
+    longest = max(counters, key=len, default="")
+    if len(longest) > LONGEST_COUNTER:
+        raise ValueError(
+            f"A counter {longest[:40]!r}… of {len(longest)} characters was given. Allowed: up "
+            f"to {LONGEST_COUNTER}. Shorten its name."
+        )
+    return counters
+
+
+Counters = Annotated[dict[str, Count], AfterValidator(_few_counters)]
+"""Counts by name, which a server keeps of each agent."""
+
+
+def _countable(seconds: float) -> float:
+    if seconds > LONGEST_S:
+        raise ValueError(
+            f"{seconds:.6g} s was given. Allowed: up to {LONGEST_S:.6g} s, which nanoseconds "
+            "can be counted for. Correct the clock."
+        )
+    return seconds
+
+
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_countable)]
+"""How long something took [s]."""
 
 RENEWALS = "renewals"
 """Covariate that counts how often the structure was renewed; its rise announces a renewal."""

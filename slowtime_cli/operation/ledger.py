@@ -2,14 +2,15 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from slowtime_cli.shared.terminal import plural
 from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
-from slowtime_services.ledger import Head
+from slowtime_services.documents.document_files import read_json_file
+from slowtime_services.ledger import Head, last_head
 from slowtime_services.ledger.timestamps import TimestampError, stamped
 from slowtime_services.replay import RecordingError, verdicts
 
@@ -160,15 +161,19 @@ def public_key_of(key: str) -> str:
         raise click.UsageError(str(error)) from error
 
 
+def _last_document(path: Path) -> Any:
+    """Read a JSON file, or the last line of one that has a document on each line."""
+    try:
+        return read_json_file(path)
+    except ValueError:
+        return last_head(path)._asdict()
+
+
 def kept_head(path: Path) -> Head:
     """Read a head that was kept."""
     try:
-        text = path.read_text()
-        try:
-            return Head.of(json.loads(text))
-        except json.JSONDecodeError:  # a file of heads, one a line: the last one
-            return Head.of(json.loads(text.splitlines()[-1]))
-    except (ValueError, TypeError, IndexError) as error:
+        return Head.of(_last_document(path))
+    except (ValueError, TypeError) as error:
         raise click.UsageError(
             f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."
         ) from error

@@ -13,6 +13,7 @@ EXAMPLES: dict[str, str] = {
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
     "alarms": "slowtime demo --duration 60 & sleep 25; "
     "slowtime alarms deliveries demo.tower; kill %1",
+    "holdings": "slowtime demo --duration 60 & sleep 25; slowtime holdings list; kill %1",
     "event": "slowtime demo --duration 60 & sleep 25; "
     "slowtime event add demo.tower --kind note --text Inspected; "
     "slowtime event list demo.tower; kill %1",

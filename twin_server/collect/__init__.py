@@ -2,21 +2,21 @@
 
 from .account import Account
 from .backfill import Backfill
-from .reception import Received, Reception
-from .refusals import Refusals
-from .rivals import contest_reading
-from .runs import (
-    Arrival,
+from .changes import (
     Change,
-    EdgeQuery,
-    Holding,
+    DoubtedSequence,
     LostRange,
     OldReading,
     Ordered,
+    ReachedLimit,
     RepeatedFeatures,
     RivalAgents,
-    Run,
 )
+from .held import Arrival
+from .reception import Received, Reception
+from .refusals import Refusals
+from .rivals import contest_reading
+from .runs import EdgeQuery, Holding, Run
 from .sensors import SensorNotice, SensorWatch
 from .sequence import DAMAGED
 
@@ -26,11 +26,13 @@ __all__ = [
     "Arrival",
     "Backfill",
     "Change",
+    "DoubtedSequence",
     "EdgeQuery",
     "Holding",
     "LostRange",
     "OldReading",
     "Ordered",
+    "ReachedLimit",
     "Received",
     "Reception",
     "Refusals",

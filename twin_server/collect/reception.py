@@ -23,8 +23,8 @@ from slowtime_services.bus import Sample
 from twin_server.registration.twin import Registration
 from twin_server.settings import AdmissionSettings
 
+from .held import Arrival
 from .refusals import Refusals
-from .runs import Arrival
 
 
 class Received(NamedTuple):

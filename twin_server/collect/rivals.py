@@ -4,7 +4,10 @@ import datetime
 
 from slowtime_schemas.messages import Health
 
-from .runs import Arrival, AssetRuns, Change, RepeatedFeatures, RivalAgents, Run
+from .asset_runs import AssetRuns
+from .changes import Change, RepeatedFeatures, RivalAgents
+from .held import Arrival
+from .runs import Run
 
 SAME_AGENT_MS = 1_000
 """Difference of start times within which two health messages are of one agent [ms]: an agent
@@ -55,7 +58,7 @@ def tell_agents_apart(run: Run, health: Health, change: Change) -> None:
 
 def look_for_survivor(line: AssetRuns, run: Run, health: Health, change: Change) -> None:
     """See whether the agent of a closed boot lives on beside that of a later one."""
-    later = line.runs[-1] if line.runs else run
+    later = line.latest or run
     if run.rivalled or not run.closed or later is run or not later.agents:
         return
     if health.t_ns // 10**6 > later.agents[-1] + SAME_AGENT_MS:
@@ -67,8 +70,8 @@ def look_for_survivor(line: AssetRuns, run: Run, health: Health, change: Change)
 def report_rivals(line: AssetRuns, run: Run, change: Change) -> None:
     """Report that a boot and the latest one of its asset are of two agents."""
     run.rivalled = True
-    latest = line.runs[-1].boot
-    change.rivals.append(RivalAgents(run, latest, run.next, "they use different boots"))
+    latest = run if line.latest is None else line.latest
+    change.rivals.append(RivalAgents(run, latest.boot, run.next, "they use different boots"))
 
 
 def look_for_rivals(

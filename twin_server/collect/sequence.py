@@ -4,21 +4,15 @@ from collections.abc import Sequence
 
 from twin_server.settings import BackfillSettings
 
-from .runs import (
-    SEQUENCES,
-    Arrival,
-    AssetRuns,
-    Change,
-    EdgeQuery,
-    Holding,
-    LostRange,
-    OldReading,
-    Ordered,
-    Run,
-)
+from .changes import Change, LostRange, OldReading, Ordered
+from .evidence import MOST_AHEAD, drop_far, jump_refusal, vouch, withdraw
+from .held import Arrival, HeldBytes
+from .intervals import Range, covers, joined
+from .runs import EdgeQuery, Holding, Run
 
 BACKWARDS = "its sensor time runs back"
 DAMAGED = "the edge's spool is damaged there"
+NOT_HELD = "the edge no longer holds it"
 
 
 def accept(run: Run, arrival: Arrival, change: Change) -> None:
@@ -38,8 +32,13 @@ def accept(run: Run, arrival: Arrival, change: Change) -> None:
             )
         )
         return
+    run.follow_earlier()
     missing = features.sequence - run.last - 1
-    change.ordered.append(Ordered(run, features, arrival.payload, missing, arrival.replayed))
+    change.ordered.append(
+        Ordered(
+            run, features, arrival.payload, missing, arrival.replayed, previous_ns=run.last_t_ns
+        )
+    )
     run.last, run.last_t_ns = features.sequence, features.t_ns
     run.take(features.sequence, arrival.payload)
     if arrival.age_s and not run.aged:
@@ -56,26 +55,25 @@ def release_held(run: Run, change: Change) -> None:
 
 
 def refusal_of(
-    run: Run, sequence: int, settings: BackfillSettings, max_jump: int
+    run: Run, arrival: Arrival, held_bytes: HeldBytes, settings: BackfillSettings
 ) -> tuple[str, str] | None:
     """Decide whether features that are not the next of a run are refused.
 
     Parameters
     ----------
-    sequence
-        Number of the features within their boot.
+    held_bytes
+        Bytes of all features of the asset that are held.
     settings
-        How many features are held out of order.
-    max_jump
-        How far `sequence` may be ahead of the one expected.
+        How much is held out of order.
 
     Returns
     -------
     The reason, a key of `refusals.REASONS`, and a sentence; None where the features are held.
     """
+    sequence = arrival.features.sequence
     what = f"{run}: sequence {sequence} was given, "
     if run.number and sequence < run.next:
-        if any(first <= sequence <= last for first, last in run.lost):
+        if covers(run.lost, sequence):
             return "too_late", (
                 f"{what}which was already counted as lost. Allowed: messages that arrive "
                 "while they are requested. Raise the patience in the healing settings if "
@@ -89,25 +87,29 @@ def refusal_of(
             f"{what}but a later boot of {run.site}.{run.asset} has begun. Allowed: one "
             "agent at a time per asset. Give each its own asset name."
         )
-    if sequence >= SEQUENCES or (run.number and sequence > max(run.next, run.told) + max_jump):
-        return "sequence_jump", (
-            f"{what}but {run.next} was expected. Allowed: up to {max_jump:,} ahead. "
-            "Number the features of a boot from 0 without jumps."
-        )
+    # What a boot begins with is judged once its agent has told its account.
+    if sequence > (run.horizon if run.number else MOST_AHEAD):
+        return "sequence_jump", jump_refusal(run, sequence)
     if len(run.held) >= settings.max_held:
         return "held_full", (
             f"{what}but {len(run.held):,} are held already because {run.next} is missing. "
             "Allowed: up to max_held. The message is requested again once there is room."
         )
+    if held_bytes.total + len(arrival.payload) > settings.max_held_bytes:
+        return "held_full", (
+            f"{what}but features of {held_bytes.total:,} bytes are held already because "
+            f"{run.next} is missing. Allowed: up to max_held_bytes. The message is requested "
+            "again once there is room."
+        )
     return None
 
 
 def conclude_hole(
-    line: AssetRuns,
     run: Run,
     want: EdgeQuery,
     listing: Sequence[Holding],
     certain: bool,
+    spooled: bool,
     now_s: float,
     settings: BackfillSettings,
     change: Change,
@@ -122,12 +124,15 @@ def conclude_hole(
         What the edge says it holds.
     certain
         Whether the edge answered without error, so that what it does not list is gone.
+    spooled
+        Whether an edge agent that keeps an account was ever there.
     now_s
         Monotonic time [s].
     """
     holding = next((entry for entry in listing if entry.boot == run.boot), None)
     if certain and holding is not None:
         lose_damaged(run, holding, change)
+        vouch(run, holding)
     hole = run.missing()
     if hole is None:
         run.calm()
@@ -137,46 +142,73 @@ def conclude_hole(
         return
     obtainable = holding is not None and holding.last >= hole[0]
     if certain and listing and not obtainable:
-        pass_over(run, hole, "the edge no longer holds it", change)
-    elif certain and holding is not None and holding.first > hole[0]:
+        pass_over(run, hole, NOT_HELD, change)
+    elif certain and holding is not None and holding.first > hole[0] and not run.asked_ahead:
         until = min(hole[1], holding.first - 1)
-        pass_over(run, (hole[0], until), "the edge no longer holds it", change)
-    elif run.impatient(certain, line, now_s, settings):
-        why = "the edge did not give it" if certain else "nobody could be asked for it"
-        pass_over(run, *_reasoned(run, hole, why), change)
+        pass_over(run, (hole[0], until), NOT_HELD, change)
+    elif run.impatient(certain, spooled, now_s, settings):
+        give_up(run, hole, certain, change)
     else:
         run.put_off(now_s, settings)
         return
-    if run.missing() is None:
+    left = run.missing()
+    if left is None:
         run.calm()
-    else:
+    elif left[0] > hole[0]:
         run.progress(now_s)
+    else:
+        run.put_off(now_s, settings)
+
+
+def give_up(run: Run, hole: Range, certain: bool, change: Change) -> None:
+    """Stop waiting for a hole: count its first part as lost, or doubt what lies behind it."""
+    if run.held and hole[1] - hole[0] >= run.reach:
+        # An account that lists it all, and an agent that gives what is far ahead alone.
+        withdraw(run, change)
+        drop_far(run, change)
+        return
+    why = "the edge did not give it" if certain else "nobody could be asked for it"
+    part, reason = run.disbelieved.first_part(hole)
+    if reason is not None:
+        why = f"its sensor time is not believed ({reason})"
+    pass_over(run, part if run.held or run.followed else hole, why, change)
 
 
 def lose_damaged(run: Run, holding: Holding, change: Change) -> None:
     """Skip features damaged in the spool, as far as all before them have arrived."""
-    while (hole := run.missing()) is not None:
-        damaged = _damaged_part(hole, holding)
-        if damaged is None:
+    for begin, end in joined(holding.damaged):
+        while (hole := run.missing()) is not None and begin <= hole[0] <= end:
+            if run.asked_ahead or (not run.held and run.is_implausible):
+                return
+            lose(run, hole[0], min(end, hole[1]), DAMAGED, change)
+            release_held(run, change)
+        if hole is None or begin > hole[0]:
             return
-        lose(run, *damaged, DAMAGED, change)
-        release_held(run, change)
 
 
-def pass_over(run: Run, hole: tuple[int, int], why: str, change: Change) -> None:
+def pass_over(run: Run, hole: Range, why: str, change: Change) -> None:
     """Go on behind a hole; a tail that nothing follows is forgotten instead."""
-    if run.held or run.followed:
-        lose(run, *hole, why, change)
-        release_held(run, change)
+    if run.held or run.followed or run.asked_ahead or run.is_implausible:
+        skip(run, hole, why, change)
     else:
         run.forgotten = max(run.forgotten, hole[1])
 
 
+def skip(run: Run, hole: Range, why: str, change: Change) -> None:
+    """Count a hole as lost, unless only an implausible number says that there is one."""
+    if not run.held and (run.asked_ahead or run.is_implausible):
+        withdraw(run, change)
+    else:
+        lose(run, *hole, why, change)
+        release_held(run, change)
+
+
 def lose(run: Run, first: int, last: int, why: str, change: Change) -> None:
     """Pass over sequences `first` to `last`, both included, and report them as lost."""
-    run.lost.append((first, last))
+    run.note_lost(first, last)
     run.next = last + 1
     run.interrupt(run.next)
+    run.disbelieved.forget(run.next)
     change.lost.append(LostRange(run, first, last, why))
     change.touched[run] = None
 
@@ -184,31 +216,9 @@ def lose(run: Run, first: int, last: int, why: str, change: Change) -> None:
 def lose_one(run: Run, sequence: int, change: Change) -> None:
     """Report one that has come and cannot be kept; neighbours in one range."""
     run.interrupt(sequence + 1)
-    if run.lost and run.lost[-1][1] == sequence - 1:
-        run.lost[-1] = (run.lost[-1][0], sequence)
-    else:
-        run.lost.append((sequence, sequence))
+    run.note_lost(sequence, sequence)
     before = change.lost[-1] if change.lost else None
     if before is not None and before.run is run and before.last == sequence - 1:
         change.lost[-1] = before._replace(last=sequence)
     else:
         change.lost.append(LostRange(run, sequence, sequence, BACKWARDS))
-
-
-def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | None:
-    """Return the part of a hole, from its start on, that the edge reports as damaged."""
-    first, until = hole[0], hole[0]
-    for begin, end in sorted(holding.damaged):
-        if begin <= until <= end:
-            until = end + 1
-    return (first, min(until - 1, hole[1])) if until > first else None
-
-
-def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int], str]:
-    """Return the first part of a hole that has one reason, and that reason."""
-    reason = run.disbelieved.get(hole[0])
-    until = hole[0]
-    while until < hole[1] and run.disbelieved.get(until + 1) == reason:
-        until += 1
-    part = (hole[0], until if run.disbelieved else hole[1])
-    return part, why if reason is None else f"its sensor time is not believed ({reason})"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from slowtime_services.ledger import Head
+from slowtime_services.ledger import Head, last_head
 from slowtime_services.ledger.timestamps import (
     LARGEST,
     TimestampError,
@@ -36,8 +36,6 @@ ENDING_S = 5.0
 """How long a server that ends waits for its last head to be kept [s]."""
 TIMEOUT_S = 20.0
 """How long the answer of a witness may take [s]."""
-LONGEST_LINE = 4_096
-"""Longest line of a file of heads [bytes]; a head has some 500."""
 
 
 class _Target(NamedTuple):
@@ -126,23 +124,6 @@ class HeadWitnesses:
                 self._pending.setdefault(one.name, head)
             return
         self._due_s[one.name] = time.monotonic() + one.every_s
-
-
-def last_head(path: Path) -> Head:
-    """Read the last head of a file of heads, one JSON object a line.
-
-    Raises
-    ------
-    ValueError
-        If it does not end with a head.
-    """
-    with path.open("rb") as file:
-        file.seek(0, os.SEEK_END)
-        file.seek(max(0, file.tell() - LONGEST_LINE))
-        lines = file.read().splitlines()
-    if not lines:
-        raise ValueError(f"{path} holds no head.")
-    return Head.of(json.loads(lines[-1]))
 
 
 def _targets(settings: LedgerSettings) -> Sequence[_Target]:

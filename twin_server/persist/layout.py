@@ -29,6 +29,7 @@ from .tables.checksums import (
     LEDGER,
     LEVELS,
     NUMBERS,
+    QUARANTINE,
     TABLES,
     Table,
 )
@@ -40,11 +41,12 @@ from .tables.statements import insert
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 11
+VERSION = 256 * LAYOUT + 12
 """Layout of the states, and of the tables around them."""
 
-WITHOUT_CHAINED_ROWS = 256 * LAYOUT + 10
+WITHOUT_CHAINED_ROWS = 256 * LAYOUT + 11
 """The version whose ledger covers registrations, features and reports only."""
+WITHOUT_QUARANTINE = 256 * LAYOUT + 10
 WITHOUT_COMPOSITES = 256 * LAYOUT + 9
 WITHOUT_FATIGUE = 256 * LAYOUT + 8
 WITHOUT_ASSET_EVENTS = 256 * LAYOUT + 7
@@ -54,13 +56,14 @@ WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES)
+_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
     WITHOUT_CHAINED_ROWS: (),
-    WITHOUT_COMPOSITES: (COMPOSITES,),
-    WITHOUT_FATIGUE: (FATIGUE, COMPOSITES),
-    WITHOUT_ASSET_EVENTS: (ASSET_EVENTS, FATIGUE, COMPOSITES),
+    WITHOUT_QUARANTINE: (QUARANTINE,),
+    WITHOUT_COMPOSITES: (COMPOSITES, QUARANTINE),
+    WITHOUT_FATIGUE: (FATIGUE, COMPOSITES, QUARANTINE),
+    WITHOUT_ASSET_EVENTS: _LATER[2:],
     WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
@@ -80,12 +83,12 @@ def schema() -> str:
 def postgres_schema() -> str:
     """Write the same tables for PostgreSQL; it keeps checksums of pages instead of tallies."""
     text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
-    return _for_postgres(text) + "create table layouts (version bigint not null);"
+    return _for_postgres(text) + "create table layouts (version bigint not null);" + _ATTEMPTS
 
 
 def postgres_lacking(version: int) -> str:
     """Write the tables that a PostgreSQL database of a version before lacks."""
-    return _for_postgres("".join(_making(LACKING[version])))
+    return _for_postgres("".join(_making(LACKING[version]))) + _ATTEMPTS
 
 
 def _for_postgres(text: str) -> str:
@@ -109,6 +112,9 @@ def _making(tables: Iterable[Table]) -> Iterable[str]:
         if made.startswith((*begins, *indices)):
             yield made
 
+
+_ATTEMPTS = "create table attempts (what text primary key, body bytea not null);"
+"""What a server is about to do (`attempts.RowNote`); beside SQLite it is a file."""
 
 _TALLIES = """
 create table tallies (

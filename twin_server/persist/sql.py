@@ -17,12 +17,13 @@ from twin_server.persist.tables.rows import (
 
 from .chains import Journal
 from .chains.journal import of_key
-from .history_queries import select_history, select_thinned
-from .sql_records import SqlRecords
+from .history_queries import select_boots, select_history, select_neighbours, select_thinned
+from .records import SqlRecords
 from .store import History, ThinnedHistory, WriteBatch
 from .tables import asset_events as asset_events_table
 from .tables import deliveries as deliveries_table
 from .tables import ledger as ledger_table
+from .tables import quarantine as quarantine_table
 from .tables.checksums import (
     ACKNOWLEDGEMENTS,
     ASSET_EVENTS,
@@ -30,10 +31,12 @@ from .tables.checksums import (
     EVENTS,
     FEATURES,
     HELD,
+    QUARANTINE,
     RUNS,
     TWINS,
     seal,
 )
+from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
 from .tables.digests import HashedRow, RollingHash
 from .tables.levels import build, delete_levels, extend
@@ -66,6 +69,12 @@ class SqlStore(SqlRecords):
             kept = last_number(reader, "run") or 1
         runs = [RunRow(*row[:11])._replace(closed=bool(row[9])) for row in rows]
         return runs, max(kept, runs[-1].number + 1 if runs else 1)
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
+        site, _, asset = twin_id.partition(".")
+        rows = self._all(RUNS, "where site = ? and asset = ? and boot = ?", (site, asset, boot))
+        return int(rows[0][0]) if rows else None
 
     def held(self) -> list[tuple[int, int, bytes]]:
         """Boot number, sequence and bytes of all features kept until their turn."""
@@ -115,6 +124,7 @@ class SqlStore(SqlRecords):
             journal.remove(
                 HELD, ((number, sequence, None) for number, sequence in cut.released)
             )
+        journal.put(QUARANTINE, quarantine_table.add(writer, cut.aside))
         journal.put(DELIVERIES, deliveries_table.insert(writer, cut.deliveries))
         journal.put(DELIVERIES, deliveries_table.settle(writer, cut.settled))
         acknowledged = deliveries_table.acknowledge(writer, cut.acknowledgements)
@@ -122,7 +132,7 @@ class SqlStore(SqlRecords):
         journal.put(ASSET_EVENTS, asset_events_table.insert(writer, cut.asset_events))
         events = insert_events(writer, cut.events)
         journal.put(EVENTS, events)
-        return [row[0] for row in events]
+        return [count_of(row[0]) for row in events]
 
     def messages(self, twin_id: str, after: tuple[int, int], limit: int) -> list[FeatureRow]:
         """Read the next features of a twin, in order, after (boot number, sequence)."""
@@ -134,6 +144,12 @@ class SqlStore(SqlRecords):
                     where = "where id between ? and ?"
                     asked = (max(span.first, floor), span.last)
                     rows += select(reader, FEATURES, where, asked, limit - len(rows))
+        return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
+
+    def messages_of_boot(self, number: int, first: int, last: int) -> list[FeatureRow]:
+        """Read the features `first` to `last` of the boot of a number, in order."""
+        asked = (number << SHIFT | first, number << SHIFT | last)
+        rows = self._all(FEATURES, "where id between ? and ?", asked)
         return [FeatureRow(key >> SHIFT, key & _SEQUENCE, *rest) for key, *rest in rows]
 
     def rewrite(
@@ -194,7 +210,7 @@ class SqlStore(SqlRecords):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
-                "fatigue",
+                "fatigue", "quarantine",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             note_number(writer, "run", following)
@@ -234,6 +250,16 @@ class SqlStore(SqlRecords):
         """At most `max_points` states between two times, with statistics of all of them."""
         with self._reading() as reader:
             return select_thinned(reader, twin_id, max_points, t_ns, slow_time)
+
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        with self._reading() as reader:
+            return select_boots(reader, twin_id)
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        with self._reading() as reader:
+            return select_neighbours(reader, number, t_ns)
 
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""
@@ -275,13 +301,18 @@ class SqlStore(SqlRecords):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
-        whose, parameters = ("twin = ? and", (twin_id,)) if twin_id else ("", ())
+        """Events of one twin in order, or of all twins, one behind the other."""
         with self._reading() as reader:
-            rows = select(
-                reader, EVENTS, f"where {whose} number > ?", (*parameters, after), limit, newest
-            )
-        found = [EventRow(row[0], *row[2:])._replace(derived=bool(row[6])) for row in rows]
+            if twin_id is None:
+                rows = select(reader, EVENTS, limit=limit, newest=newest)
+            else:
+                asked = twin_id, key_after(reader, EVENTS, twin_id, after)
+                rows = select(
+                    reader, EVENTS, "where twin = ? and number > ?", asked, limit, newest
+                )
+        found = [
+            EventRow(count_of(row[0]), *row[2:])._replace(derived=bool(row[6])) for row in rows
+        ]
         return found[::-1] if newest else found
 
     def check(self) -> None:

@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from slowtime_schemas.quantities import (
+    BelievedRate,
     Count,
     Finite,
     Flags,
@@ -30,6 +31,9 @@ class CurveOfMessage(Frozen):
 
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+BINS = range(-16 * 1074, 16 * 1024)
+"""Bins whose range of stress, from 2^(k/16) on, is a floating-point number (IEEE 754)."""
 
 
 class FatiguePoint(Frozen):
@@ -72,6 +76,11 @@ class FatiguePoint(Frozen):
             raise ValueError(
                 f"{len(self.bins)} bins and {len(self.half_cycles)} counts. Give one count for "
                 "each bin, bins ascending."
+            )
+        if self.bins and not (self.bins[0] in BINS and self.bins[-1] in BINS):
+            raise ValueError(
+                f"Bins {self.bins[0]!r:.20} to {self.bins[-1]!r:.20} were given. Allowed: "
+                f"{BINS[0]} to {BINS[-1]}, whose stresses are numbers."
             )
         return self
 
@@ -125,7 +134,9 @@ class Virtual(Message):
     version: Literal[1] = 1
     time_base: TimeBase = "live"
     start_ns: Nanoseconds
-    rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Of the values.")]
+    rate_hz: Annotated[
+        float, Field(gt=0, allow_inf_nan=False, description="Of the values."), BelievedRate
+    ]
     lowest_hz: Annotated[
         NotNegative,
         Field(description="Slower motion is not in the values: accelerations do not show it."),

@@ -5,9 +5,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, StringConstraints
 
 from slowtime_schemas.quantities import (
-    Count,
+    Counters,
     Free,
+    Seconds,
     Sequence,
+    StorableSequence,
 )
 
 from .base import Message
@@ -33,6 +35,7 @@ class Health(Message):
             lt=2**63,
             description="Newest features sequence of this boot; -1 before the first.",
         ),
+        StorableSequence,
     ]
     first_held: Annotated[
         int,
@@ -41,12 +44,13 @@ class Health(Message):
             lt=2**63,
             description="Oldest features sequence of this boot still in the spool; -1 if none.",
         ),
+        StorableSequence,
     ]
     dropped: Annotated[
         int, Field(ge=0, lt=2**63, description="Features the full spool has dropped unsent.")
     ] = 0
-    uptime_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    counters: dict[str, Count] = Field(default_factory=dict)
+    uptime_s: Seconds
+    counters: Counters = Field(default_factory=dict)
 
 
 class About(Message):

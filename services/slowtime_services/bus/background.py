@@ -7,7 +7,16 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Self
 
-from .protocol import Answers, Bus, BusClosedError, BusUnreachableError, Handle, Query, Sample
+from .protocol import (
+    MOST_ANSWER_BYTES,
+    Answers,
+    Bus,
+    BusClosedError,
+    BusUnreachableError,
+    Handle,
+    Query,
+    Sample,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -102,12 +111,15 @@ class BackgroundBus:
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """All answers; none before there is a bus."""
         self._check_open()
         if self._bus is None:
             return Answers()
-        return self._bus.ask(key_expression, parameters, timeout_s=timeout_s)
+        return self._bus.ask(
+            key_expression, parameters, timeout_s=timeout_s, max_bytes=max_bytes
+        )
 
     def announce(self, key: str) -> Handle:
         """Be alive under `key`, once there is a bus."""

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Self
 
-from .protocol import Answers, Bus, Handle, Query, Sample
+from .protocol import MOST_ANSWER_BYTES, Answers, Bus, Handle, Query, Sample
 
 
 class ForwardingBus:
@@ -55,9 +55,12 @@ class ForwardingBus:
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """Return all answers to a query."""
-        return self._bus.ask(key_expression, parameters, timeout_s=timeout_s)
+        return self._bus.ask(
+            key_expression, parameters, timeout_s=timeout_s, max_bytes=max_bytes
+        )
 
     def announce(self, key: str) -> Handle:
         """Be alive under `key` until the handle is closed or the process ends."""

@@ -15,6 +15,7 @@ from slowtime_schemas.streams import (
     FATIGUE,
     FEATURES,
     HEALTH,
+    LONGEST_KEY,
     RAW,
     VIRTUAL,
     address_of,
@@ -24,12 +25,16 @@ from slowtime_schemas.streams import (
 
 from .forwarding import ForwardingBus
 from .keys import matches
-from .protocol import Answers, Bus, Handle, Query, Sample
+from .protocol import MOST_ANSWER_BYTES, Answers, Bus, Handle, Query, Sample
 
 Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 
 OF_EDGES = frozenset(s.name for s in (FEATURES, HEALTH, ABOUT, RAW, FATIGUE, VIRTUAL))
 """Streams that edge agents send, which show the version of the keys they know."""
+
+MOST_FORMER = 100_000
+"""Agents with keys of the former version that are known [1]; of others, both versions are
+tried. More than ten times the assets that a server is measured with."""
 
 
 class _Both:
@@ -84,7 +89,9 @@ class TwoVersionBus(ForwardingBus):
 
         def hear_former(sample: Sample) -> None:
             key = current_key(sample.key)
-            if matches(key_expression, key):  # the former one may be wider: it has no partition
+            if len(key) <= LONGEST_KEY and matches(
+                key_expression, key
+            ):  # the former one may be wider: it has no partition
                 self._note(key, former=True)
                 callback(sample._replace(key=key))
 
@@ -113,6 +120,7 @@ class TwoVersionBus(ForwardingBus):
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """Return all answers; of one asset, from its agent's version, else from the other."""
         former, own = former_key(key_expression), address_of(key_expression)
@@ -121,7 +129,7 @@ class TwoVersionBus(ForwardingBus):
             versions.reverse()
         answers = Answers()
         for version in versions:
-            found = self._bus.ask(version, parameters, timeout_s=timeout_s)
+            found = self._bus.ask(version, parameters, timeout_s=timeout_s, max_bytes=max_bytes)
             both = [one._replace(key=current_key(one.key)) for one in found]
             answers = Answers([*answers, *both], (*answers.errors, *found.errors))
             if answers.errors or (answers and own is not None and "*" not in own):
@@ -138,7 +146,7 @@ class TwoVersionBus(ForwardingBus):
 
         def change(given: str, alive: bool) -> None:
             key = current_key(given)
-            if not matches(key_expression, key):
+            if len(key) > LONGEST_KEY or not matches(key_expression, key):
                 return
             with changing:  # while told, so that changes are told in their order
                 versions = seen.setdefault(key, set())
@@ -166,4 +174,7 @@ class TwoVersionBus(ForwardingBus):
         if address is None or (address in self._former) == former:
             return
         with self._lock:
-            (self._former.add if former else self._former.discard)(address)
+            if not former:
+                self._former.discard(address)
+            elif len(self._former) < MOST_FORMER:
+                self._former.add(address)

@@ -9,7 +9,7 @@ from typing import Self
 from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key, matches
-from .protocol import Answers, BusClosedError, Query, Sample
+from .protocol import MOST_ANSWER_BYTES, Answers, BusClosedError, Query, Sample
 
 logger = logging.getLogger(__name__)
 
@@ -95,13 +95,17 @@ class MemoryBus:
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """All answers that come within `timeout_s`."""
         self._check_open()
         query = Query(check_key(key_expression, wildcards=True), dict(parameters or {}))
         asked = [d for d in tuple(self._network.answerers) if matches(d.key, key_expression)]
         return _gather(
-            [lambda d=d: d.bus._reply(d.callback, query) for d in asked],  # type: ignore[misc]
+            [
+                lambda d=d: d.bus._reply(d.callback, query, max_bytes)  # type: ignore[misc]
+                for d in asked
+            ],
             timeout_s,
         )
 
@@ -179,13 +183,14 @@ class MemoryBus:
             self._callback_errors += 1
             logger.exception("A callback failed on %s; the stream continues.", arguments[0])
 
-    def _reply(self, handler: object, query: Query) -> Answers:
+    def _reply(self, handler: object, query: Query, max_bytes: int) -> Answers:
         assert callable(handler)
         try:
-            return Answers(
+            given = (
                 Sample(key, bytes(payload), self._clock.now_ns(), False)
                 for key, payload in handler(query)
             )
+            return Answers.first_of(given, max_bytes)
         except Exception as error:
             self._callback_errors += 1
             logger.exception("A query on %s could not be answered.", query.key)

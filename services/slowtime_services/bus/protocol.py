@@ -17,6 +17,15 @@ class Sample(NamedTuple):
     """The receiver's clock when it came, where it may wait before it is worked on."""
 
 
+MOST_ANSWER_BYTES = 2**30
+"""Bytes of all answers to one query, unless fewer are allowed: sixteen of the longest blocks of
+raw samples, so that a process that answers without end does not fill the memory."""
+
+
+_EACH_BYTES = 512
+"""Memory of an answer besides its payload [bytes]."""
+
+
 class Query(NamedTuple):
     """A question put to a process on one of its keys."""
 
@@ -30,6 +39,19 @@ class Answers(list[Sample]):
     def __init__(self, answers: Iterable[Sample] = (), errors: Iterable[str] = ()) -> None:
         super().__init__(answers)
         self.errors = tuple(errors)
+
+    @classmethod
+    def first_of(cls, samples: Iterable[Sample], max_bytes: int) -> Self:
+        """Take answers as they come, up to `max_bytes` of payloads; then say so in `errors`."""
+        taken: list[Sample] = []
+        left = max_bytes
+        for sample in samples:
+            left -= len(sample.payload) + _EACH_BYTES
+            if left < 0:
+                said = f"Answers of more than {max_bytes:,} bytes were given; the rest is left."
+                return cls(taken, [said])
+            taken.append(sample)
+        return cls(taken)
 
 
 class BusClosedError(RuntimeError):
@@ -93,8 +115,12 @@ class Bus(Protocol):
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
-        """Return all answers to a query, and `errors` of those that failed."""
+        """Return all answers to a query, and `errors` of those that failed.
+
+        Where they are of more than `max_bytes`, the first of them, with an error.
+        """
         ...
 
     def announce(self, key: str) -> Handle:

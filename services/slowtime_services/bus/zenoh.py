@@ -17,17 +17,24 @@ import re
 import struct
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, Self
 from urllib.parse import quote, unquote
 
 import zenoh
 
-from slowtime_schemas.streams import RAW
+from slowtime_schemas.streams import RAW, STREAMS
 from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key
-from .protocol import Answers, BusClosedError, BusUnreachableError, Query, Sample
+from .protocol import (
+    MOST_ANSWER_BYTES,
+    Answers,
+    BusClosedError,
+    BusUnreachableError,
+    Query,
+    Sample,
+)
 from .socket_table import established_ports, ports_of
 
 logger = logging.getLogger(__name__)
@@ -38,6 +45,9 @@ Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 ATTACHMENT = struct.Struct("<BQ")
 FORMAT = 0x10
 REPLAYED = 0x01
+
+MOST_ERRORS = 100
+"""Errors in answer to one query that are told."""
 
 
 def pack_attachment(sent_ns: int, replayed: bool) -> bytes:
@@ -228,25 +238,30 @@ class ZenohBus:
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
+        max_bytes: int = MOST_ANSWER_BYTES,
     ) -> Answers:
         """Return all answers within `timeout_s`; at once if no process can answer."""
         self._check_open()
         selector = zenoh.Selector(
             check_key(key_expression, wildcards=True), _as_parameters(parameters or {})
         )
-        answers, errors = [], []
-        for reply in self._session.get(
-            selector,
-            timeout=timeout_s,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-        ):
-            if reply.ok is not None:
-                answers.append(_as_sample(reply.ok))
-            elif reply.err is not None:
-                errors.append(reply.err.payload.to_bytes().decode(errors="replace"))
-        return Answers(answers, errors)
+        errors: list[str] = []
+
+        def samples() -> Iterator[Sample]:
+            for reply in self._session.get(
+                selector,
+                timeout=timeout_s,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            ):
+                if reply.ok is not None:
+                    yield _as_sample(reply.ok)
+                elif reply.err is not None and len(errors) < MOST_ERRORS:
+                    errors.append(reply.err.payload.to_bytes().decode(errors="replace")[:1000])
+
+        answers = Answers.first_of(samples(), max_bytes)
+        return Answers(answers, (*errors, *answers.errors))
 
     def announce(self, key: str) -> _Declared:
         """Be alive under `key` until the handle is closed or the process ends, in any way."""
@@ -356,6 +371,10 @@ class ZenohBus:
         logger.exception("A callback failed on %s; the stream continues.", key)
 
 
+MOST_MESSAGE_BYTES = max(stream.max_bytes for stream in STREAMS) + 2**16
+"""Largest message that is put together out of its fragments [bytes]: the largest payload of a
+stream, with what is beside it. A larger one is left out, and the connection stays."""
+
 _WAITING = 2048
 _USUAL = zenoh.Priority.DATA
 _BULK = zenoh.Priority.DATA_LOW
@@ -379,6 +398,7 @@ def _configure(
         "connect/endpoints": list(connect),
         "connect/retry": retry,
         "connect/timeout_ms": -1 if waits_for_ever else round(1000 * (open_timeout_s or 0.0)),
+        "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
         "transport/link/tx/lease": round(1000 * lease_s),
         "transport/shared_memory/enabled": shared_memory,
     }

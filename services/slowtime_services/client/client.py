@@ -297,6 +297,14 @@ class Client:
         """Return deliveries of a twin's events, and the reasons of failures."""
         return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
 
+    def holdings(self) -> dict[str, Any]:
+        """Return what is under way for the sites of the token, and what is allowed."""
+        return self.json("GET", "/holdings")
+
+    def cancel(self, holding_id: str) -> dict[str, Any]:
+        """End something that is under way, by its id; return what still is."""
+        return self.json("DELETE", f"/holdings/{holding_id}")
+
     def dtdl(self, *, site: str | None = None, form: str = "dtdl-3") -> dict[str, Any]:
         """Return sites, twins, composites and relations as a graph.
 

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import cast
 from urllib.parse import urlencode, urlsplit
 
+from slowtime_services.documents.json_documents import read_json
+
 
 class AnswerError(Exception):
     """The server answered that it will not, or cannot.
@@ -124,7 +126,7 @@ class HttpConnection:
 def _refusal(error: urllib.error.HTTPError) -> AnswerError:
     """Read the problem document, where there is one."""
     try:
-        told = json.loads(error.read())
+        told = read_json(error.read())
         kind = str(told["type"]).removeprefix("urn:slowtime:problem:")
         return AnswerError(error.code, kind, str(told["detail"]))
     except (OSError, ValueError, KeyError, TypeError):

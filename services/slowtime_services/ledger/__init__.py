@@ -25,7 +25,7 @@ from .consistency import (
     is_consistent,
     root_of_inclusion,
 )
-from .heads import Head, Leaf, follows, headed
+from .heads import Head, Leaf, follows, headed, last_head
 from .merkle_tree import MerkleTree
 from .tree import proven, root
 
@@ -45,6 +45,7 @@ __all__ = [
     "inclusion_proof",
     "is_consistent",
     "key_of",
+    "last_head",
     "linked",
     "packed",
     "proven",

@@ -25,6 +25,10 @@ GONE = bytes(hashlib.sha256().digest_size)
 """Digest of an entry that says that a row was removed."""
 
 
+MOST_TOLD = 20_000
+"""Entries of one twin that a message tells [1]; of more, only their end is told."""
+
+
 class Entry(NamedTuple):
     """An accepted row: its kind, its number among these, and the hash of its content.
 

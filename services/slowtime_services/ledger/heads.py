@@ -5,7 +5,10 @@ kept elsewhere, therefore proves all heads before it, and reveals a chain that w
 """
 
 import hashlib
+import json
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from slowtime_services.credentials import Signer, is_signed
@@ -13,6 +16,9 @@ from slowtime_services.credentials import Signer, is_signed
 from .chain import Link
 
 _NOTHING = "0" * 64
+
+LONGEST_LINE = 4_096
+"""Longest line of a file of heads [bytes]; a head has some 500."""
 
 
 class Leaf(NamedTuple):
@@ -120,3 +126,20 @@ def follows(head: Head, before: Head | None) -> bool:
         and head.previous == before.digest
         and head.t_ns >= before.t_ns
     )
+
+
+def last_head(path: Path) -> Head:
+    """Read the last head of a file of heads, one JSON object a line.
+
+    Raises
+    ------
+    ValueError
+        If it does not end with a head.
+    """
+    with path.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - LONGEST_LINE))
+        lines = file.read().splitlines()
+    if not lines:
+        raise ValueError(f"{path} holds no head.")
+    return Head.of(json.loads(lines[-1]))

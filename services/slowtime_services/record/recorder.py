@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, Self
 
 from slowtime_schemas.streams import (
     FEATURES,
+    LONGEST_KEY,
     REGISTRATION,
     STREAMS,
     Stream,
@@ -274,7 +275,7 @@ class Recorder:
 
     def _write(self, arrival: _Arrival) -> None:
         sample = arrival.sample
-        address = _address(sample.key)
+        address = _address(sample.key) if len(sample.key) <= LONGEST_KEY else None
         if address is None or address[0].name not in self._streams:
             return
         stream, site, asset = address
@@ -287,6 +288,9 @@ class Recorder:
         if self._healing:
             self._healer.note(sample.key, sample.payload)
         self._counts[stream.name] += 1
+        if not self._writer.has_room_for(stream, site, asset):
+            self._writer.close()
+            self._begin_another()
         self._writer.write(stream, site, asset, sample.payload, arrival.log_ns, sample.sent_ns)
 
     def _keep(self) -> None:

@@ -4,12 +4,16 @@ It is read to its end in a process of its own, which may take only so much memor
 file that was made to break its reader breaks that one.
 """
 
+import contextlib
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from slowtime_schemas.streams import parse_key
+from slowtime_services.operating_system import end_with_parent, lower_priority
 
 from .recording_reader import RecordingError, contents, read_recording
 
@@ -21,37 +25,74 @@ it."""
 MAX_UNPACKED_BYTES = 2**32
 """Size of all messages together [bytes]."""
 
+NICENESS = 10
+"""Of the process, so that requests and features come first."""
+
 REFUSED = 3
 """Exit status of the process where it has said why the file is refused."""
 
+LOOK_S = 0.1
+"""Interval at which it is looked whether the process has had its time [s]."""
 
-def check(path: Path) -> None:
+Supervise = Callable[[int], contextlib.AbstractContextManager[Callable[[], float]]]
+"""Surrounds a process, given its id; gives how long that has run without pauses [s], or raises
+to end it."""
+
+
+@contextlib.contextmanager
+def unpaused(_: int) -> Iterator[Callable[[], float]]:
+    """Let a process run without pauses."""
+    began_s = time.monotonic()
+    yield lambda: time.monotonic() - began_s
+
+
+def check(path: Path, supervise: Supervise = unpaused) -> None:
     """Read a recording to its end, in a separate process.
+
+    Parameters
+    ----------
+    supervise
+        Pauses the process in favour of others; such pauses are not counted.
 
     Raises
     ------
     RecordingError
         Where it is not sound; the text says why, and what to do.
     """
-    command = [sys.executable, "-P", "-m", __spec__.name, str(path)]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise RecordingError(
-            f"It has kept its reader busy for {TIMEOUT_S:g} s. Give a shorter recording."
-        ) from error
-    if done.returncode == REFUSED:
-        raise RecordingError(done.stderr.decode(errors="replace").strip())
-    if done.returncode != 0:
+    command = [sys.executable, "-P", "-W", "ignore", "-m", __spec__.name, str(path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process, supervise(process.pid) as running_s:  # fmt: skip
+        try:
+            said = _end_of(process, running_s)
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode == REFUSED:
+        raise RecordingError(said.decode(errors="replace").strip())
+    if process.returncode != 0:
         how = (
-            signal.Signals(-done.returncode).name
-            if done.returncode < 0
-            else f"exit status {done.returncode}"
+            signal.Signals(-process.returncode).name
+            if process.returncode < 0
+            else f"exit status {process.returncode}"
         )
         raise RecordingError(
             f"It broke its reader ({how}): it is damaged, or was made to. Run `slowtime "
             "recover` on it, and give what that leaves."
         )
+
+
+def _end_of(process: subprocess.Popen[bytes], running_s: Callable[[], float]) -> bytes:
+    """Wait for the end of the process; return what it said."""
+    while True:
+        try:
+            return process.communicate(timeout=LOOK_S)[1]
+        except subprocess.TimeoutExpired as error:
+            if running_s() > TIMEOUT_S:
+                raise RecordingError(
+                    f"It has kept its reader busy for {TIMEOUT_S:g} s. Give a shorter "
+                    "recording."
+                ) from error
 
 
 def read_through(path: Path) -> None:
@@ -91,6 +132,8 @@ def _bound() -> None:
 
 def main(path: str) -> int:
     """Read the file through, or report why not."""
+    end_with_parent()
+    lower_priority(NICENESS)
     _bound()
     try:
         read_through(Path(path))

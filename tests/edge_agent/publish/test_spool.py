@@ -217,7 +217,10 @@ def test_what_is_set_aside_is_bounded(tmp_path):
     segment = tmp_path / "00000001.b1.00000000000000000000.spool"
     for number in range(20):
         aside.found(
-            segment, "b1", bytes(10_000), Damage(number * 200, number * 200 + 199, 0, 0)
+            segment,
+            "b1",
+            bytes(10_000),
+            Damage(number * 200, number * 200 + 199, number, number),
         )
     kept = sorted(tmp_path.glob("*.damaged"))
     assert sum(path.stat().st_size for path in kept) <= 1_000

@@ -21,10 +21,12 @@ from twin_server.persist.tables.checksums import (
     EVENTS,
     FATIGUE,
     HELD,
+    QUARANTINE,
     RUNS,
     TWINS,
     Table,
 )
+from twin_server.persist.tables.counted import count_of
 from twin_server.persist.tables.search import SHIFT
 
 Row = Sequence[Any]
@@ -34,7 +36,7 @@ COMPOSITE = "composite:"
 SERVER = "server:"
 """Chain of rows that belong to no twin, such as a message that tries a receiver."""
 
-NUMBERED = frozenset((EVENTS.name, DIAGNOSES.name, COMPOSITES.name, RUNS.name))
+NUMBERED = frozenset(table.name for table in (EVENTS, DIAGNOSES, COMPOSITES, RUNS, QUARANTINE))
 """Tables whose rows are named by their number."""
 
 
@@ -80,13 +82,16 @@ class Coverage(NamedTuple):
     def name(self, row: Row) -> str:
         """Name a row to people."""
         at = self.table.columns.index
-        words = ", ".join(f"{name} {row[at(name)]!s:.60}" for name in self.keys)
+        shown = [row[at(name)] for name in self.keys]
+        if self.table.name in NUMBERED:
+            shown = [count_of(shown[0])]  # above it is the place of the twin
+        words = ", ".join(f"{k} {v!s:.60}" for k, v in zip(self.keys, shown, strict=True))
         return f"the row of {self.table.name} with {words}"
 
     def name_of_missing(self, key: int) -> str:
         """Name a row that is not there, as far as its key tells."""
         if self.table.name in NUMBERED:
-            return f"the row of {self.table.name} with number {key}"
+            return f"the row of {self.table.name} with number {count_of(key)}"
         return f"a row of {self.table.name} (key {key:014x})"
 
 
@@ -124,6 +129,7 @@ COVERED: dict[str, Coverage] = {
             ("number",),
             is_appended=True,
         ),
+        _of_twin(QUARANTINE, "q", "number"),
         _of_twin(FATIGUE, "y", "boot", "hour"),
     )
 }

@@ -6,24 +6,17 @@ from typing import Any
 
 from slowtime_services.ledger import Head
 from twin_server.persist.chains.coverage import COMPOSITE, COVERED, SERVER
-from twin_server.persist.tables.checksums import NUMBERS, opened
 from twin_server.persist.tables.digests import HashedRow, RollingHash
 from twin_server.persist.tables.levels import wrong_buckets
 from twin_server.persist.tables.search import SHIFT, Span, whole
 
 from .chain_walk import Seal, Walk, walk
+from .counters import Counters
 from .result import Audit
 from .rows import compare_features, compare_states, compare_tables
 from .signed_heads import Vouched, check_heads
 
 _LOW = (1 << SHIFT) - 1
-_COUNTED = {
-    "event": "events",
-    "diagnosis": "diagnoses",
-    "composite": "composites",
-    "run": "runs",
-}
-"""Names of counters, and the tables whose numbers they give."""
 
 
 def audit(
@@ -53,22 +46,19 @@ def audit(
     found = Audit()
     vouched = check_heads(reader, found, public, kept)
     features, counts, buckets = 0, dict.fromkeys(COVERED, 0), 0
-    greatest, was_renewed = dict.fromkeys(_COUNTED.values(), 0), False
+    counters = Counters()
     for owner in _owners(reader, found):
         one = _ChainAudit(reader, owner, vouched, found, seal)
         if one.check():
             features += one.features
             buckets += one.buckets
             counts = {name: counts[name] + read for name, read in one.counts.items()}
-        was_renewed |= one.walked.basis > 0
-        for name in greatest:
-            kind = COVERED[name].kind.encode()
-            greatest[name] = max(greatest[name], one.walked.greatest.get(kind, 0))
+        counters.take(owner, one.walked)
         if tell is not None:
             tell(owner, one.walked.end.length)
     if not found.wrong:
         _check_counts(reader, found, counts | {"features": features, "levels": buckets})
-    _check_counters(reader, found, greatest, may_exceed=was_renewed)
+    found.wrong += counters.wrong(reader)
     if not found.heads:
         found.notes.append(
             "No head was ever signed here: give the server a key (`slowtime ledger key`)."
@@ -211,30 +201,3 @@ def _check_counts(reader: Any, found: Audit, counts: dict[str, int]) -> None:
     ).fetchone()
     if stray is not None:
         found.wrong.append(f"the row {stray[0]} of details belongs to no feature")
-
-
-def _check_counters(
-    reader: Any, found: Audit, greatest: dict[str, int], *, may_exceed: bool
-) -> None:
-    """Find counters that are not at the last number given, so that one is given twice.
-
-    Parameters
-    ----------
-    may_exceed
-        Whether rows were removed before they were chained.
-    """
-    rows = reader.execute(f"select {', '.join(NUMBERS.all_columns)} from numbers")
-    values = dict(opened(NUMBERS, rows))
-    newest = reader.execute("select coalesce(max(number), 0) from runs").fetchone()[0]
-    # The counter of boots is that of the next one, and is written where the last was deleted.
-    values["run"] = max(values.get("run", 1) - 1, newest)
-    for what, table in _COUNTED.items():
-        value, last = values.pop(what, 0), greatest[table]
-        if value < last or (value > last and not may_exceed):
-            found.wrong.append(
-                f"the row {what} of numbers says {value}, but the last number that was given "
-                f"to a row of {table} is {last}"
-            )
-    for what, value in values.items():
-        if (what, value) != ("check", 1):
-            found.wrong.append(f"the row {what} of numbers was never accepted")

@@ -134,16 +134,18 @@ def _below(writer: Any, level: int, ranges: Sequence[tuple[int, int]]) -> Iterat
     parts: list[Buckets] = []
     held = 0
     for first, last in ranges:
-        step = _AT_ONCE << BITS * (level - 1)
-        for begin in range(first, last + 1, step):
-            end = min(begin + step - 1, last)
+        bits = BITS * (level - 1)
+        begin = _next_key(writer, level - 1, first, last)
+        while begin is not None:
+            # A boot's sequences may leap; the buckets of a leap are empty.
+            begin = begin >> bits << bits
+            end = min(begin + (_AT_ONCE << bits) - 1, last)
             part = (
                 whole_states(writer, begin, end)
                 if level == 1
                 else _read(writer, level - 1, begin, end)
             )
-            if not len(part):
-                continue
+            begin = _next_key(writer, level - 1, end + 1, last)
             if held and (part.quantities.shape[1] != parts[-1].quantities.shape[1]):
                 yield _grouped(parts, level)
                 parts, held = [], 0
@@ -154,6 +156,15 @@ def _below(writer: Any, level: int, ranges: Sequence[tuple[int, int]]) -> Iterat
                 parts, held = [], 0
     if held:
         yield _grouped(parts, level)
+
+
+def _next_key(writer: Any, level: int, first: int, last: int) -> int | None:
+    """Least id of a bucket of a level, or of a state at level 0, between two; None without."""
+    table = "levels where level = ? and" if level else "features where"
+    given = (level, first, last) if level else (first, last)
+    question = f"select id from {table} id between ? and ? order by id limit 1"
+    row = writer.execute(question, given).fetchone()
+    return None if row is None else int(row[0])
 
 
 def _grouped(parts: Sequence[Buckets], level: int) -> Buckets:

@@ -1,13 +1,15 @@
 """Twins, the accounts of their boots, and events: how they are written."""
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from .checksums import EVENTS, RUNS, TWINS
+from .counted import next_keys
 from .levels import GrownBoot
 from .rows import EventRow, FeatureRow, RunRow, TwinRow
-from .statements import Connection, insert, last_number, note_number, rows_by_key, upsert
+from .statements import Connection, insert, rows_by_key, upsert
 
 
 class WrittenBoot(NamedTuple):
@@ -80,16 +82,17 @@ def _rise(times: Sequence[float]) -> bool:
 def insert_events(
     writer: Connection, events: Sequence[EventRow]
 ) -> list[tuple[int, str, str, str, int, float | None, int, str]]:
-    """Keep events under the next numbers, and return their rows."""
+    """Keep events under the next numbers of their twins, and return their rows."""
     if not events:
         return []
-    first = (last_number(writer, "event") or 0) + 1
-    numbers = list(range(first, first + len(events)))
-    note_number(writer, "event", numbers[-1])
+    twins = [f"{event.site}.{event.asset}" for event in events]
+    following = {
+        twin: iter(keys) for twin, keys in next_keys(writer, EVENTS, Counter(twins)).items()
+    }
     rows = [
         (
-            n,
-            f"{e.site}.{e.asset}",
+            next(following[twin]),
+            twin,
             e.site,
             e.asset,
             e.t_ns,
@@ -97,7 +100,7 @@ def insert_events(
             int(e.derived),
             e.body,
         )
-        for n, e in zip(numbers, events, strict=True)
+        for twin, e in zip(twins, events, strict=True)
     ]
     insert(writer, EVENTS, rows)
     return rows

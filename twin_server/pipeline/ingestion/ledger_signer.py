@@ -29,6 +29,7 @@ from slowtime_services.ledger import (
     packed,
 )
 from slowtime_services.ledger import chain as kinds
+from slowtime_services.ledger.chain import MOST_TOLD
 from twin_server.persist import Audit, HeadRow, Store
 from twin_server.settings import LedgerSettings
 
@@ -45,8 +46,6 @@ _CURE = (
     "Keep the database aside as evidence, and restore the last backup that "
     "`slowtime check --ledger` finds sound."
 )
-MOST_TOLD = 20_000
-"""Entries of one twin that a message tells; of more, only their end is told."""
 LOOKED_BACK = 1_000
 """Heads that a server looks through when it starts, for what it has told of each twin."""
 _LOW = (1 << 40) - 1

@@ -32,6 +32,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, TwoVersionBus, matches
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
+from slowtime_services.supervision import all_stacks
 from twin_server.collect import (
     Account,
     Arrival,
@@ -49,11 +50,13 @@ from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
 from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
+from twin_server.pipeline.progress import Phase
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
-from .accepted import acknowledged_range, contest_repeated
+from .accepted import RangeProver, contest_repeated
 from .assessed import AssessedMessages
+from .asset_limit import AssetLimit
 from .estimation import (
     EMPTY_ESTIMATE,
     estimate_next,
@@ -64,11 +67,14 @@ from .estimation import (
 )
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
+from .repeated_windows import WindowNotices
 from .routing import Routing
 from .rows import (
     address,
     asset_event_row,
     decoded,
+    doubted_event,
+    limit_event,
     lost_event,
     old_event,
     rivals_event,
@@ -79,8 +85,10 @@ from .rows import (
     told_event,
     twin_row,
 )
+from .set_aside import QuarantineFullError, SettingAside
 from .state_publisher import ACK_EVERY_S, StatePublisher
 from .updates import UpdateListener
+from .window_coverage import WindowCoverage
 
 logger = logging.getLogger(__name__)
 
@@ -114,6 +122,8 @@ class Pipeline:
         self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
         self.refusals = Refusals()
+        self.setting_aside = SettingAside(store, settings.progress, self.refusals)
+        self._progress = self.setting_aside.progress
         self._reception = Reception(settings.admission, self.refusals)
         self._inbox: Inbox[Sample] = Inbox(
             settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
@@ -134,13 +144,15 @@ class Pipeline:
             self.counts,
             settings.pipeline.states_per_batch,
             self._election,
-            functools.partial(acknowledged_range, store),
+            RangeProver(store).range_of,
         )
-        self.failing: str = ""
+        self.failing, self.stalled = "", ""
+        self._failing_since_s: float | None = None
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
-        self._stale = True
+        self._limit = AssetLimit(settings.admission.max_assets_of_site, self.refusals)
+        self._stale, self._hurried = True, False
         self._heard: dict[tuple[str, str], int] = {}
         self._assessed = AssessedMessages(store)
         self._sensors = SensorWatch(self._told_of_sensor)
@@ -180,8 +192,15 @@ class Pipeline:
         ]
         self._backfill.start()
 
-    def stop(self) -> None:
-        """Stop listening, finish the messages that have arrived, and end."""
+    def stop(self, within_s: float | None = None) -> None:
+        """Stop listening, finish the messages that have arrived, and end.
+
+        Parameters
+        ----------
+        within_s
+            How long that may take [s]; what is not finished then waits at the edges, which
+            have no acknowledgement of it.
+        """
         for handle in self._handles:
             handle.close()
         self._handles.clear()
@@ -190,7 +209,11 @@ class Pipeline:
         self._inbox.close()
         self._pressing.set()
         if self._worker is not None:
-            self._worker.join()
+            self._worker.join(within_s)
+            self._hurried = True
+            self._worker.join(within_s)
+            if self._worker.is_alive():
+                logger.error("The pipeline does not end; its stack:\n%s", all_stacks())
             self._worker = None
         self._election.stop()
 
@@ -198,6 +221,26 @@ class Pipeline:
     def working(self) -> bool:
         """Whether the working thread lives."""
         return self._worker is not None and self._worker.is_alive()
+
+    @property
+    def waits(self) -> bool:
+        """Whether messages or calls wait to be worked."""
+        return bool(self._inbox) or bool(self._calls)
+
+    def stall(self, trouble: str, by_message: bool) -> None:
+        """Give up the claim to lead, from another thread: the pipeline stands still.
+
+        Parameters
+        ----------
+        trouble
+            Sentence that says so.
+        by_message
+            Whether it stands still while it works on messages, which is noted then.
+        """
+        self.stalled = trouble
+        if by_message:
+            self.setting_aside.attempts.mark()
+        self._election.resign()
 
     def ingest(self, samples: Iterable[Sample]) -> None:
         """Take samples straight in, without a bus; back once they are durable.
@@ -215,7 +258,8 @@ class Pipeline:
 
     def give_up(self) -> None:
         """Wait for nothing that is missing any more."""
-        self.call(lambda: self._durably(self._account.give_up))
+        most = self.settings.pipeline.inbox_messages
+        self.call(lambda: self._durably(self._account.give_up, most))
 
     def register(
         self,
@@ -258,7 +302,7 @@ class Pipeline:
     ) -> None:
         """Store an event with its dependent rows, and publish it."""
         self.call(
-            lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
+            lambda: self._keep([event], deliveries, settled, acknowledgements, asset_events)
         )
 
     def record(self, told: AssetEvent) -> AssetEventRow:
@@ -322,10 +366,13 @@ class Pipeline:
             "edges_alive": len(account.alive),
             "holes": account.holes,
             "held": account.held,
+            "held_bytes": account.held_bytes,
+            "boots": account.boots,
             "inbox": self.waiting,
             "ledger_refused": int(
                 self.ledger_signer is not None and self.ledger_signer.refused
             ),
+            "aside": self.setting_aside.quarantine.gauge(),
         }
 
     def tallies(self) -> dict[str, int]:
@@ -361,7 +408,11 @@ class Pipeline:
     def _see(self, key: str, alive: bool) -> None:
         """Note that an edge appears or disappears."""
         if (of := address_of(key)) is not None and alive_key(*of) == key:
-            self._later(lambda: self._account.watch(*of, alive=alive))
+            self._later(lambda: self._watch(of, alive))
+
+    def _watch(self, of: tuple[str, str], alive: bool) -> None:
+        if not alive or self._limit.admits(of, self._account, self._twins):
+            self._account.watch(*of, alive=alive)
 
     def _run(self) -> None:
         try:
@@ -388,18 +439,38 @@ class Pipeline:
                 samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
-                    self._guarded(self._calls.popleft())
+                    with self._progress.doing(Phase.STORE):
+                        self._guarded(self._calls.popleft())
+                if not self._account.corrections.is_empty:
+                    self._guarded(self._keep_corrections)
                 if samples:
                     self._next_s = time.monotonic() + self.settings.pipeline.gather_s
                     self._guarded(functools.partial(self._take, samples))
-                self._guarded(self._election.step)
-                if not self._stale:  # else the account counts what is not durable
-                    self._guarded(self._publisher.acknowledge)
-                self._guarded(lambda: self._publisher.announce_all(self._twins))
-                self._guarded(self._sign_ledger)
-            if self._inbox.closed and not samples and not self._inbox and self._may_end():
+                with self._progress.doing(Phase.STORE):
+                    if not self._resigned():
+                        self._guarded(self._election.step)
+                    if not self._stale:  # else the account counts what is not durable
+                        self._guarded(self._publisher.acknowledge)
+                    self._guarded(lambda: self._publisher.announce_all(self._twins))
+                    self._guarded(self._sign_ledger)
+            if self._hurried or (
+                self._inbox.closed and not samples and not self._inbox and self._may_end()
+            ):
                 self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
+
+    def _resigned(self) -> bool:
+        """Whether this server gives up its claim to lead, because nothing succeeds any more."""
+        if not self.failing:
+            self._failing_since_s = None
+            return False
+        now_s = time.monotonic()
+        if self._failing_since_s is None:
+            self._failing_since_s = now_s
+        if now_s - self._failing_since_s < self.settings.progress.silent_s:
+            return False
+        self._election.resign()
+        return True
 
     def _gathered(self, limit: int) -> bool:
         """Let messages gather for a batch, unless there are enough; False if calls are due."""
@@ -429,13 +500,19 @@ class Pipeline:
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
-    def _durably(self, function: Callable[[Change], None]) -> None:
-        """Do something to the account, and conclude; where that fails, it never happened."""
+    def _durably(self, function: Callable[[Change], None], messages: int = 1) -> None:
+        """Do something to the account, and conclude; where that fails, it never happened.
+
+        Parameters
+        ----------
+        messages
+            How many messages it concerns, of which its budget follows.
+        """
         change = Change()
         try:
             if self._stale:
                 self._load()
-            function(change)
+            self.setting_aside.budget.run(lambda: function(change), messages)
             self._conclude(change)
             self.failing = ""
         except Exception as error:
@@ -466,18 +543,56 @@ class Pipeline:
             account.watch(*address(twin_id), alive=True)
         self._publisher.forget_owed()
         self._account, self._twins = account, twins
+        self._coverage = WindowCoverage(self.store)
+        self._window_notices = WindowNotices(self.store, self.refusals)
         self._units = {row.number: row.slow_time_unit for row in rows}
         self._stale = False
+
+    def _keep_corrections(self) -> None:
+        """Store and report what was corrected of the restored account."""
+        found, self._account.corrections = self._account.corrections, Change()
+        for one in found.doubted:
+            logger.warning(
+                "The account of %s was corrected: it had sequence %d, and %d is expected. Its "
+                "readings are taken in from there on, and nothing is counted as lost.",
+                one.run,
+                one.stated,
+                one.expected,
+            )
+
+        def keep(change: Change) -> None:
+            change.doubted += found.doubted
+            change.released += found.released
+            change.touched.update(found.touched)
+
+        self._durably(keep)
 
     def _new_account(self) -> Account:
         return Account(
             self.settings.healing,
             max_jump=self.settings.admission.max_jump,
+            max_boots=self.settings.admission.max_boots,
             alone=self._bus is None,
         )
 
     def _take(self, samples: Sequence[Sample]) -> int:
-        """Process one batch; return the number of messages from senders with wrong clocks."""
+        """Process messages; return the number of those from senders with wrong clocks."""
+        usual, suspected = self.setting_aside.divided(samples)
+        misdated = self._take_batch(usual) if usual else 0
+        for sample in suspected:
+            misdated += self._take_batch([sample])
+        return misdated
+
+    def _take_batch(self, samples: Sequence[Sample]) -> int:
+        """Process one batch, which is noted meanwhile."""
+        aside, now_ns = self.setting_aside, self._clock.now_ns()
+        if len(samples) == 1 and aside.refuses(samples[0], now_ns):
+            return 0
+        noted = aside.attempts.noted(sample.payload for sample in samples)
+        with self._progress.doing(Phase.STEP), noted:
+            return self._take_noted(samples)
+
+    def _take_noted(self, samples: Sequence[Sample]) -> int:
         received = self._reception.read(samples, self._clock.now_ns())
         # What a replay holds comes once: one part that fails must not cost the others.
         self._run_each(
@@ -507,9 +622,15 @@ class Pipeline:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
+        else:
+            messages = [a.features for a in arrivals]
+            allowed = self._limit.allowed(messages, self._account, self._twins)
+            arrivals = [
+                a for a, is_allowed in zip(arrivals, allowed, strict=True) if is_allowed
+            ]
         now_ns = self._clock.now_ns()
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
-        self._take_arrivals(arrivals)
+        self._take_arrivals(self.setting_aside.admitted(arrivals))
         self._account.disbelieve(received.disbelieved)
 
     def _take_assessed(self, received: Received) -> None:
@@ -520,6 +641,10 @@ class Pipeline:
         healths = received.healths
         if not self.settings.auto_register:
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        else:
+            messages = [health for health, _ in healths]
+            allowed = self._limit.allowed(messages, self._account, self._twins)
+            healths = [h for h, is_allowed in zip(healths, allowed, strict=True) if is_allowed]
         if not healths:
             return
         live = [health for health, replayed in healths if not replayed]
@@ -533,19 +658,19 @@ class Pipeline:
         return self._assessed.virtual(address(twin_id))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
-        """Make events of live sensors; for registered twins only."""
-        now_s = time.monotonic()
-        for health in healths:
-            site, asset = health.site, health.asset
-            if (site, asset) not in self._twins:
-                continue
-            try:
-                for notice in self._sensors.hear([health], now_s):
-                    _, _, kind, severity, message, details = notice
-                    self._note(f"{site}.{asset}", kind, severity, message, details)
-            except StoreError:
-                self._sensors.forget(site, asset)  # and tell it once it can be kept
-                raise
+        """Make events of live sensors, all in one transaction; for registered twins only."""
+        theirs = [health for health in healths if (health.site, health.asset) in self._twins]
+        try:
+            notices = self._sensors.hear(theirs, time.monotonic())
+            now_ns = self._clock.now_ns()
+            events = [note_event(*notice, now_ns) for notice in notices]
+            if events:
+                deliveries = self.routing.deliveries(events, self._twins, now_ns)
+                self._keep(events, deliveries)
+        except StoreError:
+            for health in theirs:
+                self._sensors.forget(health.site, health.asset)  # told once it can be kept
+            raise
 
     def _told_of_sensor(self, site: str, asset: str) -> Iterator[dict[str, Any]]:
         """Return stored sensor events of a twin, the newest first."""
@@ -555,7 +680,8 @@ class Pipeline:
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""
         try:
-            self._durably(lambda c: self._account.take(arrivals, time.monotonic(), c))
+            now_s = time.monotonic()
+            self._durably(lambda c: self._account.take(arrivals, now_s, c), len(arrivals))
         except StoreError:
             raise
         except Exception as error:
@@ -564,8 +690,12 @@ class Pipeline:
                 self._take_arrivals(arrivals[:middle])
                 self._take_arrivals(arrivals[middle:])
                 return
+            if isinstance(error, QuarantineFullError):
+                return
             logger.exception("Features could not be processed.")
             features = arrivals[0].features
+            if event := self.setting_aside.failed(arrivals[0], error, self._clock.now_ns()):
+                self._keep(event)
             self.refusals.refuse(
                 "failed",
                 f"{features.twin_id}: sequence {features.sequence} made the server fail: "
@@ -587,9 +717,7 @@ class Pipeline:
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
-        if not (
-            change.ordered or change.touched or change.lost or change.held or change.rivals
-        ):
+        if change.is_empty:
             return
         cut = WriteBatch(held=rows_of_held(change), released=rows_of_released(change))
         # Not a copy of all: a batch concerns a few twins of a hundred thousand.
@@ -597,16 +725,26 @@ class Pipeline:
         twins = collections.ChainMap(changed, self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
-        fresh = estimate_next(
-            change.ordered,
-            twins,
-            cut,
-            self.settings.default_registration,
-            self._clock.now_ns(),
-        )
+        windows = self._coverage.sort(change.ordered)
+        change.ordered = windows.new
+        cut.events += self._window_notices.of(windows)
+        aside, now_ns = self.setting_aside, self._clock.now_ns()
+        with aside.attempts.noted_too(o.payload for o in change.ordered):
+            fresh = estimate_next(
+                change.ordered,
+                twins,
+                cut,
+                self.settings.default_registration,
+                now_ns,
+                aside.estimating,
+            )
+        cut.aside, set_aside = aside.rows(change.ordered, fresh, now_ns)
+        cut.events += set_aside
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.events += [old_event(aged) for aged in change.aged]
         cut.events += [rivals_event(rivals) for rivals in change.rivals]
+        cut.events += [doubted_event(doubted) for doubted in change.doubted]
+        cut.events += [limit_event(one, self._clock.now_ns()) for one in change.limits]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
             for run in change.touched
@@ -614,7 +752,10 @@ class Pipeline:
         ]
         self.routing.hear(change.ordered)
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
-        numbers = self.store.write(cut)
+        with self._progress.doing(Phase.STORE):
+            numbers = self.store.write(cut)
+        if cut.aside:
+            aside.quarantine.load()
         self._publisher.owe(change.touched)
         self._twins.update(changed)
         self._count(change, cut)
@@ -624,6 +765,7 @@ class Pipeline:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
+        self.counts["overlapping"] += sum(one.covered > 0.0 for one in change.ordered)
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
@@ -684,27 +826,28 @@ class Pipeline:
             return
         now_ns = self._clock.now_ns()
         event = note_event(*key, kind, severity, message, details, now_ns)
-        self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
+        self._keep([event], self.routing.deliveries([event], self._twins, now_ns))
 
     def _keep(
         self,
-        event: EventRow,
+        events: Sequence[EventRow],
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
-        """Store an event with its dependent rows, and publish it."""
+        """Store events with their dependent rows, and publish them."""
         cut = WriteBatch(
-            events=[event],
+            events=list(events),
             deliveries=list(deliveries),
             settled=list(settled),
             acknowledgements=list(acknowledgements),
             asset_events=list(asset_events),
         )
         numbers = self.store.write(cut)
-        self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
-        self._publisher.tell((), EMPTY_ESTIMATE, self._units, [event], numbers)
+        for event in events:
+            self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
+        self._publisher.tell((), EMPTY_ESTIMATE, self._units, events, numbers)
         for row in asset_events:
             key = ASSET_EVENT.key(*address(row.twin))
             self._publisher.say(key, row.body.encode(), ASSET_EVENT.encoding)
@@ -712,7 +855,7 @@ class Pipeline:
     def _record(self, told: AssetEvent) -> AssetEventRow:
         row, event = asset_event_row(told), told_event(told)
         deliveries = self.routing.deliveries([event], self._twins, row.t_ns)
-        self._keep(event, deliveries, asset_events=[row])
+        self._keep([event], deliveries, asset_events=[row])
         return row
 
     def _take_told(self, told: AssetEvent) -> None:
@@ -750,11 +893,17 @@ class Pipeline:
             twin = new_twin(registration)
             self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
         else:
-            twin = reestimate(self.store, key, registration, event)
-        self._twins[key] = twin
+            twin = reestimate(
+                self.store, key, registration, event, self.setting_aside.estimating
+            )
+        self.replace(twin_id, twin)
         self._publisher.announce(key, twin)
-        self._publisher.reset(twin_id)
         return before is None
+
+    def replace(self, twin_id: str, twin: Twin) -> None:
+        """Take over a twin that was estimated anew, in the thread of the pipeline."""
+        self._twins[address(twin_id)] = twin
+        self._publisher.reset(twin_id)
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Answer queries for registrations; in a thread of the bus."""
@@ -771,6 +920,9 @@ class Pipeline:
         self._heard.pop(key, None)
         self._assessed.forget(key)
         self._sensors.forget(*key)
-        self._account.forget(*key)
+        for number in self._account.forget(*key):
+            self._units.pop(number, None)
+        self.routing.forget(key)
+        self.setting_aside.quarantine.load()
         self._publisher.reset(twin_id)
         return existed

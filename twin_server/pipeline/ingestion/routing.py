@@ -63,6 +63,11 @@ class Routing:
             self._live[key] = not one.replayed and (base == "live" or simulated)
             self._newest_ns[key] = None if simulated else one.features.t_ns
 
+    def forget(self, key: tuple[str, str]) -> None:
+        """Forget the readings of a twin."""
+        self._live.pop(key, None)
+        self._newest_ns.pop(key, None)
+
     def is_fresh(self, key: tuple[str, str], now_ns: int) -> bool:
         """Whether the newest reading of a twin is live, and not old."""
         newest_ns = self._newest_ns.get(key)

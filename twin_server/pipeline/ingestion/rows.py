@@ -7,7 +7,16 @@ from slowtime_schemas.asset_events import AssetEvent
 from slowtime_schemas.codec import Refused, decode, encode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
-from twin_server.collect import DAMAGED, Change, LostRange, OldReading, RivalAgents, Run
+from twin_server.collect import (
+    DAMAGED,
+    Change,
+    DoubtedSequence,
+    LostRange,
+    OldReading,
+    ReachedLimit,
+    RivalAgents,
+    Run,
+)
 from twin_server.estimate import Notice, Twin
 from twin_server.events.asset_events import TOLD, AssetEventRow, sentence
 from twin_server.history.details import Detail
@@ -188,6 +197,58 @@ def rivals_event(rivals: RivalAgents) -> EventRow:
         ),
         derived=False,
     )  # fmt: skip
+
+
+def doubted_event(doubted: DoubtedSequence) -> EventRow:
+    """Make an event of a stated sequence that is not believed."""
+    run = doubted.run
+    kind = "account_corrected" if doubted.corrected else "implausible_sequence"
+    cause = "The kept account" if doubted.corrected else "The edge agent"
+    return event_row(
+        Event(
+            site=run.site,
+            asset=run.asset,
+            boot=run.boot,
+            sequence=max(run.last, 0),
+            t_ns=max(run.last_t_ns, 0),
+            kind=kind,
+            severity="warning",
+            message=(
+                f"{cause} states sequence {doubted.stated} of boot {run.boot}, and "
+                f"{doubted.expected} is expected. Allowed: up to {run.reach:,} ahead "
+                "(admission.max_jump), or what the agent lists and delivers. Nothing is waited "
+                "for or counted as lost by it, and further readings of the boot are taken in. "
+                "Check the agent's software and who holds its certificate."
+            ),
+            details={
+                "boot": run.boot, "stated": doubted.stated, "expected": doubted.expected,
+            },
+        ),
+        derived=False,
+    )  # fmt: skip
+
+
+def limit_event(reached: ReachedLimit, now_ns: int) -> EventRow:
+    """Make an event of a limit that an asset has reached."""
+    return event_row(
+        Event(
+            site=reached.site,
+            asset=reached.asset,
+            boot=reached.boot,
+            sequence=0,
+            t_ns=now_ns,
+            kind="too_many_boots",
+            severity="warning",
+            message=(
+                f"Boot {reached.boot} of {reached.site}.{reached.asset} is not taken in. "
+                f"Allowed: {reached.allowed:,} boots of one asset ({reached.setting}). Its "
+                "readings stay in the agent's spool. Find out why the agent starts so often, "
+                "or raise the setting."
+            ),
+            details={"boot": reached.boot, "allowed": reached.allowed},
+        ),
+        derived=False,
+    )
 
 
 def asset_event_row(event: AssetEvent) -> AssetEventRow:

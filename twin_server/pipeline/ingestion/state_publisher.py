@@ -58,7 +58,7 @@ class StatePublisher:
     election
         Whether another twin server speaks on this bus.
     prove
-        Says what to acknowledge of a run.
+        Says what to acknowledge of a run; None where that needs another round.
     counts
         Where it counts what was published and what was not.
     states_per_batch
@@ -72,7 +72,7 @@ class StatePublisher:
         counts: collections.Counter[str],
         states_per_batch: int,
         election: LeaderElection,
-        prove: Callable[[Run], AcknowledgedRange],
+        prove: Callable[[Run], AcknowledgedRange | None],
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
         self._election, self._prove = election, prove
@@ -159,7 +159,11 @@ class StatePublisher:
         runs, self._owed = self._owed, {}
         for run in runs:
             if run.number and run.next and not run.contested:
-                ack = acknowledgement(run, self._prove(run), self._clock.now_ns())
+                proof = self._prove(run)
+                if proof is None:
+                    self._owed[run] = None
+                    continue
+                ack = acknowledgement(run, proof, self._clock.now_ns())
                 self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
 
     def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:

@@ -19,6 +19,10 @@ MEDIA_TYPE = "application/problem+json"
 MOST_ERRORS = 20
 """Faults of one request that are listed; all are counted."""
 
+RETRY_AFTER_S = 5
+"""When a caller is to come back whom the database did not answer [s]; a restart takes about so
+long."""
+
 CLIENT_LEFT = 499
 """What nginx calls it; nobody is there to read it."""
 
@@ -88,6 +92,25 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(ClientDisconnect, _left)
     app.add_exception_handler(Exception, _fault)
+
+
+def install_unavailable(app: FastAPI, *errors: type[Exception]) -> None:
+    """Answer these errors, of a database that cannot be used, with 503 and when to come back."""
+    for error in errors:
+        app.add_exception_handler(error, _unavailable)
+
+
+async def _unavailable(request: Request, error: Exception) -> Response:
+    # What the error names, such as a path or a host, is for the log and `/readyz`.
+    logger.warning("%s %s: %s", request.method, request.url.path, error)
+    detail = (
+        f"{request.method} {request.url.path:.200} needs the database, which cannot be used at "
+        f"the moment. Ask again in {RETRY_AFTER_S} s; /readyz and the server's log say why. "
+        "Nothing is lost: edge agents keep what is not acknowledged."
+    )
+    response = respond(request, 503, "database-away", detail)
+    response.headers["Retry-After"] = str(RETRY_AFTER_S)
+    return response
 
 
 async def _ours(request: Request, error: Exception) -> Response:

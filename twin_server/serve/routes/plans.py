@@ -84,7 +84,7 @@ def routes(
         Of all twins with `costs` and `decision` whose costs are in one currency, that of most
         of them. Their plans may be 25 readings old.
         """
-        ids = [each for each in knowledge.ids() if principal_of(request.scope).sees(each)]
+        ids = knowledge.ids(principal_of(request.scope))
 
         def plan_document() -> bytes:
             return to_json(fleet_answer(knowledge, ids, teams * visits, window_d, budget))

@@ -23,6 +23,7 @@ from twin_server.persist import (
     is_url,
 )
 from twin_server.persist.tables.checksums import TABLES, Table
+from twin_server.persist.tables.quarantine import AsideRow
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 from twin_server.settings import LedgerSettings
 
@@ -119,6 +120,10 @@ def _write_turn(store, turn, *, behind=False):
         number = store.add_diagnosis(DiagnosisRow(0, twin, t_ns, None, "queued", "{}"), 20)
         done = DiagnosisRow(number, twin, t_ns, t_ns + 9, "done", "{}", "", '{"found":1}')
         store.end_diagnosis(done, b"<p>%d" % number, "model: 1")
+        store.set_aside(
+            [AsideRow(0, twin, "b", k, t_ns, "key", "why", True, False, b"m%d" % k)
+             for k in (2 * turn, 2 * turn + 1)]
+        )  # fmt: skip
         store.add_composites(
             [CompositeRow(0, f"{site}-all", t_ns + k, "ann", f'{{"k":{k}}}') for k in range(2)]
         )

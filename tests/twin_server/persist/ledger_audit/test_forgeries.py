@@ -23,6 +23,7 @@ NAMES = [table.name for table in TABLES]
 MADE_BY_THE_LAYOUT = {
     "tallies": "numbers of rows, kept by triggers; `slowtime check` compares them",
     "layouts": "version of a PostgreSQL schema",
+    "attempts": "what a server is about to do, for the time of one step; shown to nobody",
 }
 
 

@@ -5,11 +5,11 @@ import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from .chains import Journal
-from .history_hashes import HistoryHashes
-from .tables import ledger as ledger_table
-from .tables.checksums import Table
-from .tables.statements import Connection, select
+from twin_server.persist.chains import Journal
+from twin_server.persist.history_hashes import HistoryHashes
+from twin_server.persist.tables import ledger as ledger_table
+from twin_server.persist.tables.checksums import Table
+from twin_server.persist.tables.statements import Connection, select
 
 
 class SqlBase(abc.ABC):

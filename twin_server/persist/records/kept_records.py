@@ -6,37 +6,36 @@ from collections.abc import Iterator, Sequence
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.persist.chains.basis import renew
+from twin_server.persist.chains.journal import of_key
+from twin_server.persist.tables import asset_events as asset_events_table
+from twin_server.persist.tables import composites as composites_table
+from twin_server.persist.tables import deliveries as deliveries_table
+from twin_server.persist.tables import diagnoses as diagnoses_table
+from twin_server.persist.tables import fatigue as fatigue_table
+from twin_server.persist.tables import ledger as ledger_table
+from twin_server.persist.tables.checksums import COMPOSITES, DELIVERIES, DIAGNOSES, FATIGUE
+from twin_server.persist.tables.composites import CompositeRow
+from twin_server.persist.tables.counted import count_of
+from twin_server.persist.tables.diagnoses import DiagnosisRow
+from twin_server.persist.tables.statements import Connection, last_number, note_number
 
-from .chains.basis import renew
-from .chains.journal import of_key
-from .sql_base import SqlBase
-from .tables import asset_events as asset_events_table
-from .tables import composites as composites_table
-from .tables import deliveries as deliveries_table
-from .tables import diagnoses as diagnoses_table
-from .tables import fatigue as fatigue_table
-from .tables import ledger as ledger_table
-from .tables.checksums import COMPOSITES, DELIVERIES, DIAGNOSES, FATIGUE
-from .tables.composites import CompositeRow
-from .tables.diagnoses import DiagnosisRow
-from .tables.statements import Connection, last_number, note_number
+from .quarantine import QuarantineTable
 
 
-class SqlRecords(SqlBase):
+class SqlRecords(QuarantineTable):
     """Diagnoses, deliveries, composites, reported events, fatigue, and the ledger."""
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
         """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
         with self._chaining() as (writer, journal):
-            number = (last_number(writer, "diagnosis") or 0) + 1
-            note_number(writer, "diagnosis", number)
-            new = diagnoses_table.insert(writer, row._replace(number=number))
+            new = diagnoses_table.insert(writer, row)
             journal.put(DIAGNOSES, [new])
             gone = diagnoses_table.forget(writer, row.twin, kept)
             journal.remove(
                 DIAGNOSES, (of_key(DIAGNOSES, number=n, twin=row.twin) for n in gone)
             )
-            return number
+            return count_of(new[0])
 
     def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
         """Store the outcome of a diagnosis."""
@@ -46,19 +45,19 @@ class SqlRecords(SqlBase):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Read diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Read diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         with self._reading() as reader:
             return diagnoses_table.select(reader, twin_id, number)
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """Read the page of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.page_of(reader, number)
+            return diagnoses_table.page_of(reader, twin_id, number)
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
-            return diagnoses_table.model_of(reader, number)
+            return diagnoses_table.model_of(reader, twin_id, number)
 
     def deliveries(
         self,
