@@ -9,9 +9,9 @@ import click
 from slowtime_cli.shared.terminal import plural
 from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
+from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.ledger import Head, last_head
-from slowtime_services.ledger.timestamps import TimestampError, stamped
 from slowtime_services.replay import RecordingError, verdicts
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _verify_timestamp(
             "authority: give --head, --timestamp and --authority together."
         )
     try:
-        found = stamped(kept, timestamp.read_bytes(), authority)
+        found = stamped(kept.hashed, timestamp.read_bytes(), authority)
     except TimestampError as error:
         raise click.ClickException(str(error)) from error
     click.echo(f"Head {kept.number} existed at {found.t:%Y-%m-%d %H:%M:%S} UTC ({timestamp}).")

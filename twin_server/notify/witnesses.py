@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from slowtime_services.ledger import Head, last_head
-from slowtime_services.ledger.timestamps import (
+from slowtime_services.credentials.timestamps import (
     LARGEST,
     TimestampError,
     check_answer,
     request_of,
 )
+from slowtime_services.ledger import Head, last_head
 from twin_server.settings import LedgerSettings
 
 from .message import NotDeliveredError, connection_error_text
@@ -163,7 +163,7 @@ def _append(path: Path, head: Head) -> None:
 
 def _stamp(url: str, folder: Path, head: Head) -> None:
     """Have a head stamped; keep the head and the answer beside it."""
-    request = request_of(head)
+    request = request_of(head.hashed)
     answer = _post(url, request.as_bytes(), "application/timestamp-query")
     check_answer(request, answer)
     folder.mkdir(parents=True, exist_ok=True)

@@ -10,8 +10,8 @@ import threading
 import pytest
 
 from slowtime_services.credentials import Signer, make_key
+from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.ledger import Head, headed, last_head
-from slowtime_services.ledger.timestamps import TimestampError, stamped
 from twin_server.notify import witnesses
 from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.settings import LedgerSettings
@@ -162,13 +162,13 @@ def test_an_authority_stamps_heads_and_the_stamp_is_of_that_head_only(
     assert got[0][0] == "application/timestamp-query"
     assert last_head(kept / "head-1.json") == heads[0]
     stamp = (kept / "head-1.tsr").read_bytes()
-    assert stamped(heads[0], stamp, folder / "root.crt").serial == 2
-    with pytest.raises(TimestampError, match="not one of head 2"):
-        stamped(heads[1], stamp, folder / "root.crt")
-    with pytest.raises(TimestampError, match="not one of head 1"):
-        stamped(heads[0], stamp, folder / "other.crt")
+    assert stamped(heads[0].hashed, stamp, folder / "root.crt").serial == 2
+    with pytest.raises(TimestampError, match="not one of this head"):
+        stamped(heads[1].hashed, stamp, folder / "root.crt")
+    with pytest.raises(TimestampError, match="not one of this head"):
+        stamped(heads[0].hashed, stamp, folder / "other.crt")
     with pytest.raises(TimestampError, match="no answer of RFC 3161"):
-        stamped(heads[0], b"nonsense", folder / "root.crt")
+        stamped(heads[0].hashed, b"nonsense", folder / "root.crt")
 
 
 def test_an_answer_to_another_question_is_not_kept(authority, heads, tmp_path):

@@ -281,6 +281,12 @@ def forge(house, act, table, **more):
         store.close()
 
 
+def forge_open(house, store, act, table):
+    """Do something through the connection of a server that runs, and chain nothing."""
+    with store._writing() as writer:
+        return act(house, writer, table)
+
+
 def owners_of(table, rows):
     """Chains that rows belong to."""
     at = {name: place for place, name in enumerate(table.columns)}

@@ -1,14 +1,12 @@
-"""Time stamps of signed heads by an authority (RFC 3161): requests, and their verification.
+"""Time stamps by an authority (RFC 3161): requests, and their verification.
 
-A time stamp shows that a head existed at a moment, also to those who do not trust the server's
-operator or clock. The library, `rfc3161-client`, is an extra and imported only where used.
+A time stamp shows that some bytes existed at a moment, also to those who do not trust who shows
+them, nor their clock. The library, `rfc3161-client`, is an extra and imported only where used.
 """
 
 import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-
-from .heads import Head
 
 if TYPE_CHECKING:
     from rfc3161_client import TimeStampRequest, TimeStampResponse
@@ -25,12 +23,12 @@ class Stamped(NamedTuple):
     """What a time stamp shows."""
 
     t: datetime.datetime
-    """When the head existed at the latest."""
+    """When the bytes existed at the latest."""
     serial: int
 
 
-def request_of(head: Head) -> "TimeStampRequest":
-    """Make a request for a time stamp of a head, with a nonce.
+def request_of(said: bytes) -> "TimeStampRequest":
+    """Make a request for a time stamp of some bytes, with a nonce.
 
     Raises
     ------
@@ -40,7 +38,7 @@ def request_of(head: Head) -> "TimeStampRequest":
     _library()
     from rfc3161_client import HashAlgorithm, TimestampRequestBuilder
 
-    builder = TimestampRequestBuilder().data(head.hashed)
+    builder = TimestampRequestBuilder().data(said)
     return builder.hash_algorithm(HashAlgorithm.SHA256).nonce(nonce=True).build()
 
 
@@ -61,8 +59,8 @@ def check_answer(request: "TimeStampRequest", answer: bytes) -> None:
         raise TimestampError("The authority stamped something else than was asked.")
 
 
-def stamped(head: Head, answer: bytes, authority: Path) -> Stamped:
-    """Verify a time stamp of a head.
+def stamped(said: bytes, answer: bytes, authority: Path) -> Stamped:
+    """Verify a time stamp of some bytes.
 
     Parameters
     ----------
@@ -72,7 +70,7 @@ def stamped(head: Head, answer: bytes, authority: Path) -> Stamped:
     Raises
     ------
     TimestampError
-        If it is not of this head, or not by this authority.
+        If it is not of these bytes, or not by this authority.
     """
     _library()
     from cryptography.x509 import load_pem_x509_certificate
@@ -81,10 +79,10 @@ def stamped(head: Head, answer: bytes, authority: Path) -> Stamped:
     found = _decoded(answer)
     try:
         root = load_pem_x509_certificate(authority.read_bytes())
-        VerifierBuilder().add_root_certificate(root).build().verify_message(found, head.hashed)
+        VerifierBuilder().add_root_certificate(root).build().verify_message(found, said)
     except (VerificationError, ValueError, OSError) as error:
         raise TimestampError(
-            f"The time stamp is not one of head {head.number} by {authority}: {error}."
+            f"The time stamp is not one of this head by {authority}: {error}."
         ) from error
     return Stamped(found.tst_info.gen_time, found.tst_info.serial_number)
 
