@@ -48,8 +48,9 @@ class AsideRow(NamedTuple):
         return count_of(self.number)
 
 
-def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
-    """Keep rows under the next numbers; what is kept already is not kept again."""
+def add(writer: Connection, rows: Sequence[AsideRow]) -> list[tuple[object, ...]]:
+    """Keep rows under the next numbers, and return them; what is kept is not kept again."""
+    new = []
     for row in rows:
         known = writer.execute(
             "select number from quarantine where twin = ? and boot = ? and sequence = ? "
@@ -59,7 +60,9 @@ def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
         if known is not None:
             continue
         [key] = next_keys(writer, QUARANTINE, {row.twin: 1})[row.twin]
-        insert(writer, QUARANTINE, [_stored(row._replace(number=key))])
+        new.append(_stored(row._replace(number=key)))
+        insert(writer, QUARANTINE, new[-1:])
+    return new
 
 
 def read(reader: Connection, twin_id: str | None, number: int | None) -> list[AsideRow]:
@@ -73,16 +76,18 @@ def read(reader: Connection, twin_id: str | None, number: int | None) -> list[As
     ]
 
 
-def remove(writer: Connection, number: int) -> None:
-    """Delete a row."""
+def remove(writer: Connection, number: int) -> list[tuple[Any, ...]]:
+    """Delete a row; return it, or nothing if there is none."""
+    rows = select(writer, QUARANTINE, "where number = ?", (number,))
     writer.execute("delete from quarantine where number = ?", (number,))
+    return rows
 
 
-def drop(writer: Connection, row: AsideRow) -> None:
-    """Delete the message of a row; the row of an accepted one stays, without its bytes."""
-    remove(writer, row.number)
-    if row.accepted:
-        insert(writer, QUARANTINE, [_stored(row._replace(dropped=True, message=b""))])
+def keep_place(writer: Connection, row: AsideRow) -> list[tuple[object, ...]]:
+    """Keep the place of an accepted message that was dropped, without its bytes; return it."""
+    rows = [_stored(row._replace(dropped=True, message=b""))] if row.accepted else []
+    insert(writer, QUARANTINE, rows)
+    return rows
 
 
 def _stored(row: AsideRow) -> tuple[object, ...]:
