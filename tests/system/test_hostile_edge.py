@@ -28,6 +28,9 @@ pytestmark = [pytest.mark.system]
 
 WITHIN_S = 2.0
 """Within which a reading of another asset is durable, whatever a hostile edge has sent [s]."""
+OF_ALONE = 3.0
+"""On a machine so busy that a reading alone takes longer than a third of that, within so many
+times what it takes alone [1]."""
 FAR = 2**40 - 1
 
 
@@ -86,7 +89,18 @@ class Honest:
         self._bus.answer(request_key("lab", asset, "account"), self._account)
         self._bus.answer(request_key("lab", asset, "features"), self._again)
         self._bus.announce(alive_key("lab", asset))
-        self.longest_s = 0.0
+        self.alone_s = self.longest_s = 0.0
+
+    def measure_alone(self):
+        """Send readings before anything hostile is sent."""
+        for _ in range(30):
+            self.goes_on()
+        self.alone_s, self.longest_s = self.longest_s, 0.0
+
+    @property
+    def is_held_up(self):
+        """Whether a reading took longer than it may."""
+        return self.longest_s > max(WITHIN_S, OF_ALONE * self.alone_s)
 
     def goes_on(self, timeout_s=120.0):
         """Send a reading; note how long it takes until it is durable."""
@@ -176,16 +190,16 @@ def site(tmp_path):
 @pytest.mark.parametrize("last", [2**62, FAR, 10**6 + 1], ids=["2^62", "2^40 - 1", "a million"])
 def test_a_stated_end_far_ahead_stops_no_other_asset(site, last):
     honest, hostile = Honest(site), Hostile(site)
-    honest.goes_on()
     hostile.say(FEATURES, hostile.ordinary(FEATURES))
     assert eventually(lambda: site.store.count("lab.hostile"))
+    honest.measure_alone()
     hostile.say(HEALTH, hostile.ordinary(HEALTH, last_sequence=last))
     hostile.say(FEATURES, hostile.ordinary(FEATURES, FAR, boot="b2"))
-    honest.longest_s = 0.0
     ends_s = time.monotonic() + 5.0
     while time.monotonic() < ends_s:
         honest.goes_on(timeout_s=20.0)
-    assert honest.longest_s < WITHIN_S
+    print(f"at most {honest.longest_s:.3f} s, alone {honest.alone_s:.3f} s")
+    assert not honest.is_held_up
     lost = [e for e in site.store.events("lab.hostile") if "features_lost" in e.body]
     assert all(json.loads(e.body)["details"]["last"] <= 10**6 + 1 for e in lost)
     began_s = time.monotonic()
@@ -195,14 +209,11 @@ def test_a_stated_end_far_ahead_stops_no_other_asset(site, last):
 
 @pytest.mark.long
 @pytest.mark.parametrize("stream", KINDS, ids=lambda stream: stream.name)
-def test_two_hundred_valid_messages_of_a_kind_stop_no_other_asset(
-    site, stream, record_property
-):
+def test_two_hundred_valid_messages_of_a_kind_stop_no_other_asset(site, stream):
     honest, hostile = Honest(site), Hostile(site)
     hostile.say(FEATURES, hostile.ordinary(FEATURES))
     assert eventually(lambda: site.store.count("lab.hostile"))
-    honest.goes_on()
-    honest.longest_s = 0.0
+    honest.measure_alone()
 
     def ordinary(number):
         return base(stream, time.time_ns(), asset="hostile", boot="b1", sequence=number + 1)
@@ -218,7 +229,9 @@ def test_two_hundred_valid_messages_of_a_kind_stop_no_other_asset(
     for _ in range(20):
         honest.goes_on()
     sending.join()
-    record_property("longest_s", honest.longest_s)
-    print(f"{stream.name}: a reading of another asset took {honest.longest_s:.3f} s at most")
-    assert honest.longest_s < WITHIN_S
+    print(
+        f"{stream.name}: a reading of another asset took {honest.longest_s:.3f} s at most, "
+        f"{honest.alone_s:.3f} s before"
+    )
+    assert not honest.is_held_up
     assert site.pipeline.counts["failed_batches"] == 0

@@ -27,7 +27,7 @@ from tests.twin_server.conftest import _features
 from twin_server.collect import Account, Arrival, Change, EdgeQuery, Holding, Run
 from twin_server.settings import BackfillSettings
 
-MAX_JUMP = 40
+MAX_JUMP = 3_000
 MAX_BOOTS = 12
 HEALING = BackfillSettings(
     grace_s=0.5, backoff_s=0.5, max_backoff_s=2.0, tries=2, foreign_patience_s=3.0,
@@ -144,7 +144,7 @@ class AccountMachine(RuleBasedStateMachine):
 
     @rule(reading=st.integers(0, 3))
     def send_ordinary_of_liar(self, reading: int) -> None:
-        """Let the hostile asset send an ordinary reading too, which is taken in as any other."""
+        """Let the hostile asset send an ordinary reading too."""
         self._take([self._reading("liar", "x0", self.liars + reading)])
         run = self._run("x0", "liar")
         self.liars = 0 if run is None else run.next
@@ -189,7 +189,9 @@ class AccountMachine(RuleBasedStateMachine):
         number = listing.draw(hostile_numbers)
         if want.boot and listing.draw(st.booleans()):
             self._take([self._reading("liar", want.boot, number)])
-        kind = listing.draw(st.sampled_from(["none", "silent", "all", "far", "damaged", "many"]))
+        kind = listing.draw(
+            st.sampled_from(["none", "silent", "all", "far", "damaged", "many"])
+        )
         boot = want.boot or "x0"
         listings: dict[str, list[Holding] | None] = {
             "none": None,
@@ -218,7 +220,8 @@ class AccountMachine(RuleBasedStateMachine):
     ) -> None:
         entries = sum(1 + len(holding.damaged) for holding in listing or ())
         self._step(
-            lambda c: self.account.settle(want, listing, self.now_s, c, sound=sound), 1 + entries
+            lambda c: self.account.settle(want, listing, self.now_s, c, sound=sound),
+            1 + entries,
         )
 
     def _step(self, act: Callable[[Change], None], messages: int) -> None:
@@ -248,8 +251,8 @@ class AccountMachine(RuleBasedStateMachine):
             if run.number:
                 self.runs[run.number] = run
                 self.rows[run.number] = (
-                    run.asset, run.boot, run.next, run.last, run.last_t_ns, run.told, run.closed,
-                    tuple(run.lost),
+                    run.asset, run.boot, run.next, run.last, run.last_t_ns, run.told,
+                    run.closed, tuple(run.lost),
                 )  # fmt: skip
 
     def _restored(self, number: int, row: tuple[Any, ...]) -> Run:
@@ -285,9 +288,11 @@ class AccountMachine(RuleBasedStateMachine):
 
     @invariant()
     def only_what_no_edge_holds_is_lost(self) -> None:
-        unexcused = self.lost - self.excused - {
-            (boot.name, s) for boot in self.boots for s in range(boot.first_held)
-        }
+        unexcused = (
+            self.lost
+            - self.excused
+            - {(boot.name, s) for boot in self.boots for s in range(boot.first_held)}
+        )
         assert not unexcused, f"{sorted(unexcused)} are lost, and the edge holds them"
         assert not self.lost & set(self.order)
 
