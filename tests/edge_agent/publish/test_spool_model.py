@@ -299,7 +299,7 @@ def test_a_spool_beyond_its_limit_drops_its_oldest_though_the_disk_takes_nothing
 
         def begins_and_is_full(path):
             file = begin(path)
-            monkeypatch.setattr(spool, "_write_all", full)
+            monkeypatch.setattr(spool, "write_all", full)
             return file
 
         monkeypatch.setattr(one, "_begin", begins_and_is_full)
