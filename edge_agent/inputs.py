@@ -10,12 +10,14 @@ from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from pydantic import Field, model_validator
 
-from slowtime_schemas.quantities import Frozen, Name
+from slowtime_schemas.quantities import LEAST_RATE_HZ, MOST_RATE_HZ, Frozen, Name
 
 from .layouts import CsvLayout, JsonLayout, Layout, PackedLayout, read_layout
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+Rate = Annotated[float, Field(ge=LEAST_RATE_HZ, le=MOST_RATE_HZ)]
 
 LAYOUT_WORDS = {
     "layout": "json, csv, packed, or a TOML or JSON file that declares it",
@@ -55,7 +57,7 @@ class LiveInput(Frozen):
     """URL of the source; `slowtime edge --help` lists the schemes."""
     layout: Layout | None = None
     """What a message or line holds; None where the source says so itself."""
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     """Nominal samples per second; None where the source says so itself. The true rate is
     estimated, with its uncertainty."""
     block_s: Positive = 0.5

@@ -13,15 +13,16 @@ A layout is declared, never guessed. It is a table of TOML or JSON::
     scale = 3.81e-5
 """
 
-import json
 import struct
-import tomllib
+from collections import Counter as Tally
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError, model_validator
 
 from slowtime_schemas.quantities import Frozen, Plain, PlainText, UnitName
+from slowtime_services.documents.bounds import DocumentError
+from slowtime_services.documents.document_files import read_settings_file
 
 NUMBERS = {
     "i8": 1, "u8": 1, "i16": 2, "u16": 2, "i24": 3, "u24": 3, "i32": 4, "u32": 4,
@@ -104,8 +105,8 @@ class _Layout(Frozen):
 
     @model_validator(mode="after")
     def _names_differ(self) -> "_Layout":
-        names = [channel.name for channel in self.channels]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        names = Tally(channel.name for channel in self.channels)
+        twice = sorted(name for name, count in names.items() if count > 1)
         if twice:
             raise ValueError(f"{twice} name more than one channel. Give each its own name.")
         return self
@@ -281,26 +282,21 @@ def read_layout(path: Path) -> JsonLayout | CsvLayout | PackedLayout:
     ValueError
         Where there is no such file, or it holds no layout.
     """
-    if path.suffix not in (".toml", ".json"):
-        raise ValueError(f"{path.name} is not a valid layout file. Allowed: .toml and .json.")
     try:
-        text = path.read_text()
+        table = read_settings_file(path)
     except OSError as error:
         raise ValueError(
             f"The layout {path} cannot be read: {error.strerror}. Give an existing file, or "
             "one of the words json, csv, packed."
         ) from error
+    except DocumentError as error:
+        raise ValueError(f"The layout {path}: {error}") from error
     try:
-        table = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
         return _LAYOUT.validate_python(table)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
         raise ValueError(f"The layout {path}: {where}: {fault['msg']}.") from error
-    except ValueError as error:
-        raise ValueError(
-            f"The layout {path} is not {path.suffix[1:].upper()}: {error}."
-        ) from error
 
 
 STRUCT_CODES = {

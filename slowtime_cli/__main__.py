@@ -11,6 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from slowtime_services.logs import Format, formatter
+from slowtime_services.reasons import reason_of, without_internals
 
 from .shared.examples import EXAMPLES, FIRST_EXAMPLE, HEADING, with_example
 from .shared.input_errors import is_validation_error, validation_message
@@ -51,6 +52,14 @@ VERBS = {
     "alarms": Verb(
         "twins.alarms:alarms",
         "Send a test alarm of a twin, and show deliveries of alarms.",
+    ),
+    "quarantine": Verb(
+        "twins.quarantine:quarantine",
+        "List, release and drop messages that the server set aside.",
+    ),
+    "holdings": Verb(
+        "twins.holdings:holdings",
+        "Show what a server has under way for your sites, and end it.",
     ),
     "event": Verb(
         "twins.event:event", "Record repairs and inspections of an asset, and undo them."
@@ -298,7 +307,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         status = app.main(arguments, prog_name="slowtime", standalone_mode=False)
     except click.UsageError as error:
-        error.show()
+        click.UsageError(without_internals(error.format_message()), error.ctx).show()
         sys.exit(2)
     except click.ClickException as error:
         _say(error.format_message())
@@ -315,7 +324,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             sys.exit(2)
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
-        _say(str(error))
+        _say(reason_of(error) if isinstance(error, OSError) else str(error))
         sys.exit(2)
     except Exception as error:
         if os.environ.get("SLOWTIME_DEBUG"):
@@ -329,7 +338,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _say(sentence: str) -> None:
-    click.echo(f"slowtime: {sentence}", err=True)
+    click.echo(f"slowtime: {without_internals(sentence)}", err=True)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import logging
+import os
 import socket
 import sys
 import threading
@@ -16,9 +17,18 @@ from slowtime_services.bus import BackgroundBus, Bus, PartialBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.shutdown import ended_by_signals
+from slowtime_services.supervision import BEAT_S, Heartbeat, Watch, notify
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
+from twin_server.fairness import Holdings, Processors, usable_processors
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
-from twin_server.persist import Store, WrongStoreError, open_store
+from twin_server.persist import (
+    Store,
+    StoreError,
+    StoreInUseError,
+    WrongStoreError,
+    note_path,
+    open_store,
+)
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
@@ -29,10 +39,12 @@ from twin_server.pipeline import (
     ModelChangeMonitor,
     NotifierTrigger,
     Pipeline,
+    QuarantineDesk,
     Recordings,
     TwinKnowledge,
     WorkerProcesses,
 )
+from twin_server.pipeline.progress import ProgressMonitor
 from twin_server.registration.twin import (
     Registration,
     WrongRegistrationsError,
@@ -46,6 +58,7 @@ from twin_server.serve.access import (
     guarded,
 )
 from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.http.problems import install_unavailable
 from twin_server.serve.request_traces import Traced
 from twin_server.serve.shard_interface import ShardDoor, create_shard_interface
 from twin_server.settings import TwinSettings
@@ -54,6 +67,9 @@ logger = logging.getLogger(__name__)
 
 DIAGNOSIS = (sys.executable, "-m", "twin_server.diagnose")
 """Command of the process that makes one diagnosis."""
+
+STANDBY_S = 0.5
+"""How often a standby looks whether the database is free [s]."""
 
 ATTEMPT_S = 2.0
 """For how long Zenoh is asked to find the router at once, and the server does not begin yet."""
@@ -68,6 +84,7 @@ def run(
     ready: Callable[[str], None] | None = None,
     diagnosis: Sequence[str] = DIAGNOSIS,
     traces: Traces | None = None,
+    owned: bool | None = None,
 ) -> int:
     """Serve until `stop` is set, or until SIGINT or SIGTERM.
 
@@ -85,24 +102,31 @@ def run(
         Command of the process that makes one diagnosis, of the folder that is added.
     traces
         Others than the environment asks for.
+    owned
+        Whether the process is this server's, which may end it where it stands still; by
+        default if it runs in the main thread.
 
     Returns
     -------
     0 after a clean end, 2 where settings or surroundings are wrong: the log says what to do.
     """
     stop = stop or threading.Event()
+    if owned is None:
+        owned = threading.current_thread() is threading.main_thread()
     try:
         with contextlib.ExitStack() as open_things:
-            open_things.enter_context(ended_by_signals(stop))
+            grace_s = settings.shutdown_s + settings.progress.end_s
+            open_things.enter_context(ended_by_signals(stop, grace_s=grace_s))
+            heartbeat = open_things.enter_context(Heartbeat(_watch(settings, grace_s, owned)))
             guard = guarded(settings)
             if traces is None and (traces := traces_of("twin")) is not None:
                 open_things.callback(traces.close)
             listening = open_things.enter_context(
                 listening_socket(settings.host, settings.port)
             )
-            store = open_store(
-                settings.database, synchronous=settings.synchronous, share=settings.shards.share
-            )
+            store = _open_store(settings, stop)
+            if store is None:
+                return 0
             open_things.callback(store.close)
             if bus is None:
                 late = open_things.enter_context(_late_bus(settings, clock))
@@ -111,8 +135,9 @@ def run(
             if settings.shards.share is not None:
                 bus = PartialBus(bus, settings.shards.share.has)
             _serve(
-                settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces
-            )
+                settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces,
+                heartbeat,
+            )  # fmt: skip
     except (
         CredentialsError,
         NotSecuredError,
@@ -167,6 +192,7 @@ def _serve(
     ready: Callable[[str], None] | None,
     diagnosis: Sequence[str],
     traces: Traces | None,
+    heartbeat: Heartbeat,
 ) -> None:
     senders = senders_of(settings.alarms)
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
@@ -181,31 +207,46 @@ def _serve(
     notifier = Notifier(settings.alarms, alarms, senders, clock or SystemClock())
     pipeline.listen(NotifierTrigger(notifier.wake))
     allow_files(limits.max_connections + OTHER_FILES)
-    workers = WorkerProcesses(limits.workers, limits.work_timeout_s)
+    # The shards of a machine share its processors, as they do the workers.
+    processors = Processors(max(1, usable_processors() // settings.shards.count))
+    workers = WorkerProcesses(
+        limits.workers + limits.spare_workers, limits.work_timeout_s, processors
+    )
     workers.warm()
-    queue = ComputeQueue(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
+    queue = ComputeQueue(
+        limits.workers, limits.max_waiting, limits.max_waiting_of_one, limits.spare_workers,
+        processors.usage,
+    )  # fmt: skip
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
-    orders = Diagnoses(
-        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
-    )
-    compositions = CompositeRegistry(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
         lambda twin_id: pipeline.twin(twin_id) is not None,
         bus,
+        processors,
     )
+    orders = Diagnoses(
+        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock,
+        recordings=recordings.folder, processors=processors,
+    )  # fmt: skip
+    holdings = Holdings()
+    for quota in (recordings.uploads.quota, recordings.replays, orders.quota):
+        holdings.add(quota)
+    compositions = CompositeRegistry(pipeline, store, clock)
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
         composite_service=compositions,
-        events=AssetEvents(pipeline, store, clock),
+        events=AssetEvents(pipeline, store, clock), holdings=holdings,
+        quarantine_service=QuarantineDesk(pipeline, store, clock),
     )  # fmt: skip
+    install_unavailable(app, StoreError, WrongStoreError)
     door_of: ASGIApp = guard.around(app)
     if settings.shards.key:
         interface = create_shard_interface(knowledge, compositions, queue)
+        install_unavailable(interface, StoreError, WrongStoreError)
         door_of = ShardDoor(door_of, interface, settings.shards.key)
     connections = Connections(limits_of(settings))
     config = http_config(Traced(door_of, traces) if traces else door_of, settings, connections)
@@ -218,6 +259,7 @@ def _serve(
     for twin_id, registration in wanted.items():
         pipeline.routing.check(twin_id, registration)
     pipeline.start()
+    heartbeat.look = _monitor(pipeline, end=heartbeat.watches).look
     for twin_id, registration in wanted.items():
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
@@ -237,9 +279,11 @@ def _serve(
         logger.info("The twin server answers at %s.", url)
         if ready is not None:
             ready(url)
+        heartbeat.ready()
         while not stop.wait(0.2) and door.is_alive():
             pass
     finally:
+        heartbeat.leaving()
         server.should_exit = True
         queue.close()
         workers.close()
@@ -249,7 +293,48 @@ def _serve(
         change_monitor.stop()
         knowledge.prospects.stop()
         notifier.stop(settings.shutdown_s)
-        pipeline.stop()
+        pipeline.stop(settings.progress.end_s / 4)
+
+
+def _watch(settings: TwinSettings, grace_s: float, owned: bool) -> Watch | None:
+    """Return what the watcher of this process is told; None where it is not ours to end."""
+    if not owned:
+        return None
+    marked = note_path(settings.database, settings.shards.share)
+    return Watch(silent_s=settings.progress.silent_s, grace_s=grace_s, marked=marked)
+
+
+def _monitor(pipeline: Pipeline, *, end: bool) -> ProgressMonitor:
+    """Return what looks after the pipeline, and ends the process where it stands still."""
+    aside = pipeline.setting_aside
+    return ProgressMonitor(
+        pipeline.settings.progress,
+        aside.progress,
+        aside.budget,
+        lambda: pipeline.waits,
+        pipeline.stall,
+        look_s=BEAT_S,
+        end=os._exit if end else None,
+    )
+
+
+def _open_store(settings: TwinSettings, stop: threading.Event) -> Store | None:
+    """Open the database; a standby waits for it, and gives None once it is stopped."""
+    said = False
+    while True:
+        try:
+            return open_store(
+                settings.database, synchronous=settings.synchronous, share=settings.shards.share
+            )
+        except StoreInUseError as error:
+            if not settings.standby:
+                raise
+            if not said:
+                logger.info("Standing by. %s", error)
+                notify("READY=1", "STATUS=Standing by: another server has the database.")
+            said = True
+        if stop.wait(STANDBY_S):
+            return None
 
 
 def _wanted(settings: TwinSettings) -> dict[str, Registration]:

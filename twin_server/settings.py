@@ -89,6 +89,30 @@ class PipelineSettings(Frozen):
     """A batch with more states than this publishes the latest of each twin only."""
 
 
+class ProgressSettings(Frozen):
+    """Budget of the work on messages, and how long the server may stand still."""
+
+    step_s: Positive = 5.0
+    """Processor time of one step on messages [s]; ten times what the slowest known takes."""
+    step_s_per_message: NotNegative = 0.5
+    """Added for each message of the step [s]; twice what one of a twin of elements takes."""
+    silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0
+    """How long a step may stand still, and the process give no sign of life [s]. Beyond it the
+    stacks are logged, the claim to lead is released and the process ends, all within 15 s."""
+    store_s: Annotated[float, Field(ge=10)] = 120.0
+    """How long the database may take for one statement, or a request for its turn, without any
+    progress [s]; as long as PostgreSQL may take to fail over."""
+    end_s: Annotated[float, Field(ge=1)] = 15.0
+    """How long the server may take to end after SIGTERM, beside `shutdown_s` [s]; then it is
+    ended. Longer than a busy machine needs, shorter than containers are waited for (30 s)."""
+    max_aside: Count = 1_000
+    """Messages that are kept aside; more are refused until some are released or dropped."""
+    max_aside_of_one: Count = 100
+    """Of these, those of one asset."""
+    max_aside_bytes: Annotated[int, Field(ge=2**20)] = 64 * 2**20
+    """Of all of them together."""
+
+
 class ServeSettings(Frozen):
     """Limits of requests."""
 
@@ -97,7 +121,7 @@ class ServeSettings(Frozen):
     max_points: Annotated[int, Field(ge=2)] = 100_000
     max_live_clients: Count = 500
     max_live_of_one: Count = 50
-    """Of these, those of one token."""
+    """Of these, those of one token; a site may have half of all."""
     max_connections: Annotated[int, Field(ge=2)] = 2_000
     """More at once are answered with 503; those on which nothing was asked give way."""
     max_connections_of_one: Count = 1_000
@@ -116,15 +140,19 @@ class ServeSettings(Frozen):
     forecast_refresh_readings: Count = 25
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
     workers: Count = 2
-    """Processes that forecast, learn and simulate; one is kept free of what takes longest."""
-    max_waiting: Count = 32
-    """Requests that wait for these; more are answered with 503."""
+    """Processes that forecast, learn and simulate; one is kept free of what takes longest. A
+    site has so many at once."""
+    spare_workers: Annotated[int, Field(ge=0)] = 4
+    """Further such processes, each for a site that has none while others have all."""
+    max_waiting: Count = 64
+    """Requests that wait for these; more are answered with 503, those of a site that has half
+    of them with 429."""
     max_waiting_of_one: Count = 8
-    """Of these, forecasts of one twin; and simulations, all together."""
+    """Of these, forecasts of one twin; and simulations of one site."""
     work_timeout_s: Positive = 120.0
     """How long one of them may take until it is ended."""
-    max_exports: Count = 16
-    """Tables that are given at once."""
+    max_exports: Count = 32
+    """Tables that are given at once, half of them to one site."""
     reading_threads: Count = 8
     """Threads that answer what only has to be read."""
 
@@ -142,11 +170,16 @@ class DiagnoseSettings(Frozen):
     max_samples: Count = 20_000_000
     """Most numbers of one diagnosis, all channels together."""
     max_queued: Count = 4
-    """Diagnoses that wait while one runs."""
+    """Diagnoses of one site that wait while one of it runs."""
+    max_queued_of_all: Count = 64
+    """Diagnoses that wait, of all sites."""
+    max_running: Count = 6
+    """Diagnoses that run at once, of different sites; each may take `max_memory_bytes`. Those
+    beyond the processors take turns."""
     max_kept: Count = 50
     """Diagnoses kept of each twin."""
     max_s: Positive = 900.0
-    """How long one may take until it is ended."""
+    """How long one may run until it is ended."""
     max_memory_bytes: Annotated[int, Field(ge=2**28)] = 2 * 2**30
     """Beyond what it has loaded of libraries and their code."""
     max_history: Annotated[int, Field(ge=100)] = 4_000
@@ -164,9 +197,15 @@ class RecordingSettings(Frozen):
     """Of all in the folder, whoever put them there; no more is taken in then."""
     max_files: Count = 500
     patience_s: Positive = 30.0
-    """How long nothing may come of one that is being sent."""
-    max_at_once: Count = 16
-    """That are being sent at the same time."""
+    """How long one that is being sent may fall behind `slowest_bytes_per_s`."""
+    slowest_bytes_per_s: Positive = 8_192.0
+    """Rate at which one is to be sent."""
+    max_at_once: Count = 32
+    """That are being sent at the same time, half of them by one site."""
+    max_replays: Count = 8
+    """Replays at once, of different sites; one goes on at a time."""
+    max_replay_s: Positive = 86_400.0
+    """How long a replay may take; a speed at which it would take longer is refused."""
 
 
 class GapSettings(Frozen):
@@ -237,6 +276,9 @@ class AccessSettings(Frozen):
         return self.tokens is not None or self.openid is not None
 
 
+HttpUrlText = Annotated[str, Field(pattern=r"^https?://[^/\s]+(/\S*)?$", max_length=2_000)]
+
+
 class LedgerSettings(Frozen):
     """How accepted rows are signed."""
 
@@ -245,6 +287,25 @@ class LedgerSettings(Frozen):
     all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""
+    audit_every_s: Annotated[float, Field(ge=0)] = 86_400.0
+    """The running server compares its whole database with the ledger so often; 0 for never. A
+    server that starts does so in any case, before it signs."""
+    witness_file: Path | None = None
+    """Each head is appended to this file too, one JSON object a line; it belongs where the
+    server can append but not overwrite. A server that starts compares its last line with the
+    database."""
+    witness_url: HttpUrlText | None = None
+    """Each head is sent there too, by POST, as JSON."""
+    timestamp_url: HttpUrlText | None = None
+    """Authority that stamps heads (RFC 3161); needs `slowtime[timestamps]`."""
+    timestamp_every_s: Positive = 3_600.0
+    """A head is stamped at most so often."""
+    timestamp_folder: Path = Path("timestamps")
+    """Where stamped heads (`head-7.json`) and their time stamps (`head-7.tsr`) are kept."""
+    continue_after_head: Annotated[int, Field(ge=1)] | None = None
+    """Sign again although the database does not prove consistent with this head, its last one.
+    All rows are chained anew as they stand, and every later audit against this head or one
+    before says so."""
 
 
 class ShardSettings(Frozen):
@@ -311,6 +372,9 @@ class TwinSettings(ProcessSettings):
     database: str | Path = Path("twin.sqlite")
     """SQLite file, or URL of a PostgreSQL database: postgresql://user@host/name. Give its
     password by libpq's PGPASSFILE or PGPASSWORD."""
+    standby: bool = False
+    """Wait while another server has the database, and go on when that has ended, instead of
+    refusing to start."""
     synchronous: Literal["NORMAL", "FULL"] = "FULL"
     """FULL waits for the disk before anything is acknowledged, so that a power cut costs
     nothing; NORMAL survives the death of the process only."""
@@ -334,6 +398,7 @@ class TwinSettings(ProcessSettings):
     admission: AdmissionSettings = AdmissionSettings()
     healing: BackfillSettings = BackfillSettings()
     pipeline: PipelineSettings = PipelineSettings()
+    progress: ProgressSettings = ProgressSettings()
     serve: ServeSettings = ServeSettings()
     access: AccessSettings = AccessSettings()
     tls: TlsSettings | None = None

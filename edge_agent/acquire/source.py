@@ -8,6 +8,10 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.clock import Clock
 
+LONGEST_PAUSE_S = 3600.0
+"""Longest pause between two blocks of a file [s], whatever their times say: those of a logger
+whose clock was set meanwhile are decades apart."""
+
 
 @runtime_checkable
 class Source(Protocol):
@@ -42,7 +46,7 @@ class Pacer:
 
     def __init__(self, clock: Clock, stop: threading.Event) -> None:
         self._clock, self._stop = clock, stop
-        self._began_ns = clock.now_ns()
+        self._began_ns = clock.elapsed_ns()
 
     def wait_until(self, seconds: float) -> bool:
         """Return once `seconds` have passed since the start; False if stopped before.
@@ -53,7 +57,7 @@ class Pacer:
             Time since the start [s].
         """
         while not self._stop.is_set():
-            left = seconds - (self._clock.now_ns() - self._began_ns) / 1e9
+            left = seconds - (self._clock.elapsed_ns() - self._began_ns) / 1e9
             if left <= 0:
                 return True
             self._clock.sleep(min(left, 0.1))
@@ -76,9 +80,11 @@ def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block
     ------
     The same blocks, until stopped.
     """
-    first_ns: int | None = None
+    due_s, before_ns = 0.0, None
     for block in blocks:
-        first_ns = block.start_ns if first_ns is None else first_ns
-        if not pacer.wait_until((block.end_ns - first_ns) / 1e9 / speed if speed else 0.0):
+        since_ns = block.start_ns if before_ns is None else before_ns
+        pause_s = max(0, block.end_ns - since_ns) / 1e9 / speed if speed else 0.0
+        due_s, before_ns = due_s + min(pause_s, LONGEST_PAUSE_S), block.end_ns
+        if not pacer.wait_until(due_s):
             return
         yield block

@@ -26,6 +26,13 @@ from .spikes import REACH, bridged, usual_deviation, without_spikes
 CHUNK = 256
 """Samples over which the usual deviation of a spike test is taken."""
 
+MOST_BRIDGED = 16_384
+"""Longest run of missing samples that is bridged, whatever `max_gap_s` and the rate say [1].
+Each chunk is seen with as many neighbours on either side: 128 times its own samples."""
+
+MOST_AT_ONCE = 4_000_000
+"""Numbers of chunks with their margins that are worked at once [1]: 32 MB."""
+
 Marked = tuple[Block, Int[np.ndarray, "_ 2"]]
 """A block, and for each of its rows how many samples were missing and how many were spikes."""
 
@@ -71,9 +78,12 @@ class Condition:
             state = _begin(piece) if state is None else _extend(state, piece)
             margin = self._margin(piece.rate_hz)
             ready = (len(state.rows) - state.margin - margin) // CHUNK * CHUNK
-            if ready > 0:
-                state, done = self._work(state, ready)
+            numbers = (CHUNK + 2 * margin) * len(piece.channels)
+            at_once = CHUNK * max(1, MOST_AT_ONCE // numbers)
+            while ready > 0:
+                state, done = self._work(state, min(ready, at_once))
                 out += done
+                ready -= at_once
         return state, tuple(out)
 
     def finish(self, state: Segment | None) -> tuple[None, tuple[Marked, ...]]:
@@ -86,8 +96,11 @@ class Condition:
             out += done
         return None, tuple(out)
 
+    def _longest_gap(self, rate_hz: float) -> int:
+        return round(min(self.settings.max_gap_s * rate_hz, MOST_BRIDGED))
+
     def _margin(self, rate_hz: float) -> int:
-        return REACH + max(1, round(self.settings.max_gap_s * rate_hz))
+        return REACH + max(1, self._longest_gap(rate_hz))
 
     def _continues(self, state: Segment, block: Block) -> bool:
         end = state.next_index + len(state.rows) - state.margin
@@ -97,7 +110,7 @@ class Condition:
             and block.rate_hz == state.latest.rate_hz
             and block.channels == state.latest.channels
         )
-        return same and 0 <= gap <= round(self.settings.max_gap_s * block.rate_hz)
+        return same and 0 <= gap <= self._longest_gap(block.rate_hz)
 
     def _work(self, state: Segment, count: int) -> tuple[Segment, list[Marked]]:
         """Work the next `count` rows: whole chunks, or the last part of one."""

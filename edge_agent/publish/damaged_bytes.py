@@ -38,12 +38,25 @@ class DamagedBytes:
         return self._features
 
     def found(self, segment: Path, boot: str, data: bytes, damage: Damage) -> None:
-        """Note damage, and copy its bytes aside; known damage is not noted again."""
-        if (segment, damage.begin) in self._found:
+        """Note damage, and copy its bytes aside; known damage is not noted again.
+
+        A disk that fails goes on failing: damage that has grown is noted with what is new.
+        """
+        known = [
+            (key, part)
+            for key, (_, part) in self._found.items()
+            if key[0] == segment and (part.begin == damage.begin or _shared(part, damage))
+        ]
+        if any(p.first <= damage.first and damage.last <= p.last for _, p in known):
             return
+        lost = _shared(damage, damage)
+        self._features += lost - sum(_shared(part, damage) for _, part in known)
+        for key, part in known:
+            del self._found[key]
+            damage = damage._replace(
+                first=min(part.first, damage.first), last=max(part.last, damage.last)
+            )
         self._found[segment, damage.begin] = boot, damage
-        lost = max(0, damage.last - damage.first + 1)
-        self._features += lost
         logger.error(
             "%s: bytes %d to %d are damaged; features %s of boot %s were in them and are lost. "
             "The bytes are kept in %s. Check the disk.",
@@ -87,3 +100,8 @@ class DamagedBytes:
                 return
             path.unlink(missing_ok=True)
             size -= files[path].st_size
+
+
+def _shared(one: Damage, other: Damage) -> int:
+    """Return the number of sequences that were in both."""
+    return max(0, min(one.last, other.last) - max(one.first, other.first) + 1)

@@ -48,13 +48,16 @@ from slowtime_services.tracing import Made, Traces
 from .digests import DigestCheck
 from .fatigue_store import FatigueStore
 from .ring import Ring
-from .spool import Spool, SpoolError
+from .segment_files import SpoolError
+from .spool import Spool
 
 logger = logging.getLogger(__name__)
 
 MOST_AT_ONCE = 10_000
 """Features in one answer; who wants more asks again."""
 
+LARGEST_COUNT = 2**63 - 1
+"""Largest counter that a `Health` message holds [1]."""
 
 MOST_RANGES = 1_000
 """Damaged ranges of a boot in one answer; the next are told once these are acknowledged."""
@@ -100,7 +103,7 @@ class Publisher:
         self._acknowledged = -1
         self._agreement = DigestCheck()
         self._cumulative = FatigueStore(spool.folder, origin.boot)
-        self._began_ns = clock.now_ns()
+        self._began_ns = clock.elapsed_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
 
@@ -139,7 +142,9 @@ class Publisher:
     def counters(self) -> dict[str, int]:
         """Counters of the publisher and of the source."""
         told = {} if self._counts is None else self._counts()
-        return dict(sorted((*self._counters.items(), *told.items())))
+        every = sorted((*self._counters.items(), *told.items()))
+        # One that is out of bounds would keep all the others from being told.
+        return {name: min(max(0, count), LARGEST_COUNT) for name, count in every}
 
     def raw(self, block: Block) -> None:
         """Keep a block for requests, and publish it if the settings say so."""
@@ -179,7 +184,7 @@ class Publisher:
                 last_sequence=self._last_features,
                 first_held=held.first if held else -1,
                 dropped=self._spool.dropped,
-                uptime_s=max(0.0, (self._clock.now_ns() - self._began_ns) / 1e9),
+                uptime_s=(self._clock.elapsed_ns() - self._began_ns) / 1e9,
                 counters=self.counters | {ACK_VERSION: Acknowledgement.VERSION},
             ),
         )

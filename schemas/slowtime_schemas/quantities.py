@@ -80,6 +80,23 @@ Finite = FiniteFloat
 Sd = Annotated[NonNegativeFloat, Field(allow_inf_nan=False, description="Standard deviation.")]
 
 
+LEAST_RATE_HZ, MOST_RATE_HZ = 1e-6, 1e8
+"""Sampling rates that are believed [Hz]: from a sample in eleven days to the fastest digitizers
+of acoustic emission. Receivers make room for what a rate and a duration ask for."""
+
+
+def _believed_rate(rate_hz: float) -> float:
+    if not LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
+        raise ValueError(
+            f"A rate of {rate_hz:g} Hz was given. Allowed: {LEAST_RATE_HZ:g} to "
+            f"{MOST_RATE_HZ:g}. Give samples per second."
+        )
+    return rate_hz
+
+
+BelievedRate = AfterValidator(_believed_rate)
+"""Marks a rate that is held to bounds which the frozen schemas do not state."""
+
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Flag = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Flags = Annotated[tuple[Flag, ...], Field(max_length=64)]

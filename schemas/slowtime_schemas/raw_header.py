@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, PositiveFloat, model_validator
 
 from .messages import Message, TimeBase
-from .quantities import Count, Covariates, Finite, Frozen, Sd, UnitName
+from .quantities import BelievedRate, Count, Covariates, Finite, Frozen, Sd, UnitName
 
 ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i4": 4, "<i2": 2}
 DType = Literal["<f8", "<f4", "<i4", "<i2"]
@@ -26,7 +26,7 @@ class RawHeader(Message):
 
     version: Literal[2] = 2
     time_base: TimeBase = "live"
-    rate_hz: Annotated[PositiveFloat, Field(allow_inf_nan=False)]
+    rate_hz: Annotated[PositiveFloat, Field(allow_inf_nan=False), BelievedRate]
     first_index: Count
     dtype: DType
     samples: Annotated[int, Field(ge=0, lt=2**40, description="Rows.")]

@@ -35,6 +35,9 @@ from .raw_header import RawHeader
 ROOT = "slowtime/v2"
 FORMER_ROOT = "slowtime/v1"
 """Root of the former keys, SITE/ASSET/STREAM, of older edges and recordings."""
+LONGEST_KEY = 256
+"""Characters of the longest key of ours [1]: site and asset have 63 at most, and all other
+levels together fewer than 64; the rest is margin."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,7 +284,7 @@ def parse_key(key: str) -> tuple[Stream, str, str]:
     ValueError
         If no stream of the registry has such a key.
     """
-    parts = current_key(key).split("/")
+    parts = current_key(key).split("/") if len(key) <= LONGEST_KEY else []
     stream = BY_NAME.get(parts[3]) if len(parts) == 6 else None
     if stream is None or "/".join(parts[:2]) != ROOT:
         raise ValueError(
@@ -308,9 +311,8 @@ def address_of(key: str) -> tuple[str, str] | None:
     True
     """
     parts = current_key(key).split("/")
-    if "/".join(parts[:2]) != ROOT or len(parts) not in (6, 7):
-        return None
-    return parts[2], parts[-1]
+    is_ours = "/".join(parts[:2]) == ROOT and len(parts) in (6, 7) and len(key) <= LONGEST_KEY
+    return (parts[2], parts[-1]) if is_ours else None
 
 
 def former_key(key: str) -> str | None:
@@ -332,7 +334,6 @@ def former_key(key: str) -> str | None:
     return "/".join((FORMER_ROOT, site, asset, *names))
 
 
-@functools.lru_cache(maxsize=65536)
 def current_key(key: str) -> str:
     """Key of the present version; every other key unchanged.
 
@@ -341,6 +342,12 @@ def current_key(key: str) -> str:
     >>> current_key("slowtime/v1/lab/beam/features")
     'slowtime/v2/lab/features/174/beam'
     """
+    # Not even remembered: peers choose their keys, and a bus carries 64 KiB of them.
+    return _current_key(key) if len(key) <= LONGEST_KEY else key
+
+
+@functools.lru_cache(maxsize=65536)
+def _current_key(key: str) -> str:
     parts = key.split("/")
     requested = len(parts) == 6 and parts[4] == REQUEST
     if "/".join(parts[:2]) != FORMER_ROOT or not (len(parts) == 5 or requested):

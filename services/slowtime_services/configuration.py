@@ -4,11 +4,13 @@ from pathlib import Path
 
 from pydantic_settings import (
     BaseSettings,
-    JsonConfigSettingsSource,
+    InitSettingsSource,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
-    TomlConfigSettingsSource,
 )
+
+from slowtime_services.documents.bounds import DocumentError
+from slowtime_services.documents.document_files import read_settings_file
 
 
 class ProcessSettings(BaseSettings):
@@ -42,8 +44,9 @@ class ProcessSettings(BaseSettings):
 def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettingsSource:
     if not path.is_file():
         raise FileNotFoundError(f"There is no settings file {path}. Give an existing --config.")
-    if path.suffix == ".toml":
-        return TomlConfigSettingsSource(settings, path)
-    if path.suffix == ".json":
-        return JsonConfigSettingsSource(settings, path)
-    raise ValueError(f"{path.name} is not a valid settings file. Allowed: .toml and .json.")
+    if path.suffix not in (".toml", ".json"):
+        raise ValueError(f"{path.name} is not a valid settings file. Allowed: .toml and .json.")
+    content = read_settings_file(path)
+    if not isinstance(content, dict):
+        raise DocumentError("It holds no table of settings. Give NAME = VALUE, or an object.")
+    return InitSettingsSource(settings, content)

@@ -10,9 +10,13 @@ from slowtime_schemas.streams import FEATURES
 
 # What `codec.encode` writes first; five times as quick as parsing the whole message.
 AS_WE_ENCODE = re.compile(
-    rb'\{"version":\d+,"site":"([a-z0-9_-]+)","asset":"([a-z0-9_-]+)",'
-    rb'"boot":"([0-9A-Za-z._-]+)","sequence":(\d{1,18}),'
+    rb'\{"version":\d{1,9},"site":"([a-z0-9_-]{1,63})","asset":"([a-z0-9_-]{1,63})",'
+    rb'"boot":"([0-9A-Za-z._-]{1,64})","sequence":(\d{1,18}),'
 )
+
+
+LONGEST_NAME = 64
+"""Characters of the longest site, asset or boot [1], as messages allow them."""
 
 
 class Run(NamedTuple):
@@ -50,5 +54,5 @@ def _found_by_parsing(payload: bytes) -> tuple[Run, int] | None:
         sequence = content["sequence"]
     except (ValueError, KeyError, TypeError):
         return None
-    sound = all(isinstance(part, str) for part in run) and type(sequence) is int
-    return (run, sequence) if sound else None
+    sound = all(isinstance(part, str) and len(part) <= LONGEST_NAME for part in run)
+    return (run, sequence) if sound and type(sequence) is int else None

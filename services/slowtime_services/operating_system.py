@@ -1,11 +1,13 @@
-"""Locks, file modes and priorities, also on systems without POSIX modules (Windows).
+"""Locks, file modes, priorities and pauses, also on systems without POSIX modules (Windows).
 
 Tested on Linux. Systems without POSIX are imitated by a test that blocks their absent modules;
 the branch for Windows is tested against a stand-in of `msvcrt`.
 """
 
 import contextlib
+import ctypes
 import os
+import signal
 import stat
 import time
 from pathlib import Path
@@ -104,3 +106,60 @@ def lower_priority(steps: int) -> None:
     """
     with contextlib.suppress(AttributeError):
         os.nice(steps)
+
+
+def same_file(descriptor: int, path: Path) -> bool:
+    """Whether a path leads to the file that is open: it may have been moved or replaced."""
+    held = os.fstat(descriptor)
+    try:
+        found = os.stat(path)
+    except OSError:
+        return False
+    return (found.st_dev, found.st_ino) == (held.st_dev, held.st_ino)
+
+
+def pause_process(pid: int, *, group: bool = False) -> None:
+    """Stop a process for a while; it goes on working where the system cannot do that.
+
+    Parameters
+    ----------
+    pid
+        Process of this user; one that has ended is left alone.
+    group
+        Whether all processes of its group are stopped, which it leads.
+    """
+    _send(pid, "SIGSTOP", group)
+
+
+def resume_process(pid: int, *, group: bool = False) -> None:
+    """Let a process go on that was paused.
+
+    Parameters
+    ----------
+    pid
+        Process of this user; one that has ended is left alone.
+    group
+        Whether all processes of its group go on, which it leads.
+    """
+    _send(pid, "SIGCONT", group)
+
+
+def _send(pid: int, name: str, group: bool) -> None:
+    number = getattr(signal, name, None)
+    if number is None:  # not on every system
+        return
+    with contextlib.suppress(ProcessLookupError):
+        (os.killpg if group else os.kill)(pid, number)
+
+
+_PR_SET_PDEATHSIG = 1
+"""Option of prctl(2): the signal that a process gets when its parent ends."""
+
+
+def end_with_parent() -> None:
+    """Have this process killed when its parent ends, even while it is paused.
+
+    Only Linux can do that. Elsewhere a process that is not paused notices the end of a pipe.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)

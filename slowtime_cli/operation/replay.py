@@ -33,6 +33,7 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Sample
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.record.writer import COUNTED_ONCE, WINDOWS
 from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
 
@@ -135,7 +136,21 @@ def _into(recording: Path, database: Path) -> int:
         for asset in assets:
             digest, count = store.digest(asset)
             _print_hash(asset, {"sha256": digest, "features": count})
+        repeated = pipeline.refusals.counts["measured_before"]
+        if contents(recording).metadata.get(WINDOWS) != COUNTED_ONCE:
+            _tell_of_rule(recording, repeated, pipeline.counts["overlapping"])
     return 0
+
+
+def _tell_of_rule(recording: Path, repeated: int, overlapping: int) -> None:
+    """Say where the history differs from that of the version that recorded it."""
+    if repeated or overlapping:
+        note(
+            f"{recording} was recorded by a version that counted windows of the same time "
+            f"again under each boot. Now each counts once: {repeated} repeated windows were "
+            f"left out, and {overlapping} count by the share of their time that is new. The "
+            "hash differs from that of the server that recorded it."
+        )
 
 
 def _features_of_samples(recording: Path) -> Iterator[Sample]:

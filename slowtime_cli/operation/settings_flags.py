@@ -1,8 +1,6 @@
 """Settings of a process that are given by flags rather than by its file of settings."""
 
 import contextlib
-import json
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.options import ROUTER, endpoints
+from slowtime_services.documents.bounds import DocumentError
 
 
 def given_settings(**settings: Any) -> dict[str, Any]:
@@ -22,9 +21,8 @@ def naming_config(config: Path | None) -> Iterator[None]:
     """Name the file of settings in an error where it cannot be parsed."""
     try:
         yield
-    except (json.JSONDecodeError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        kind = "JSON" if config is not None and config.suffix == ".json" else "TOML"
-        raise click.UsageError(f"--config {config} is not {kind}: {error}.") from error
+    except DocumentError as error:
+        raise click.UsageError(f"--config {config}: {error}") from error
 
 
 def endpoints_unless_configured(

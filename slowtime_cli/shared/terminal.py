@@ -1,6 +1,7 @@
 """Terminal output: results on stdout, all else on stderr; and the end of long work."""
 
 import contextlib
+import faulthandler
 import json
 import signal
 import sys
@@ -21,6 +22,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+
+from slowtime_services.shutdown import GRACE_S, end_later
 
 from .options import STDOUT
 
@@ -43,6 +46,8 @@ def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
 
     def end(number: int, _frame: FrameType | None) -> None:
         stop.interrupted |= number == signal.SIGINT
+        if not stop.is_set():
+            end_later(GRACE_S)
         stop.set()
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -53,6 +58,7 @@ def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
     try:
         yield stop
     finally:
+        faulthandler.cancel_dump_traceback_later()
         if timer is not None:
             timer.cancel()
         for number, handler in before.items():

@@ -7,19 +7,28 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 
 from slowtime_cli.shared.terminal import plural
 from slowtime_schemas.slow_times import one_unit_in_words, span_in_words
 from slowtime_services.client import AnswerError, Client, Composite, UnreachableError
+from slowtime_services.documents.bounds import DocumentError, document_text
+from slowtime_services.documents.yaml_lines import YamlError, read_with_lines
+from slowtime_services.reasons import reason_of
+
+NAMES = ("members", "name")
+"""Keys whose values are names, even where they look like numbers."""
+LEVELS = 64
+"""Lists and tables within each other [1]: a composite has up to 16 gates within gates."""
 
 
 def add(file: Path, composite_id: str, server: str) -> None:
     """Register a composite from a file."""
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise click.UsageError(f"{file} cannot be read as YAML or JSON: {error}") from error
+        content, _ = read_with_lines(document_text(file), NAMES, depth=LEVELS)
+    except YamlError as error:
+        raise click.UsageError(f"{file}, line {error.line}: {error}") from error
+    except DocumentError as error:
+        raise click.UsageError(str(error)) from error
     if not isinstance(content, dict):
         raise click.UsageError(
             f"{file} holds no composite. Give at least `members:` with ids of twins, such as "
@@ -77,17 +86,16 @@ def import_(
     file: Path, site: str | None, relationships: tuple[str, ...], dry_run: bool, server: str
 ) -> None:
     """Register the composites of a graph."""
-    from twin_server.serve.composites import CONTAINS, WrongGraphError, composites_of
+    from twin_server.serve.composites import CONTAINS, composites_of
 
     with _sentences():
         client = Client(server)
         twins = {twin.id for twin in client.twins()}
         try:
-            text = file.read_text(encoding="utf-8")
+            text = document_text(file)
             found = composites_of(text, twins, site=site, contains=(*CONTAINS, *relationships))
         except (OSError, ValueError) as error:
-            said = str(error) if isinstance(error, WrongGraphError) else f"{error}."
-            raise click.UsageError(f"{file}: {said}") from error
+            raise click.UsageError(f"{file}: {reason_of(error)}") from error
         for note in found.notes:
             click.echo(f"  Note: {note}")
         for name, one in found.composites.items():

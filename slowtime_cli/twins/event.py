@@ -11,6 +11,7 @@ import click
 
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.documents.document_files import read_json_file
 from twin_server.events.asset_events import AssetEventOrder
 from twin_server.pipeline import orders_in
 
@@ -64,8 +65,8 @@ def orders_of(file: Path) -> list[AssetEventOrder]:
         Naming the event that cannot be read.
     """
     try:
-        return orders_in(json.loads(file.read_text()))
-    except (ValueError, RecursionError) as error:
+        return orders_in(read_json_file(file))
+    except (OSError, ValueError) as error:
         raise click.UsageError(f"{file}: {error}") from error
 
 

@@ -24,6 +24,8 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.slow_times import unit_in_words
 from slowtime_schemas.streams import ASSET_EVENT, FEATURES, parse_key
 from slowtime_services.bus import Sample
+from slowtime_services.documents.bounds import DATA, DocumentError
+from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.replay import contents, read_recording
 from twin_server.history.rendering import points, state_objects
 from twin_server.registration.nominal import Nominal
@@ -128,11 +130,11 @@ def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample
 
 def _of_json(source: Path) -> Iterator[Features]:
     try:
-        body = json.loads(source.read_text(encoding="utf-8"))
-    except ValueError as error:
+        body = read_json_file(source, DATA)
+    except DocumentError as error:
         raise click.UsageError(
-            f"{source} is not JSON: {error}. Give what `slowtime identify --window-s W --out` "
-            "wrote."
+            f"{source} is not a file of modes: {error} Give what `slowtime identify "
+            "--window-s W --out` wrote."
         ) from error
     if not isinstance(body, dict) or not isinstance(body.get("epochs"), list):
         whole = isinstance(body, dict) and "modes" in body

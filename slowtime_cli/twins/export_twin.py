@@ -12,6 +12,7 @@ import click
 from slowtime_cli.shared.offline_twin import offline_twin
 from slowtime_cli.shared.terminal import removed_unless_finished
 from slowtime_services.client import AnswerError, Client
+from twin_server.identity.principals import EVERYBODY
 from twin_server.persist import WrongStoreError, backup
 from twin_server.pipeline import CompositeRegistry, TwinKnowledge
 from twin_server.serve.exports import (
@@ -89,11 +90,11 @@ def _of_file(
         backup(database, copy, lambda stage, share: None)
         with offline_twin(copy) as (pipeline, store):
             knowledge = TwinKnowledge(pipeline, store)
-            known = knowledge.ids()
+            known = knowledge.ids(EVERYBODY)
             if form in ("json", "jsonld"):
                 of_site = [i for i in known if site in (None, i.partition(".")[0])]
                 chosen = of_site if asset is None else [_one_of(known, asset)]
-                composites = CompositeRegistry(pipeline, store).all()
+                composites = CompositeRegistry(pipeline, store).all(EVERYBODY)
                 whole = graph(list(assets_of(knowledge, chosen)), composites)
                 _write(out, written_as(whole, graph_form))
                 return

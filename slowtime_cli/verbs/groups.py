@@ -18,8 +18,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evolve", "forecast", "separate", "whatif", "risk", "plan",
     ),
     "Operate": (
-        "doctor", "status", "alarms", "keys", "tokens", "check", "ledger", "backup", "restore",
-        "plugins", "completion",
+        "doctor", "status", "alarms", "holdings", "quarantine", "keys", "tokens", "check",
+        "ledger", "backup", "restore", "plugins", "completion",
     ),
     "Data": (
         "import", "export", "record", "replay", "recover", "layout",
@@ -44,6 +44,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "oma": ("identify",),
     "play": ("replay",),
     "predict": ("forecast",),
+    "quota": ("holdings",),
     "read": ("identify", "import"),
     "repair": ("recover", "event"),
     "run": ("demo", "twin"),

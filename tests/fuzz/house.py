@@ -22,9 +22,9 @@ from .wire import accepted
 class Passing(Hub):
     """Live streams that end once they have begun, so that a request has an end."""
 
-    def join(self, twin_id: str, caller: str | None = None) -> Client | None:
+    def join(self, twin_id: str) -> Client | None:
         """Watch, and no longer."""
-        client = super().join(twin_id, caller)
+        client = super().join(twin_id)
         if client is not None:
             client.end()
         return client

@@ -88,6 +88,7 @@ class AssetRuns:
         """Put a boot that is let in behind all others."""
         if self.latest is not None:
             self.latest.followed = True
+            run.earlier = self.latest
         self.latest = run
         if not run.closed:
             self.unfinished.append(run)

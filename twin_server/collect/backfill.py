@@ -2,7 +2,6 @@
 
 import concurrent.futures
 import itertools
-import json
 import logging
 import re
 import threading
@@ -13,6 +12,7 @@ from slowtime_schemas.messages import ACK_VERSION
 from slowtime_schemas.quantities import SEQUENCES
 from slowtime_schemas.streams import FEATURES, request_key
 from slowtime_services.bus import Bus, BusClosedError, Sample
+from slowtime_services.documents.json_documents import read_json
 from twin_server.settings import BackfillSettings
 
 from .runs import MOST_AT_ONCE, EdgeQuery, Holding
@@ -152,7 +152,7 @@ class Backfill:
 def _holding(answer: Sample) -> Holding | None:
     """Read one entry of an edge's account; None, and logged, where it makes no sense."""
     try:
-        content = json.loads(answer.payload)
+        content = read_json(bytes(answer.payload))
         listed = content.get("damaged", ())[:MOST_DAMAGED]
         damaged = tuple((int(a), int(b)) for a, b in listed)
         holding = Holding(

@@ -16,6 +16,10 @@ class Ordered(NamedTuple):
     payload: bytes
     missing_before: int
     replayed: bool = False
+    previous_ns: int = -1
+    """Sensor time of the reading before it in its boot; -1 for the first."""
+    covered: float = 0.0
+    """Share of its time that earlier windows have measured [1]."""
 
 
 class LostRange(NamedTuple):

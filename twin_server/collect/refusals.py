@@ -19,6 +19,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "unset_clock": "the sensor's time lies before any that is believed",
         "clock_not_increasing": "the sensor's time does not increase within a boot",
         "duplicate": "the features are known already",
+        "measured_before": "another boot of the asset has sent the same window of time",
         "too_late": "the features were given up as lost, and the order has moved on",
         "closed_boot": "a later boot of the same asset has begun",
         "two_agents": "another agent has sent other features under the same boot and sequence",
@@ -29,6 +30,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "held_full": "too much is out of order; it is asked for again",
         "inbox_full": "the server is behind; it is asked for again",
         "not_registered": "no twin is registered for the asset",
+        "quarantine_full": "too many messages of the asset are set aside; its edge keeps them",
         "failed": "the server failed on it: a fault of ours",
         "unexpected": "a message of a kind that the twin does not take",
     }

@@ -92,6 +92,10 @@ class Run:
         Why the sensor time of what came under a sequence was not believed.
     lost
         The newest ranges that were passed over, ascending.
+    earlier
+        The boot before it, until the first reading is accepted; None for the first boot.
+    before_ns
+        Sensor time of the newest reading of all earlier boots; -1 without any.
     """
 
     site: str
@@ -125,6 +129,8 @@ class Run:
     disbelieved: Reasons = dataclasses.field(default_factory=Reasons)
     held: HeldFeatures = dataclasses.field(default_factory=HeldFeatures)
     lost: list[Range] = dataclasses.field(default_factory=list)
+    earlier: "Run | None" = None
+    before_ns: int = -1
     worried: bool = False
     since_s: float = 0.0
     due_s: float = 0.0
@@ -175,6 +181,15 @@ class Run:
             first = self.lost.pop()[0]
         self.lost.append((first, last))
         del self.lost[:-MOST_RANGES]
+
+    def follow_earlier(self) -> None:
+        """Note where the readings of earlier boots end, which are all accepted by now."""
+        chain = [self]
+        while chain[-1].earlier is not None:
+            chain.append(chain[-1].earlier)
+        for before, run in zip(chain[:0:-1], chain[-2::-1], strict=True):
+            run.before_ns = max(before.before_ns, before.last_t_ns)
+            run.earlier = None
 
     def take(self, sequence: int, payload: bytes) -> None:
         """Add accepted features to the digest."""

@@ -32,8 +32,13 @@ def accept(run: Run, arrival: Arrival, change: Change) -> None:
             )
         )
         return
+    run.follow_earlier()
     missing = features.sequence - run.last - 1
-    change.ordered.append(Ordered(run, features, arrival.payload, missing, arrival.replayed))
+    change.ordered.append(
+        Ordered(
+            run, features, arrival.payload, missing, arrival.replayed, previous_ns=run.last_t_ns
+        )
+    )
     run.last, run.last_t_ns = features.sequence, features.t_ns
     run.take(features.sequence, arrival.payload)
     if arrival.age_s and not run.aged:

@@ -28,9 +28,19 @@ class WrongCompositeError(ValueError):
 
 
 def check(
-    composite_id: str, wanted: Composite, composites: Composites, is_twin: Callable[[str], bool]
+    composite_id: str,
+    wanted: Composite,
+    composites: Composites,
+    is_twin: Callable[[str], bool],
+    sees: Callable[[str], bool] = lambda _: True,
 ) -> None:
     """Refuse a composite that names unknown members, contains itself, or is too large.
+
+    Parameters
+    ----------
+    sees
+        Whether who registers it may see a composite above. One that they may not see is not
+        looked at: no refusal tells of it, and it is checked when it is assessed.
 
     Raises
     ------
@@ -59,7 +69,8 @@ def check(
         raise WrongCompositeError(
             f"A composite cannot contain itself: {' → '.join(cycle)}. Take one of them out."
         )
-    for one in [composite_id, *above(composite_id, after)]:
+    grown = [composite_id, *filter(sees, above(composite_id, after))]
+    for one in grown:
         _check_places(one, after)
     leaves = members(tree_of(composite_id, after)) if wanted.dependence else ()
     for group in wanted.dependence:
@@ -68,8 +79,20 @@ def check(
                 f"`dependence` names {', '.join(strange)[:200]}, not a twin in the tree of "
                 f"{composite_id}. Allowed: {', '.join(leaves)[:500]}."
             )
-    for one in [composite_id, *above(composite_id, after)]:
+    for one in grown:
         _check_whole(one, after)
+
+
+def check_tree(composite_id: str, composites: Composites) -> None:
+    """Refuse a composite that has become too large since a member was registered anew.
+
+    Raises
+    ------
+    WrongCompositeError
+        Which says what to change.
+    """
+    _check_places(composite_id, composites)
+    _check_whole(composite_id, composites)
 
 
 def tree_of(composite_id: str, composites: Composites) -> Node:

@@ -4,7 +4,7 @@ Each diagnosis is a process of its own (`python -m twin_server.diagnose FOLDER`)
 holds what it needs, and where it leaves what it found.
 """
 
-from .jobs import Ended, Jobs, Progress, QueueFullError
+from .jobs import Ended, JobId, Jobs, Progress
 from .samples import NoSamplesError, Piece, part, pieces_of, within
 from .task import HISTORY, RAW, Outcome, Task, read_outcome, write_task
 
@@ -12,12 +12,12 @@ __all__ = [
     "HISTORY",
     "RAW",
     "Ended",
+    "JobId",
     "Jobs",
     "NoSamplesError",
     "Outcome",
     "Piece",
     "Progress",
-    "QueueFullError",
     "Task",
     "part",
     "pieces_of",

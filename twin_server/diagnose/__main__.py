@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.progress import Cancelled
-from slowtime_services.operating_system import lower_priority
+from slowtime_services.operating_system import end_with_parent, lower_priority
 from slowtime_services.plugins.discovery import exception_text
 
 from .history_diagnosis import diagnose_history
@@ -80,6 +80,7 @@ def _bound_memory(more: int) -> None:
 def main(folder: Path) -> int:
     """Run the diagnosis; exit status 0 if done, 1 if something is missing, 3 if stopped."""
     task, reporter = Task.model_validate_json((folder / TASK).read_bytes()), _ProgressReporter()
+    end_with_parent()
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
     if task.is_attempt:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from twin_server.history.states import BEGINNING, States, sentences
+from twin_server.history.states import BEGINNING, MEASURED_BEFORE, States, sentences
 from twin_server.registration.thresholds import Alarm, shown, signed
 from twin_server.registration.twin import Registration
 
@@ -38,7 +38,8 @@ def follow_alarms(
     """
     parameters = parameters or {}
     notices: list[Notice] = []
-    judged = (states["reasons"] & BEGINNING) == 0
+    judged = (states["reasons"] & (BEGINNING | MEASURED_BEFORE)) == 0
+    new = (states["reasons"] & MEASURED_BEFORE) == 0
     valid = states["reasons"] == 0
     trusted, flips = _follow(
         checkpoint.trusted, valid & judged, ~valid & judged, registration.confirm_readings
@@ -49,7 +50,9 @@ def follow_alarms(
     for (name, alarm), belief in zip(watched, checkpoint.raised, strict=True):
         estimates = parameters[name] if name in parameters else states[name]
         passed, cleared = _evidence(alarm, estimates)
-        belief, flips = _follow(belief, passed, cleared, registration.confirm_readings)
+        belief, flips = _follow(
+            belief, passed & new, cleared & new, registration.confirm_readings
+        )
         raised.append(belief)
         notices += [
             _alarm(name, alarm, estimates[row].tolist(), row, holds) for row, holds in flips

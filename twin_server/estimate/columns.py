@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime_schemas.messages import Features
-from twin_server.history.states import ESTIMATES
+from twin_server.history.states import ESTIMATES, sd_factor
 
 _LASTING = "lasting."
 _NAN = math.nan
@@ -18,7 +18,14 @@ _NO_TRUTH = (_NAN,) * len(ESTIMATES)
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Columns:
-    """One entry per features message; NaN for values that it lacks."""
+    """One entry per features message; NaN for values that it lacks.
+
+    Parameters
+    ----------
+    learning_factor
+        Factor of standard deviations where readings are averaged [1]: infinite for a window
+        that earlier ones have measured wholly.
+    """
 
     sequence: Int[np.ndarray, " time"]
     t_ns: Int[np.ndarray, " time"]
@@ -31,6 +38,7 @@ class Columns:
     smoothed_hz: Float[np.ndarray, " time"]
     smoothed_sd: Float[np.ndarray, " time"]
     truth: Float[np.ndarray, "time 4"]
+    learning_factor: Float[np.ndarray, " time"]
 
     def __len__(self) -> int:
         """Count the messages."""
@@ -53,7 +61,10 @@ class Columns:
 
 
 def columns(
-    features: Sequence[Features], modes: Sequence[int], freed: Sequence[bool] | None = None
+    features: Sequence[Features],
+    modes: Sequence[int],
+    freed: Sequence[bool] | None = None,
+    covered: Sequence[float] = (),
 ) -> Columns:
     """Read the columns out of `features`, of each the structural mode that `modes` numbers.
 
@@ -61,6 +72,8 @@ def columns(
     ----------
     freed
         For which the truth wanted is that without covariates.
+    covered
+        Share of the time of each that earlier windows have measured [1]; empty for none.
     """
     count = len(features)
     numbers = [
@@ -83,6 +96,7 @@ def columns(
         smooth,
         smooth_sd,
         np.ascontiguousarray(table[:, 8:]),
+        sd_factor(np.array(covered) if covered else np.zeros(count)),
     )
 
 

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Bool
 from pydantic_core import to_json
 
 from slowtime_schemas.messages import Features
@@ -42,6 +43,7 @@ def estimate_elements(
     checkpoint: Checkpoint,
     features: Sequence[Features],
     missing_before: Sequence[int],
+    covered: Sequence[float],
 ) -> ElementEstimates:
     """Estimate the next states of a twin of elements."""
     model = registration.structure()
@@ -52,13 +54,18 @@ def estimate_elements(
         features,
         registration.learn_epochs,
         registration.covariates,
+        covered,
     )
     states = _states(registration, found.readings, missing_before)
+    st.note_coverage(states, covered)
     parameters = _by_parameter(model.free, found.readings)
     notices = _of_covariates(registration, found, features)
     notices += [_lesson(found, row, count) for row, count in found.lessons]
     suspicions, changed = _suspected(
-        found.memory.suspicions, found.readings, registration.confirm_readings
+        found.memory.suspicions,
+        found.readings,
+        (states["reasons"] & st.MEASURED_BEFORE) == 0,
+        registration.confirm_readings,
     )
     memory = dataclasses.replace(found.memory, suspicions=suspicions)
     memory, doubted = _doubted_units(memory, features, model)
@@ -246,13 +253,16 @@ def _of_covariates(
 
 
 def _suspected(
-    suspicions: Sequence[Suspicion], readings: Sequence[EpochEstimate], confirm: int
+    suspicions: Sequence[Suspicion],
+    readings: Sequence[EpochEstimate],
+    new: Bool[np.ndarray, " time"],
+    confirm: int,
 ) -> tuple[tuple[Suspicion, ...], list[Notice]]:
     """Confirm suspected elements: several readings in a row must suspect the same."""
     held = {one.word: one for one in suspicions}
     notices = []
     for row, reading in enumerate(readings):
-        if reading.changes is None:
+        if reading.changes is None or not new[row]:
             continue
         seen = {suspect.word: suspect for suspect in reading.suspects}
         for word in (*held, *(word for word in seen if word not in held)):

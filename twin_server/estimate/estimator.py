@@ -69,6 +69,7 @@ def estimate(
     features: Sequence[Features],
     owners: Sequence[int],
     missing_before: Sequence[int],
+    covered: Sequence[float] = (),
 ) -> Estimated:
     """Estimate the states of `twins` from their next features.
 
@@ -82,20 +83,24 @@ def estimate(
         For each features message, the place of its twin in `twins`.
     missing_before
         For each, how many are missing between it and the one before.
+    covered
+        For each, the share of its time that earlier windows have measured [1]; empty for none.
     """
+    covered = covered or [0.0] * len(features)
     of_elements = [t.registration.changes == "elements" for t in twins]
     if any(of_elements):
-        return _estimate_by_kind(twins, features, owners, missing_before, of_elements)
+        return _estimate_by_kind(twins, features, owners, missing_before, covered, of_elements)
     owner = np.asarray(owners, dtype=np.intp)
     modes = [twin.registration.mode for twin in twins]
     freed = [twin.registration.covariates is not None for twin in twins]
     each = [freed[place] for place in owners] if any(freed) else None
-    given = columns(features, [modes[place] for place in owners], each)
+    given = columns(features, [modes[place] for place in owners], each, covered)
     rows_of = _rows_by_owner(owner, len(twins))
     nominals, checkpoints, learnt = nominals_of(twins, features, given, owner, rows_of)
     # What leaves the range of floats is found and named below, not warned of.
     with np.errstate(all="ignore"):
         states = _begin(given, missing_before)
+        st.note_coverage(states, covered)
         _estimate_all(states, given, nominals, twins, owner)
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
@@ -114,6 +119,7 @@ def _estimate_by_kind(
     features: Sequence[Features],
     owners: Sequence[int],
     missing_before: Sequence[int],
+    covered: Sequence[float],
     of_elements: Sequence[bool],
 ) -> Estimated:
     """Estimate twins of elements one by one, and all others together."""
@@ -130,6 +136,7 @@ def _estimate_by_kind(
             twin.checkpoint,
             [features[row] for row in rows],
             [missing_before[row] for row in rows],
+            [covered[row] for row in rows],
         )
         states[rows], checkpoints[place] = told.states, told.checkpoint
         notices[place] = [notice._replace(row=rows[notice.row]) for notice in told.notices]
@@ -144,6 +151,7 @@ def _estimate_by_kind(
             [features[row] for row in rows],
             [among_others[owners[row]] for row in rows],
             [missing_before[row] for row in rows],
+            [covered[row] for row in rows],
         )
         states[rows] = found.states
         for place, checkpoint, seen in zip(

@@ -27,6 +27,9 @@ class _Receiver(Frozen):
     """For how long one attempt may last."""
     concurrency: Annotated[int, Field(ge=1, le=8)] = 2
     """Messages that are being sent to it at once."""
+    local: bool = False
+    """Whether its name may lead to this machine, its link or a metadata service; an address
+    that is written out, or localhost, always may."""
 
     def may_serve(self, site: str) -> bool:
         """Whether twins of a site may use it."""

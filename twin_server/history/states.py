@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Int, Shaped
 
 from slowtime.evolution import explain
 
@@ -41,6 +41,9 @@ ASSUMES_MASS = 2
 USED_SMOOTHED = 4
 """Bits of `notes`."""
 
+_COVERED_SHIFT, _COVERED_LEVELS = 8, 255
+"""Eight further bits of `notes`: the covered share of a window, in steps of 1/255."""
+
 NO_MODE = 1 << 16
 LEARNING = 1 << 17
 NO_DAMPING = 1 << 18
@@ -50,6 +53,8 @@ MODEL_MISFIT = 1 << 21
 TRAINING = 1 << 22
 NO_COVARIATE = 1 << 23
 BEYOND_COVARIATES = 1 << 24
+MEASURED_BEFORE = 1 << 25
+SET_ASIDE = 1 << 26
 """Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
 
 BEGINNING = LEARNING | TRAINING
@@ -96,6 +101,14 @@ _OURS = {
         "A covariate is beyond all that was seen in training, so that what it does is a guess. "
         "Register the twin again with a longer `covariates.train_span`."
     ),
+    MEASURED_BEFORE: (
+        "Earlier windows have measured the time of this one already, so that it is no further "
+        "evidence: nothing is learnt from it, and no forecast uses it."
+    ),
+    SET_ASIDE: (
+        "The estimation of this epoch exceeded its budget of work or failed, and its message "
+        "was set aside. Look at it with `slowtime quarantine`, and release or drop it."
+    ),
 }
 
 _LEVELS: dict[int, tuple[str, ...]] = {}
@@ -127,6 +140,56 @@ def assumed(notes: int) -> tuple[str, ...]:
         )
         if notes & bit
     )
+
+
+def note_coverage(states: States, covered: Sequence[float]) -> None:
+    """Note in `states` the share of each window that earlier windows have measured [1]."""
+    levels = _levels(np.array(covered))
+    states["notes"] |= levels << _COVERED_SHIFT
+    wholly = levels == _COVERED_LEVELS
+    states["reasons"] |= np.where(wholly, MEASURED_BEFORE, 0).astype(np.uint32)
+
+
+def is_measured_before(covered: float) -> bool:
+    """Whether earlier windows have measured all of a window, given the covered share [1]."""
+    return bool(_levels(np.array([covered]))[0] == _COVERED_LEVELS)
+
+
+def covered_share(states: States) -> Float[np.ndarray, " time"]:
+    """Share of each state's window that earlier windows had measured [1]."""
+    return np.asarray(
+        (states["notes"] >> _COVERED_SHIFT & _COVERED_LEVELS) / float(_COVERED_LEVELS)
+    )
+
+
+def sd_factor(covered: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    r"""Factor of the standard deviation of each reading where many are averaged [1].
+
+    Windows of length L at intervals h share samples: the variance of the mean of n of them
+    is L/h times that of n independent ones, for :math:`\sum_k \rho_k = L/h` with the
+    triangular autocorrelation :math:`\rho_k = \max(1 - |k| h/L, 0)` of overlapping means. The
+    covered share is 1 - h/L, so that the factor is :math:`(1 - c)^{-1/2}`; infinite where
+    nothing is new.
+
+    References
+    ----------
+    .. [1] P. D. Welch, "The use of fast Fourier transform for the estimation of power
+       spectra", IEEE Trans. Audio Electroacoust. 15 (1967) 70-73: variance of averages of
+       overlapping segments.
+
+    Examples
+    --------
+    >>> sd_factor(np.array([0.0, 0.75, 1.0])).round(2).tolist()
+    [1.0, 2.0, inf]
+    """
+    new = 1.0 - _levels(covered) / float(_COVERED_LEVELS)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.sqrt(new))
+
+
+def _levels(covered: Float[np.ndarray, " time"]) -> Int[np.ndarray, " time"]:
+    steps = np.rint(_COVERED_LEVELS * np.clip(covered, 0.0, 1.0))
+    return np.asarray(steps, dtype=np.uint32)
 
 
 def blank(count: int) -> States:

@@ -1,9 +1,14 @@
-"""The principal of a request: name, scope, sites and expiry."""
+"""The principal of a request: name, scope, sites and expiry, and which names it may know.
+
+Whatever holds names of several sites (lists of twins, composites, recordings, refusals that say
+what is allowed) is asked with a principal and answers by these methods alone, so that there is
+one place that decides who may know.
+"""
 
 import dataclasses
 import enum
 import math
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Iterable, Mapping, MutableMapping
 from typing import Any, Self
 
 KEY = "slowtime.principal"
@@ -38,6 +43,17 @@ class Scope(enum.IntEnum):
         return self.name.lower()
 
 
+def site_of(name: str) -> str:
+    """Return the site of a twin or a composite.
+
+    Examples
+    --------
+    >>> site_of("lab.beam")
+    'lab'
+    """
+    return name.partition(".")[0]
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Principal:
     """An authenticated caller.
@@ -64,7 +80,30 @@ class Principal:
 
     def sees(self, twin_id: str) -> bool:
         """Whether it may see a twin."""
-        return self.reaches(twin_id.partition(".")[0])
+        return self.reaches(site_of(twin_id))
+
+    def covers(self, sites: Iterable[str]) -> bool:
+        """Whether it may see all of what belongs to several sites; of none, if to all sites."""
+        every = frozenset(sites)
+        return self.sites is None or (bool(every) and every <= self.sites)
+
+    def seen(self, names: Iterable[str]) -> list[str]:
+        """Keep the twins and composites that it may see."""
+        return [name for name in names if self.sees(name)]
+
+    def to_message(self) -> dict[str, Any]:
+        """Write its name and sites, for another process that has to decide by them."""
+        return {
+            "name": self.name,
+            "scope": self.scope.word,
+            "sites": None if self.sites is None else sorted(self.sites),
+        }
+
+    @classmethod
+    def of_message(cls, told: Mapping[str, Any]) -> Self:
+        """Read the output of `to_message`."""
+        sites = None if told["sites"] is None else frozenset(told["sites"])
+        return cls(told["name"], Scope.of(told["scope"]), sites)
 
     def to_dict(self) -> dict[str, Any]:
         """Render the principal for its own session."""
@@ -81,6 +120,9 @@ EVERYBODY = Principal("everybody on this machine", Scope.ADMIN, None)
 
 NOBODY = Principal("nobody in particular", Scope.VIEWER, frozenset())
 """Who asks what anybody may, without a token."""
+
+SERVER = Principal("the server", Scope.ADMIN, None)
+"""Who asks for what the server itself needs, and tells nobody but its operators."""
 
 
 def principal_of(scope: MutableMapping[str, Any]) -> Principal:

@@ -1,11 +1,14 @@
 """Sends events by mail, one message each, with a Message-ID that identifies duplicates."""
 
 import smtplib
+import socket
+import ssl
 from collections.abc import Mapping
 from email.message import EmailMessage
 from typing import Any
 
 from slowtime_schemas.slow_times import time_in_words
+from slowtime_services.outbound.connections import connected
 from twin_server.events.receivers import EmailReceiver
 
 from .deadlines import DEADLINES
@@ -14,6 +17,23 @@ from .webhook import tls
 
 _LONGEST_SUBJECT = 150
 """Characters of a subject, beyond which it is cut."""
+
+
+class _Mail(smtplib.SMTP):
+    """Connects to the address that was checked, which `SMTP` has no argument for."""
+
+    local = False
+
+    def _get_socket(self, host: str, port: int, timeout: float) -> socket.socket:
+        return connected(host, port, timeout, local=self.local)
+
+
+class _SecureMail(smtplib.SMTP_SSL):
+    local = False
+
+    def _get_socket(self, host: str, port: int, timeout: float) -> ssl.SSLSocket:
+        made = connected(host, port, timeout, local=self.local)
+        return self.context.wrap_socket(made, server_hostname=host)
 
 
 class Email:
@@ -66,11 +86,12 @@ class Email:
         """Make an unconnected client, so that the deadline can close its socket."""
         receiver = self._receiver
         if receiver.security == "tls":
-            made: smtplib.SMTP = smtplib.SMTP_SSL(
+            made: smtplib.SMTP = _SecureMail(
                 timeout=receiver.timeout_s, context=tls(receiver.ca)
             )
         else:
-            made = smtplib.SMTP(timeout=receiver.timeout_s)
+            made = _Mail(timeout=receiver.timeout_s)
+        made.local = receiver.local  # type: ignore[attr-defined]
         # What certificates are held against; `connect` alone does not note it.
         made._host = receiver.host  # type: ignore[attr-defined]
         return made

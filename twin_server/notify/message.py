@@ -5,6 +5,8 @@ import socket
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from slowtime_services.outbound.addresses import LocalAddressError
+from slowtime_services.reasons import reason_of
 from twin_server.events.deliveries import TEST, Delivery
 from twin_server.events.receivers import AlarmSettings
 
@@ -89,7 +91,9 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
-        raise NotDeliveredError(f"{path.name} cannot be read: {error}.") from error
+        raise NotDeliveredError(
+            f"{path.name} cannot be read: {reading_error_text(error)}."
+        ) from error
     if len(lines) < 2 or not lines[0]:
         raise NotDeliveredError(
             f"{path.name} holds {len(lines)} line(s). Give the user in the first line and the "
@@ -98,8 +102,15 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
     return lines[0], lines[1]
 
 
+def reading_error_text(error: OSError | ValueError) -> str:
+    """Describe why a file cannot be read, without its path: people of a site see the text."""
+    return getattr(error, "strerror", None) or type(error).__name__
+
+
 def connection_error_text(error: BaseException) -> str:
     """Describe the error of a connection."""
+    if isinstance(error, LocalAddressError):
+        return str(error)
     if isinstance(error, TimeoutError):
         return "it did not answer in time"
     if isinstance(error, ConnectionRefusedError):
@@ -108,4 +119,4 @@ def connection_error_text(error: BaseException) -> str:
         return "its name is not known"
     if isinstance(error, ConnectionError):
         return "it ended the connection"
-    return f"{type(error).__name__}: {error}"[:200]
+    return reason_of(error).rstrip(".")[:200]

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from slowtime_services.outbound.connections import connected
 from twin_server.events.receivers import MqttReceiver
 
 from .message import Message, NotDeliveredError, connection_error_text, credentials
@@ -83,6 +84,10 @@ class Mqtt:
             self._paho.CallbackAPIVersion.VERSION2, protocol=self._paho.MQTTv5
         )
         client.connect_timeout = receiver.timeout_s
+        # paho-mqtt connects by the name, which may lead elsewhere from one look-up to the next.
+        client._create_socket_connection = lambda: connected(
+            receiver.host, receiver.port, receiver.timeout_s, local=receiver.local
+        )
         client.on_connect = lambda _c, _u, _f, reason, _p: answered.append(reason)
         if (known := credentials(receiver.credentials_file)) is not None:
             client.username_pw_set(*known)

@@ -1,7 +1,8 @@
 """Sends events by HTTP: one signed POST each to an address that an operator declared.
 
 No redirection is followed and no proxy of the environment is used: the request goes to that
-address or nowhere. Of the answer only the status is read.
+address or nowhere, and its name may not lead to this machine or its link. Of the answer only
+the status is read.
 """
 
 import contextlib
@@ -13,14 +14,13 @@ import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
+from slowtime_services.outbound.connections import PlainConnection, SecureConnection
 from twin_server.events.receivers import WebhookReceiver
 
+from .backoff import LONGEST_WAIT_S
 from .deadlines import DEADLINES
-from .message import Message, NotDeliveredError, connection_error_text
+from .message import Message, NotDeliveredError, connection_error_text, reading_error_text
 from .webhook_signature import SHORTEST, signature
-
-_LONGEST_WAIT_S = 3_600.0
-"""Longest wait that a receiver may ask for [s]."""
 
 
 class Webhook:
@@ -76,11 +76,11 @@ class Webhook:
     def _connection(self) -> http.client.HTTPConnection:
         parts = urlsplit(self._receiver.url)
         assert parts.hostname is not None
-        patience = self._receiver.timeout_s
+        patience, local = self._receiver.timeout_s, self._receiver.local
         if parts.scheme == "http":
-            return http.client.HTTPConnection(parts.hostname, parts.port, timeout=patience)
-        return http.client.HTTPSConnection(
-            parts.hostname, parts.port, timeout=patience, context=self._context()
+            return PlainConnection(parts.hostname, parts.port, patience, local=local)
+        return SecureConnection(
+            parts.hostname, parts.port, patience, self._context(), local=local
         )
 
     def _context(self) -> ssl.SSLContext:
@@ -101,7 +101,9 @@ class Webhook:
             try:
                 text = receiver.secret_file.read_text(encoding="utf-8")
             except (OSError, ValueError) as error:
-                raise NotDeliveredError(f"{where} cannot be read: {error}.") from error
+                raise NotDeliveredError(
+                    f"{where} cannot be read: {reading_error_text(error)}."
+                ) from error
         secret = text.strip().encode()
         if len(secret) < SHORTEST:
             raise NotDeliveredError(
@@ -116,7 +118,9 @@ def tls(ca: object) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=None if ca is None else str(ca))
     except (OSError, ValueError) as error:
-        raise NotDeliveredError(f"The certificates of `ca` cannot be read: {error}.") from error
+        raise NotDeliveredError(
+            f"The certificates of `ca` cannot be read: {reading_error_text(error)}."
+        ) from error
 
 
 def _socket(
@@ -127,4 +131,4 @@ def _socket(
 
 def _wait_s(told: str | None) -> float:
     """Return the wait that a receiver asks for [s]; dates are not read."""
-    return min(float(told), _LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0
+    return min(float(told), LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0

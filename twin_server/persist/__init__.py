@@ -9,20 +9,25 @@ from twin_server.persist.tables.rows import (
     TwinRow,
 )
 
+from .attempts import MARKED, AttemptNote, FileNote, RowNote
 from .backups import backup, restore
-from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .factory import is_url, open_store
+from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
+from .factory import is_url, note_path, open_store
 from .ledger_audit import Audit, audit
-from .postgres import PostgresStore
+from .postgres import PostgresStore, audit_url, without_secret
 from .sqlite import SqliteStore, audit_file, verify_file
 from .store import History, Store, WriteBatch
 from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import HOUR_NS, FatigueRow
 from .tables.ledger import HeadRow
+from .tables.quarantine import AsideRow
 
 __all__ = [
     "HOUR_NS",
+    "MARKED",
+    "AsideRow",
+    "AttemptNote",
     "Audit",
     "CompositeRow",
     "DamagedStoreError",
@@ -31,22 +36,28 @@ __all__ = [
     "EventRow",
     "FatigueRow",
     "FeatureRow",
+    "FileNote",
     "HeadRow",
     "History",
     "PostgresStore",
+    "RowNote",
     "RunRow",
     "SqliteStore",
     "StateRow",
     "Store",
     "StoreError",
+    "StoreInUseError",
     "TwinRow",
     "WriteBatch",
     "WrongStoreError",
     "audit",
     "audit_file",
+    "audit_url",
     "backup",
     "is_url",
+    "note_path",
     "open_store",
     "restore",
     "verify_file",
+    "without_secret",
 ]

@@ -11,3 +11,7 @@ class StoreError(RuntimeError):
 
 class DamagedStoreError(WrongStoreError, StoreError):
     """Stored data are damaged; the text says what to do."""
+
+
+class StoreInUseError(WrongStoreError):
+    """Another twin server has the store; the text says what to do."""

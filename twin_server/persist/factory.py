@@ -5,6 +5,7 @@ from typing import Literal
 
 from slowtime_services.shards import Share
 
+from .attempts import note_of
 from .postgres import PostgresStore
 from .shares import check_unshared, database_of_share, postgres_share
 from .sqlite import SqliteStore
@@ -19,6 +20,14 @@ def is_url(database: str | Path) -> bool:
     (True, False)
     """
     return str(database).startswith(("postgresql://", "postgres://"))
+
+
+def note_path(database: str | Path, share: Share | None = None) -> Path | None:
+    """Return the file of the note of a store (`attempts`); None where it is a row."""
+    if is_url(database):
+        return None
+    path = Path(database) if share is None else database_of_share(Path(database), share)
+    return note_of(path)
 
 
 def open_store(

@@ -6,11 +6,22 @@ from twin_server.history.buckets import Buckets, thin
 from twin_server.history.states import States, from_bytes
 
 from .store import History, ThinnedHistory
+from .tables.checksums import FEATURES
 from .tables.details import changes, column, has_details
 from .tables.levels import coarse
-from .tables.search import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
-from .tables.statements import Connection
+from .tables.search import (
+    SHIFT,
+    Span,
+    first_after,
+    of_number,
+    spans_by_slow_time,
+    spans_by_time,
+    whole,
+)
+from .tables.statements import Connection, select
 from .tables.states import states_by_key, states_of_spans
+
+_BETWEEN = "where id between ? and ?"
 
 _BUCKETS_PER_POINT = 4
 """Buckets that are looked at for each point of a thinned history."""
@@ -121,3 +132,42 @@ def _history(
 ) -> History:
     bodies = column(reader, keys, "body") if has_details(reader, keys) else ()
     return History(states, [key >> SHIFT for key in keys], boots, bodies)
+
+
+def select_boots(reader: Connection, twin_id: str) -> list[tuple[int, bytes, int]]:
+    """Read number, first message and sensor time of the last one of each boot with readings.
+
+    Parameters
+    ----------
+    twin_id
+        SITE.ASSET.
+    """
+    found = []
+    for span in whole(reader, twin_id):
+        between = (span.first, span.last)
+        first = select(reader, FEATURES, _BETWEEN, between, 1)
+        last = select(reader, FEATURES, _BETWEEN, between, 1, newest=True)
+        if first:
+            found.append((span.number, first[0][3], last[0][1]))
+    return found
+
+
+def select_neighbours(
+    reader: Connection, number: int, t_ns: int
+) -> tuple[bytes | None, bytes | None]:
+    """Read the last message of a boot that ends by an instant, and the first one after it.
+
+    Parameters
+    ----------
+    number
+        Of the boot.
+    t_ns
+        The instant by sensor time [ns since 1970-01-01 UTC].
+    """
+    span = of_number(reader, number)
+    if span is None:
+        return None, None
+    place = first_after(reader, span, t_ns)
+    before = select(reader, FEATURES, _BETWEEN, (span.first, place - 1), 1, newest=True)
+    after = select(reader, FEATURES, _BETWEEN, (place, span.last), 1)
+    return before[0][3] if before else None, after[0][3] if after else None

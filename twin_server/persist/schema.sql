@@ -1,4 +1,4 @@
--- Version 10. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 12. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -179,5 +179,21 @@ create table fatigue (
   crc integer not null,
   primary key (twin, boot, hour)
 );
+-- Messages whose processing exceeded its budget or failed; of those that were dropped and have a
+-- place in the history, the place.
+create table quarantine (
+  number integer primary key,
+  twin text not null,
+  boot text not null,
+  sequence integer not null,
+  set_ns integer not null,
+  key text not null,
+  why text not null,
+  accepted integer not null,
+  dropped integer not null,
+  message blob not null,
+  crc integer not null
+);
+create index quarantine_of_twin on quarantine (twin, boot, sequence);
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

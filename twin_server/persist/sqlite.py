@@ -5,6 +5,7 @@ a failing power supply; with ``NORMAL`` it survives the death of the process onl
 """
 
 import contextlib
+import logging
 import os
 import sqlite3
 import threading
@@ -13,15 +14,27 @@ from pathlib import Path
 from typing import Literal
 
 from slowtime_services.ledger import Head
-from slowtime_services.operating_system import lock_file
+from slowtime_services.operating_system import same_file
 
+from .attempts import FileNote, note_of
 from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .ground import Fault, Ground, Kind, lock_of, rescue, take_lock
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
 
+logger = logging.getLogger(__name__)
+
 LOCK_S = 10.0
 """How long another process may hold the database until that is said."""
+
+LOG_BYTES = 16 << 20
+"""Size of the write-ahead log from which it is copied into the database after a commit [bytes];
+SQLite's own default is 4 MB, at which a busy server would do so ten times a second."""
+
+LONGEST_LOG_BYTES = 4 << 30
+"""Size of the write-ahead log at which nothing more is written [bytes]. It grows as long as
+another process reads one moment of the database; edge agents keep what is not taken."""
 
 
 class SqliteStore(SqlStore):
@@ -55,12 +68,19 @@ class SqliteStore(SqlStore):
         super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._attempts = FileNote(note_of(self.path))
         self._lock = threading.RLock()
+        # Of its own: whoever reads does not wait for whoever writes.
+        self._idle_lock = threading.Lock()
         self._local = threading.local()
         self._idle: list[sqlite3.Connection] = []
         self._closed = False
         self._lock_s = lock_s
-        self._guard = _guard(self.path)
+        self._ground: Ground | None = None
+        self._fault: Fault | None = None
+        self._rescuer: threading.Thread | None = None
+        self._told_log_bytes = LOG_BYTES
+        self._guard = take_lock(self.path)
         try:
             with _explain_file_errors(self.path):
                 self._writer = sqlite3.connect(
@@ -68,8 +88,13 @@ class SqliteStore(SqlStore):
                 )
                 self._writer.execute("pragma journal_mode=wal")
                 self._writer.execute(f"pragma synchronous={synchronous}")
-                self._writer.execute("pragma wal_autocheckpoint=4000")
                 self._prepare()
+                # From here on by `_checkpoint`, so that no other change looks like one.
+                self._writer.execute("pragma wal_autocheckpoint=0")
+                # Else the log keeps its greatest size, which says nothing of what is in it.
+                self._writer.execute(f"pragma journal_size_limit={LOG_BYTES // 2}")
+                self._writer.executescript("begin immediate; rollback;")  # opens the log
+                self._ground = Ground(self.path)
                 if verify:
                     self.verify()
         except BaseException:
@@ -90,15 +115,29 @@ class SqliteStore(SqlStore):
             raise _damaged(self.path, "; ".join(found[:5]))
         self._hashes.adopt(hashes)
 
+    @property
+    def attempts(self) -> FileNote:
+        """Note of what the server is about to do."""
+        return self._attempts
+
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
         with self._lock:
-            self._closed = True
-            for reader in self._idle:
-                reader.close()
-            self._idle.clear()
+            with self._idle_lock:
+                self._closed = True
+                for reader in self._idle:
+                    reader.close()
+                self._idle.clear()
+            if self._ground is not None:
+                self._secure(self._ground)
+            if self._rescuer is not None:
+                self._rescuer.join()
             if hasattr(self, "_writer"):
                 self._writer.close()
+            if self._ground is not None:
+                self._ground.close()
+                self._ground = None
+            self._attempts.close()
             if self._guard is not None:
                 os.close(self._guard)
                 self._guard = None
@@ -133,9 +172,11 @@ class SqliteStore(SqlStore):
         with self._lock:
             if self._closed:
                 raise StoreError(f"{self.path} has been closed.")
-            if self._writer.in_transaction:
+            if self._writer.in_transaction and self._rescuer is None:
                 yield self._writer
                 return
+            self._stand(writing=True)
+            self._keep_guard()
             try:
                 with self._transaction():
                     yield self._writer
@@ -149,15 +190,99 @@ class SqliteStore(SqlStore):
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
+        if self._ground is not None and self._ground.log_bytes >= LONGEST_LOG_BYTES:
+            if not self._copy_log(self._ground):
+                raise StoreError(self._text_of_long_log(self._ground.log_bytes))
         self._writer.execute("begin immediate")
         try:
             yield
+            self._stand()
             self._writer.execute("commit")
+            if self._ground is not None:
+                self._ground.committed()
         except BaseException:
             # A full disk may have ended the transaction already.
             with contextlib.suppress(sqlite3.OperationalError):
                 self._writer.execute("rollback")
             raise
+        self._stand()  # again: a file that was moved meanwhile is not acknowledged
+        if self._ground is not None:
+            self._keep_log_short(self._ground)
+
+    def _stand(self, *, writing: bool = False) -> None:
+        """Raise where the files are not those that were opened.
+
+        Parameters
+        ----------
+        writing
+            Hold the writer outside a transaction: what was acknowledged is saved then.
+        """
+        if self._ground is None:
+            return
+        fault, before = self._ground.fault(), self._fault
+        self._fault = fault
+        if fault is None:
+            if before is not None:
+                logger.warning("%s is in its place again. The server goes on.", self.path)
+            return
+        if before is None or before.kind is not fault.kind:
+            logger.error("%s", fault.text)
+        if writing:
+            self._secure(self._ground)
+        raise StoreError(fault.text)
+
+    def _keep_guard(self) -> None:
+        """Lock the file again whose deletion would let a second server in."""
+        assert self._guard is not None
+        if same_file(self._guard, lock_of(self.path)):
+            return
+        try:
+            guard = take_lock(self.path)
+        except WrongStoreError as error:
+            raise StoreError(str(error)) from error
+        logger.warning("%s was removed or replaced, and is locked again.", lock_of(self.path))
+        os.close(self._guard)
+        self._guard = guard
+
+    def _secure(self, ground: Ground) -> None:
+        """Save what was acknowledged from a log or a file that no next start will find."""
+        fault = ground.fault()
+        if fault is None or self._rescuer is not None or fault.kind is Kind.OVERWRITTEN:
+            return
+        self._copy_log(ground)  # into the file that was opened, wherever it is now
+        if fault.kind is Kind.DELETED:
+            self._rescuer = threading.Thread(
+                target=rescue, args=(self._writer, self.path), name="rescue"
+            )
+            self._rescuer.start()
+
+    def _copy_log(self, ground: Ground) -> bool:
+        """Copy the log into the database; return whether no reader needs what is there."""
+        try:
+            # Waits for no reader; what was committed is durable in the log in any case.
+            _, pages, copied = self._writer.execute("pragma wal_checkpoint(passive)").fetchone()
+        except sqlite3.Error:
+            return False
+        finally:
+            ground.remember()
+        return bool(pages == copied)
+
+    def _keep_log_short(self, ground: Ground) -> None:
+        """Copy a long log into the database after a commit, and say where a reader holds it."""
+        size = ground.log_bytes
+        if size < LOG_BYTES or self._copy_log(ground):
+            self._told_log_bytes = LOG_BYTES
+        elif size >= 2 * self._told_log_bytes:
+            self._told_log_bytes = size
+            logger.warning("%s", self._text_of_long_log(size))
+
+    def _text_of_long_log(self, size: int) -> str:
+        return (
+            f"{self.path}-wal has grown to {size >> 20} MB, because another process reads one "
+            "moment of the database. End that one, such as a copy tool or an open SQL shell. "
+            f"From {LONGEST_LOG_BYTES >> 20} MB on nothing more is taken, and edge agents keep "
+            "what they send."
+        )
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -166,6 +291,7 @@ class SqliteStore(SqlStore):
         if reader is not None:
             yield reader
             return
+        self._stand()
         reader = self._take()
         try:
             reader.execute("begin")
@@ -185,7 +311,7 @@ class SqliteStore(SqlStore):
 
     def _take(self) -> sqlite3.Connection:
         """Take an idle reader, or open one: threads end, and their readers serve others."""
-        with self._lock:
+        with self._idle_lock:
             if self._closed:
                 raise StoreError(f"{self.path} has been closed.")
             if self._idle:
@@ -193,7 +319,7 @@ class SqliteStore(SqlStore):
         return open_reader(self.path, self._lock_s)
 
     def _give(self, reader: sqlite3.Connection) -> None:
-        with self._lock:
+        with self._idle_lock:
             if self._closed or reader.in_transaction:
                 reader.close()
             else:
@@ -293,36 +419,3 @@ def _cure(error: sqlite3.Error) -> str:
     if "locked" in str(error):
         return "Another process holds it: end that one, such as a copy tool or an open shell."
     return "Make room on the disk, or give another --database."
-
-
-@contextlib.contextmanager
-def guarding(path: Path) -> Iterator[None]:
-    """Keep servers off a file for a while; refused where one uses it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    guard = _guard(path)
-    try:
-        yield
-    finally:
-        if guard is not None:
-            os.close(guard)
-
-
-def _guard(path: Path) -> int | None:
-    """Keep a second server off the file; the lock dies with the process."""
-    lock = path.with_name(path.name + ".lock")
-    try:
-        file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise WrongStoreError(
-            f"{lock} cannot be written: {error.strerror}. Make room on the disk and let this "
-            "user write there, or give another --database."
-        ) from error
-    try:
-        lock_file(file, wait=False)
-    except OSError as error:
-        os.close(file)
-        raise WrongStoreError(
-            f"{path} is in use by another twin server. End that one, or give this one another "
-            "--database."
-        ) from error
-    return file

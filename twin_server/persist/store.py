@@ -4,9 +4,10 @@ One thread writes, in cuts: all that follows from a batch becomes durable togeth
 all. Any thread reads, and sees whole cuts only.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
@@ -23,10 +24,12 @@ from twin_server.persist.tables.rows import (
     TwinRow,
 )
 
+from .attempts import AttemptNote
 from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import FatigueRow
 from .tables.ledger import HeadRow
+from .tables.quarantine import AsideRow
 
 
 @dataclasses.dataclass(slots=True)
@@ -47,6 +50,8 @@ class WriteBatch:
     acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
     asset_events: list[AssetEventRow] = dataclasses.field(default_factory=list)
     """Of an id that a twin has already, the first stays."""
+    aside: list[AsideRow] = dataclasses.field(default_factory=list)
+    """Messages that are set aside."""
 
 
 class History(NamedTuple):
@@ -82,6 +87,10 @@ class Store(Protocol):
 
     def runs(self) -> tuple[list[RunRow], int]:
         """All boots in order, and the number the next one gets."""
+        ...
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot of a twin; None where it has none of that name."""
         ...
 
     def held(self) -> list[tuple[int, int, bytes]]:
@@ -154,6 +163,14 @@ class Store(Protocol):
         """
         ...
 
+    def boots(self, twin_id: str) -> list[tuple[int, bytes, int]]:
+        """Read number, first message and time of the last one of each boot with readings."""
+        ...
+
+    def neighbours(self, number: int, t_ns: int) -> tuple[bytes | None, bytes | None]:
+        """Read the last message of a boot that ends by an instant, and the first one after."""
+        ...
+
     def count(self, twin_id: str) -> int:
         """Count the features of a twin."""
         ...
@@ -170,7 +187,13 @@ class Store(Protocol):
         limit: int = 1000,
         newest: bool = False,
     ) -> list[EventRow]:
-        """Events in order, of one twin or of all."""
+        """Events of one twin in order, or of all twins, one behind the other.
+
+        Parameters
+        ----------
+        after
+            Number of an event of the twin, which those that are wanted follow.
+        """
         ...
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
@@ -184,14 +207,14 @@ class Store(Protocol):
     def diagnoses(
         self, twin_id: str | None = None, number: int | None = None
     ) -> list[DiagnosisRow]:
-        """Diagnoses in order: of a twin, or of all, or the one of a number."""
+        """Diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
         ...
 
-    def diagnosis_page(self, number: int) -> bytes | None:
+    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
         """HTML of a diagnosis; None where it has none."""
         ...
 
-    def diagnosis_model(self, number: int) -> str | None:
+    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
         """Augmented model file of a diagnosis; None where it has none."""
         ...
 
@@ -246,6 +269,18 @@ class Store(Protocol):
         """Entries of a twin's chain behind so many, which end a block."""
         ...
 
+    def seal_with(self, seal: Callable[[bytes], bytes] | None) -> None:
+        """Seal what is chained from now on with the server's key; None: do not seal."""
+        ...
+
+    def renew_basis(self) -> None:
+        """Chain all rows as they stand now, in place of what was chained before."""
+        ...
+
+    def snapshot(self) -> contextlib.AbstractContextManager[Any]:
+        """Hold a connection that sees one moment of the database, for an audit."""
+        ...
+
     def add_head(self, row: HeadRow) -> None:
         """Keep a signed head."""
         ...
@@ -262,6 +297,27 @@ class Store(Protocol):
 
     def fatigue(self, twin_id: str) -> list[FatigueRow]:
         """Fatigue messages of a twin in the order of time."""
+        ...
+
+    def set_aside(self, rows: Sequence[AsideRow]) -> None:
+        """Keep messages that are set aside; one that is kept already is not kept again."""
+        ...
+
+    def aside(self, twin_id: str | None = None, number: int | None = None) -> list[AsideRow]:
+        """Read the messages that were set aside: of a twin, of a number, or all, in order."""
+        ...
+
+    def release_aside(self, number: int) -> None:
+        """Forget a message that is no longer aside."""
+        ...
+
+    def drop_aside(self, row: AsideRow) -> None:
+        """Delete a message; its place in the history stays without an estimate."""
+        ...
+
+    @property
+    def attempts(self) -> AttemptNote:
+        """Note of what the server is about to do."""
         ...
 
     def check(self) -> None:

@@ -9,6 +9,7 @@ from .ingestion.pipeline import Pipeline
 from .ingestion.updates import TwinUpdate, UpdateListener
 from .knowledge import LiveUpdates, TwinKnowledge
 from .monitoring.model_changes import ModelChangeMonitor
+from .quarantine import QuarantineDesk
 from .recordings import Recordings
 from .workers.processes import CallerThread, WorkerProcesses, Workers
 
@@ -23,6 +24,7 @@ __all__ = [
     "ModelChangeMonitor",
     "NotifierTrigger",
     "Pipeline",
+    "QuarantineDesk",
     "Recordings",
     "TwinKnowledge",
     "TwinUpdate",

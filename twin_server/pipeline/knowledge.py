@@ -10,6 +10,7 @@ from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import ChangeForecast, current_changes, forecast_from_state, normal_of
 from twin_server.estimate.elements import spatial_scene
+from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
@@ -22,6 +23,7 @@ from .analysis.forecast_cache import ForecastCache
 from .analysis.plans import STALE, PlanCache
 from .analysis.risk import RiskCache
 from .analysis.simulations import Simulations
+from .ingestion.estimation import NotEstimatedError
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
 from .ingestion.updates import TwinUpdate
@@ -62,9 +64,9 @@ class TwinKnowledge:
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulations(store, self._workers, effects)
 
-    def ids(self) -> list[str]:
-        """All twins, in the order of their registration."""
-        return [twin.id for twin in self._store.twins()]
+    def ids(self, principal: Principal) -> list[str]:
+        """Twins that a principal may see, in the order of their registration."""
+        return principal.seen(twin.id for twin in self._store.twins())
 
     def registration(self, twin_id: str) -> Registration | None:
         """Return the registration of a twin; None where there is none."""
@@ -141,6 +143,10 @@ class TwinKnowledge:
         """States behind the one of `key`."""
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot in the keys of `since`; None where the twin has none."""
+        return self._store.boot_number(twin_id, boot)
 
     def outlook(
         self,
@@ -227,7 +233,10 @@ class TwinKnowledge:
             self._pipeline.routing.check(twin_id, registration)
         except UnknownReceiverError as error:
             raise ProblemError(422, "no-such-receiver", str(error)) from error
-        return self._pipeline.register(twin_id, registration)
+        try:
+            return self._pipeline.register(twin_id, registration)
+        except NotEstimatedError as error:
+            raise ProblemError(422, "not-estimated", str(error)) from error
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin; False where there is none."""
@@ -238,6 +247,8 @@ class TwinKnowledge:
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.stalled:
+            found.append(self._pipeline.stalled)
         if self._pipeline.trouble:
             found.append(self._pipeline.trouble)
         if self._pipeline.failing:
@@ -249,6 +260,14 @@ class TwinKnowledge:
         except Exception as error:
             found.append(str(error))
         return found
+
+    def aside(self, twin_id: str) -> int:
+        """Count the messages of a twin that are set aside."""
+        return self._pipeline.setting_aside.quarantine.count(twin_id)
+
+    def stalled(self) -> str:
+        """Say that the pipeline stands still; empty while it goes on."""
+        return self._pipeline.stalled
 
     def counts(self) -> Mapping[str, int]:
         """Return all counters."""

@@ -1,9 +1,7 @@
 """The registration of a twin: nominal model, free parameters, alarms and decisions."""
 
 import functools
-import json
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,7 +10,11 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.files.model_v2 import AnyLineModel, line_model
 from slowtime_schemas.quantities import AS_STORED, Plain
+from slowtime_services.documents.bounds import document_text
+from slowtime_services.documents.json_documents import read_json
+from slowtime_services.documents.toml_documents import read_toml
 from slowtime_services.models import description_of
+from slowtime_services.reasons import reason_of
 from twin_server.events.receivers import AlarmRoute
 from twin_server.orders import Adopted, Frozen
 from twin_server.registration.nominal import Covariates, Nominal
@@ -322,12 +324,12 @@ def registrations(path: Path | None) -> dict[str, Registration]:
     if path is None:
         return {}
     try:
-        text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
+        text = document_text(path)
+        content = read_toml(text) if path.suffix == ".toml" else read_json(text)
     except (OSError, ValueError) as error:
         raise WrongRegistrationsError(
-            f"{path} cannot be read as registrations: {error}. Give a .toml or .json file of "
-            "twin id → registration."
+            f"{path} cannot be read as registrations: {reason_of(error)} Give a .toml or .json "
+            "file of twin id → registration."
         ) from error
     found = {}
     for twin_id, given in content.items() if isinstance(content, dict) else [(content, None)]:

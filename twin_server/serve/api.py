@@ -2,12 +2,11 @@
 
 import asyncio
 import importlib.metadata
-from collections.abc import Callable, Mapping
 
 from fastapi import APIRouter, FastAPI, Request, Response
 
 from slowtime_schemas import asyncapi
-from twin_server.composites.composite import Composite
+from twin_server.fairness import Holdings
 from twin_server.identity.principals import NOBODY, principal_of
 from twin_server.serve.models.twins import (
     HealthModel,
@@ -15,13 +14,15 @@ from twin_server.serve.models.twins import (
 from twin_server.settings import ServeSettings
 
 from . import composites, exports
-from .composites import CompositeService
+from .composite_service import CompositeService
+from .exports.files import Files
 from .http import problems
 from .http.body_limit import BodyLimit
 from .http.body_queue import BodyQueue
 from .http.bounded_threads import BoundedThreads
 from .http.coalescing import CoalescedCall
 from .http.compute_queue import ComputeQueue
+from .http.quotas import CountedForHolder
 from .knowledge import Knowledge
 from .live import Hub
 from .metrics import exposition
@@ -35,6 +36,7 @@ from .routes import (
     history,
     page,
     plans,
+    quarantine,
     recordings,
     risks,
     shapes,
@@ -45,6 +47,8 @@ from .routes import events as event_routes
 from .routes.alarms import AlarmService
 from .routes.asset_events import AssetEventService
 from .routes.diagnoses import DiagnosisService
+from .routes.holdings import routes as holding_routes
+from .routes.quarantine import QuarantineService
 from .routes.recordings import RecordingService
 from .routes.session import session
 from .routes.twin_path import registered_in
@@ -86,6 +90,8 @@ def create_app(
     alarm_service: AlarmService | None = None,
     events: AssetEventService | None = None,
     composite_service: CompositeService | None = None,
+    quarantine_service: QuarantineService | None = None,
+    holdings: Holdings | None = None,
 ) -> FastAPI:
     """Make the ASGI application of a twin server.
 
@@ -111,11 +117,18 @@ def create_app(
         Records repairs, replacements, inspections and notes.
     composite_service
         Registers composites.
+    quarantine_service
+        Lists, releases and drops messages that were set aside.
+    holdings
+        What is under way beside what the application itself counts.
     """
     if queue is None:
         queue = ComputeQueue(
             settings.workers, settings.max_waiting, settings.max_waiting_of_one
         )
+    holdings, exported = holdings or Holdings(), Files(settings.max_exports)
+    for quota in (queue.quota, exported.quota, hub.quota):
+        holdings.add(quota)
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -133,13 +146,11 @@ def create_app(
             settings, None if recording_service is None else largest_recording
         ),
     )
+    app.add_middleware(CountedForHolder)
     known = registered_in(knowledge)
     changing = BoundedThreads(2)
-    all_composites: Callable[[], Mapping[str, Composite]]
-    all_composites = dict if composite_service is None else composite_service.all
     app.include_router(
-        twins.routes(knowledge, known, changing, lambda twin_id: twin_id in all_composites()),
-        prefix="/api/v1",
+        twins.routes(knowledge, known, changing, composite_service), prefix="/api/v1"
     )
     app.include_router(history.routes(knowledge, settings, known), prefix="/api/v1")
     app.include_router(shapes.routes(knowledge, known), prefix="/api/v1")
@@ -149,7 +160,7 @@ def create_app(
     app.include_router(risks.routes(knowledge, known, queue), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, queue), prefix="/api/v1")
     app.include_router(
-        exports.routes(knowledge, known, settings.max_exports, all_composites),
+        exports.routes(knowledge, known, exported, composite_service),
         prefix="/api/v1",
     )
     app.include_router(fatigue.routes(knowledge, known), prefix="/api/v1")
@@ -161,6 +172,8 @@ def create_app(
         app.include_router(alarms.routes(alarm_service, known), prefix="/api/v1")
     if events is not None:
         app.include_router(asset_events.routes(events, known), prefix="/api/v1")
+    if quarantine_service is not None:
+        app.include_router(quarantine.routes(quarantine_service, known), prefix="/api/v1")
     if composite_service is not None:
         app.include_router(
             composites.routes(
@@ -170,7 +183,8 @@ def create_app(
         )
     if recording_service is not None:
         app.include_router(recordings.routes(recording_service), prefix="/api/v1")
-    app.include_router(_operations(knowledge, hub, settings, queue, alarm_service))
+    app.include_router(holding_routes(holdings), prefix="/api/v1")
+    app.include_router(_operations(knowledge, hub, settings, queue, alarm_service, holdings))
     app.include_router(session())
     app.include_router(page.routes())
     document(app)
@@ -183,20 +197,34 @@ def _operations(
     settings: ServeSettings,
     queue: ComputeQueue,
     alarm_service: AlarmService | None,
+    holdings: Holdings,
 ) -> APIRouter:
     """Make the health and metrics routes; they share nothing with other routes."""
     api = APIRouter(tags=["operations"])
     troubles = CoalescedCall(knowledge.troubles, "readyz")
     counted = CoalescedCall(
         lambda: exposition(
-            knowledge, hub.count, hub.dropped, settings.max_measured, queue, alarm_service
+            knowledge,
+            hub.count,
+            hub.dropped,
+            settings.max_measured,
+            queue,
+            alarm_service,
+            holdings,
         ),
         "metrics",
     )
 
-    @api.get("/healthz", response_model=HealthModel)
-    async def healthz() -> Response:
-        """Whether the process lives."""
+    @api.get(
+        "/healthz",
+        response_model=HealthModel,
+        responses={503: {"content": {problems.MEDIA_TYPE: {}}, "description": "No progress"}},
+    )
+    async def healthz(request: Request) -> Response:
+        """Whether the process lives, and goes on with its work."""
+        if knowledge.stalled():
+            detail = "The server stands still, and is about to end. Its log says where."
+            return problems.respond(request, 503, "no-progress", detail)
         return json_response({"status": "ok"})
 
     @api.get(

@@ -11,6 +11,7 @@ from slowtime.degradation import RemainingLife
 from twin_server.history.buckets import Buckets
 from twin_server.history.details import Bodies
 from twin_server.history.states import States
+from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
@@ -63,8 +64,8 @@ class TwinForecast:
 class Knowledge(Protocol):
     """Interface by which REST, live stream and metrics read and change twins."""
 
-    def ids(self) -> list[str]:
-        """All twins, in the order of their registration."""
+    def ids(self, principal: Principal) -> list[str]:
+        """Twins that a principal may see, in the order of their registration."""
         ...
 
     def registration(self, twin_id: str) -> Registration | None:
@@ -115,6 +116,13 @@ class Knowledge(Protocol):
 
     def since(self, twin_id: str, key: int, limit: int) -> HistoryPart:
         """States behind the one of `key`."""
+        ...
+
+    def boot_number(self, twin_id: str, boot: str) -> int | None:
+        """Return the number of a boot in the keys of `since`; None where the twin has none.
+
+        It counts the boots of all twins, so that it is told to nobody.
+        """
         ...
 
     def outlook(
@@ -205,6 +213,14 @@ class Knowledge(Protocol):
 
     def troubles(self) -> list[str]:
         """Return sentences on problems of this server; none if all is well."""
+        ...
+
+    def aside(self, twin_id: str) -> int:
+        """Count the messages of a twin that are set aside."""
+        ...
+
+    def stalled(self) -> str:
+        """Say that the work stands still; empty while it goes on."""
         ...
 
     def counts(self) -> Mapping[str, int]:

@@ -1,15 +1,15 @@
 """The live stream: server-sent events, the same for all clients; losses are reported.
 
-Each event carries an id, ``KEY-NUMBER``: the place of the last state and the number of the last
-event that a client has seen. A client that comes back with it is first told what it missed, out
-of the history; one that falls too far behind is cut off, and comes back.
+Each event carries an id, ``BOOT:SEQUENCE-NUMBER``: boot and sequence of the last state, and the
+number of the last event, that a client has seen. A client that comes back with it is first told
+what it missed, out of the history; one that falls too far behind is cut off, and comes back.
+No id has a number that counts boots or events of other twins.
 """
 
 import asyncio
 import collections
 import logging
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from twin_server.fairness import Holding, Quota, current_holder
 from twin_server.history.details import Bodies, part
 from twin_server.history.rendering import event_object, state_objects
 from twin_server.history.states import States
@@ -34,18 +35,35 @@ STUCK_S = 15.0
 SHIFT = 40
 """A key is number << SHIFT | sequence, as in the history."""
 
+_SEQUENCE = (1 << SHIFT) - 1
+
+LAST_ID = re.compile(
+    r"(?P<boot>[0-9A-Za-z._-]{0,64}):(?P<sequence>\d{1,12})-(?P<number>\d{1,18})"
+)
+"""Id of an event: boot and sequence of the last state, number of the last event."""
+
+FORMER_ID = re.compile(r"\d{1,19}-\d{1,18}")
+"""Id of an event as it was up to version 0.1; what it stands for is not known any more."""
+
 
 class Item(NamedTuple):
-    """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged."""
+    """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged.
+
+    Parameters
+    ----------
+    boot
+        Of a state: the part of its key that is told.
+    """
 
     key: int
     number: int
     text: str
+    boot: str = ""
 
     @classmethod
-    def of_state(cls, key: int, text: str) -> "Item":
+    def of_state(cls, key: int, boot: str, text: str) -> "Item":
         """Make the item of a state."""
-        return cls(key, 0, f"event: state\ndata: {text}\n\n")
+        return cls(key, 0, f"event: state\ndata: {text}\n\n", boot)
 
     @classmethod
     def of_event(cls, number: int, body: str) -> "Item":
@@ -60,9 +78,9 @@ RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 class Client:
     """One client of a twin's stream; used in the event loop."""
 
-    def __init__(self, twin_id: str, backlog: int, caller: str | None = None) -> None:
-        self.twin_id, self.caller = twin_id, caller
-        self._backlog = backlog
+    def __init__(self, twin_id: str, backlog: int) -> None:
+        self.twin_id, self._backlog = twin_id, backlog
+        self.holding: Holding | None = None
         self._items: collections.deque[Item] = collections.deque()
         self.changed = asyncio.Event()
         self.ended = False
@@ -103,37 +121,42 @@ class Hub:
     """
 
     def __init__(self, max_clients: int, backlog: int, max_of_one: int | None = None) -> None:
-        self._max_clients, self.backlog = max_clients, backlog
-        self._max_of_one, self._callers = max_of_one, Counter[str]()
+        self.backlog = backlog
+        self.quota = Quota(
+            "streams", max_clients, of_token=max_of_one, setting="serve.max_live_clients"
+        )
         self._clients: dict[str, set[Client]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closed = False
-        self.count = 0
         self.dropped = 0
 
-    def join(self, twin_id: str, caller: str | None = None) -> Client | None:
-        """Watch a twin from now on; None where there is no room."""
+    @property
+    def count(self) -> int:
+        """Number of clients that watch."""
+        return self.quota.count
+
+    def join(self, twin_id: str) -> Client | None:
+        """Watch a twin from now on; None where the server is ending.
+
+        Raises
+        ------
+        OverQuotaError
+            Where there is no room, or none for the caller.
+        """
         self._loop = asyncio.get_running_loop()
-        if self.count >= self._max_clients or self._closed:
+        if self._closed:
             return None
-        if caller is not None:
-            if self._max_of_one is not None and self._callers[caller] >= self._max_of_one:
-                return None
-            self._callers[caller] += 1
-        client = Client(twin_id, self.backlog, caller)
+        client = Client(twin_id, self.backlog)
+        client.holding = self.quota.take(current_holder(), f"live {twin_id}", client.end)
         self._clients.setdefault(twin_id, set()).add(client)
-        self.count += 1
         return client
 
     def leave(self, client: Client) -> None:
         """Watch no longer."""
         of_twin = self._clients.get(client.twin_id, set())
-        if client in of_twin:
-            of_twin.remove(client)
-            self.count -= 1
-            if client.caller is not None:
-                self._callers[client.caller] -= 1
-                self._callers += Counter()  # forgets who has none
+        of_twin.discard(client)
+        if client.holding is not None:
+            client.holding.release()
         if not of_twin:
             self._clients.pop(client.twin_id, None)
 
@@ -155,8 +178,10 @@ class Hub:
         texts = state_objects(states[newest], twin_id, boots, units, part(bodies, newest))
         sequences = states["sequence"][newest].tolist()
         items += [
-            Item.of_state(number << SHIFT | sequence, text)
-            for number, sequence, text in zip(numbers, sequences, texts, strict=True)
+            Item.of_state(number << SHIFT | sequence, boot, text)
+            for number, boot, sequence, text in zip(
+                numbers, boots, sequences, texts, strict=True
+            )
         ]
         items += [Item.of_event(number, body) for number, body in events]
         self._hand_over(twin_id, items)
@@ -207,7 +232,7 @@ class LiveResponse(Response):
     ) -> None:
         self._hub, self._client, self._knowledge = hub, client, knowledge
         self._last_id, self._still = last_id, still
-        self._key, self._number = 0, 0
+        self._key, self._boot, self._number = 0, "", 0
         self.background = None
         self.status_code = 200
         self.init_headers({"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
@@ -253,25 +278,37 @@ class LiveResponse(Response):
 
     def _catch_up(self) -> list[Item]:
         """Collect events that a client missed; for a new one, the latest state."""
-        seen = re.fullmatch(r"(\d{1,19})-(\d{1,18})", self._last_id or "")
+        seen = LAST_ID.fullmatch(self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
-        if seen is None:
-            chapter = knowledge.latest(twin_id, None)
-            newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
-            self._number = newest[-1][0] if newest else 0
-            before: list[Item] = []
+        chapter = knowledge.latest(twin_id, None)
+        newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
+        last_key, last_number = max(chapter.keys, default=0), newest[-1][0] if newest else 0
+        key = None if seen is None else self._key_of(seen["boot"], int(seen["sequence"]))
+        before: list[Item] = []
+        # Ahead of all there is: the history is another, such as one out of a backup.
+        if seen is None or key is None or key > last_key or int(seen["number"]) > last_number:
+            self._number = last_number
+            if seen is not None or FORMER_ID.fullmatch(self._last_id or ""):
+                before = [RESET]  # of a history that is not there any more
         else:
-            self._key, self._number = int(seen.group(1)), int(seen.group(2))
+            self._key, self._boot, self._number = key, seen["boot"], int(seen["number"])
             chapter = knowledge.since(twin_id, self._key, self._hub.backlog)
             before = [] if len(chapter.keys) < self._hub.backlog else [RESET]
         texts = state_objects(
             chapter.states, twin_id, chapter.boots, chapter.units, chapter.bodies
         )
-        states = [Item.of_state(k, t) for k, t in zip(chapter.keys, texts, strict=True)]
+        states = map(Item.of_state, chapter.keys, chapter.boots, texts)
         events = knowledge.events(
             twin_id, after=self._number, limit=self._hub.backlog, newest=False
         )
         return [*before, *states, *(Item.of_event(*event) for event in events)]
+
+    def _key_of(self, boot: str, sequence: int) -> int | None:
+        """Find the key of a state; 0 for a client that has seen none yet."""
+        if not boot:
+            return 0
+        number = self._knowledge.boot_number(self._client.twin_id, boot)
+        return None if number is None else number << SHIFT | sequence
 
     def _is_new(self, item: Item) -> bool:
         return item.key > self._key or item.number > self._number or item is RESET
@@ -279,11 +316,11 @@ class LiveResponse(Response):
     def _numbered(self, items: Sequence[Item]) -> str:
         parts = []
         for item in items:
-            self._key, self._number = (
-                max(self._key, item.key),
-                max(self._number, item.number),
-            )
-            parts.append(f"id: {self._key}-{self._number}\n{item.text}")
+            if item.key > self._key:
+                self._key, self._boot = item.key, item.boot
+            self._number = max(self._number, item.number)
+            place = f"{self._boot}:{self._key & _SEQUENCE}"
+            parts.append(f"id: {place}-{self._number}\n{item.text}")
         return "".join(parts)
 
 

@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 
 from pydantic_core import from_json
 
+from twin_server.fairness import Holdings
 from twin_server.history.states import ESTIMATES
+from twin_server.identity.principals import SERVER
 
 from .http.compute_queue import WAYS, ComputeQueue
 from .knowledge import Knowledge
@@ -20,6 +22,7 @@ from .routes.alarms import AlarmService
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
     "out_of_order": "Features that came early and were held until their turn.",
+    "overlapping": "Features whose time earlier windows had measured in part or wholly.",
     "lost": "Features that are lost for good.",
     "batches": "Transactions.",
     "failed_batches": "Transactions that failed; nothing of them was kept.",
@@ -28,6 +31,7 @@ _COUNTERS = {
     "asked": "Questions put to edges about what is missing.",
     "inbox_dropped": "Messages that found no room in the inbox.",
     "callback_errors": "Failures within callbacks of the bus.",
+    "witness_failures": "Signed heads of the ledger that could not be kept elsewhere.",
 }
 _GAUGES = {
     "twins": "Registered twins.",
@@ -37,6 +41,8 @@ _GAUGES = {
     "held_bytes": "Bytes of the features held out of order now.",
     "boots": "Boots that are remembered, of all assets.",
     "inbox": "Messages that wait to be worked.",
+    "ledger_refused": "Whether the ledger is not signed, because the database is not proven.",
+    "aside": "Messages that were set aside and wait to be released or dropped.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
 }
@@ -77,6 +83,7 @@ def exposition(
     most_assets: int,
     queue: ComputeQueue | None = None,
     alarm_service: AlarmService | None = None,
+    holdings: Holdings | None = None,
 ) -> str:
     """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
@@ -84,9 +91,10 @@ def exposition(
         *_server(knowledge, live_clients, dropped_clients),
         *(() if queue is None else _work(queue)),
         *(() if alarm_service is None else _deliveries(alarm_service)),
+        *(() if holdings is None else _held(holdings)),
     ):
         lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
-    ids = knowledge.ids()
+    ids = knowledge.ids(SERVER)
     found = _assets(knowledge, ids if len(ids) <= most_assets else [])
     for name, says in _OF_ASSET.items():
         lines += _family(f"slowtime_asset_{name}", "gauge", says, found.get(name, []))
@@ -131,6 +139,25 @@ def _work(queue: ComputeQueue) -> Iterator[tuple[str, str, str, Sequence[Metric]
     )
     ends = [Metric({"end": word}, queue.counts[word]) for word in WAYS]
     yield "work_total", "counter", "Requests that take long, by what became of them.", ends
+
+
+def _held(holdings: Holdings) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+    found = [
+        ({"kind": kind, "site": site}, held, refused)
+        for kind, site, held, refused in holdings.counts()
+    ]
+    yield (
+        "under_way",
+        "gauge",
+        "Uploads, replays, diagnoses, computations, exports and streams under way, by site.",
+        [Metric(labels, held) for labels, held, _ in found],
+    )
+    yield (
+        "over_quota_total",
+        "counter",
+        "Requests that were refused since too much was under way, by site.",
+        [Metric(labels, refused) for labels, _, refused in found],
+    )
 
 
 def _deliveries(

@@ -6,13 +6,15 @@ the arithmetic of a single server.
 """
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from twin_server.composites.composite import Composite
+from twin_server.composites.visibility import seen
+from twin_server.identity.principals import Principal
 from twin_server.registration.twin import Registration
+from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.composites import (
-    CompositeService,
     Failure,
     FailureQuestion,
     Rates,
@@ -22,8 +24,11 @@ from twin_server.serve.exports import Asset
 from twin_server.serve.shard_interface import (
     AssetsAsked,
     CompositeOrder,
+    DeletedTwin,
     Deletion,
+    EventsAsked,
     FailuresAsked,
+    RevisionsAsked,
     TwinsAsked,
 )
 
@@ -86,8 +91,15 @@ class ShardComposites(CompositeService):
         self._lock = threading.Lock()
         self._version, self._known = "", dict[str, Composite]()
 
-    def all(self) -> Mapping[str, Composite]:
-        """All composites, in the order of their registration."""
+    def all(self, principal: Principal) -> Mapping[str, Composite]:
+        """All composites that a principal may see, in the order of their registration."""
+        return seen(self._all(), principal)
+
+    def exists(self, composite_id: str) -> bool:
+        """Whether there is a composite of this id."""
+        return composite_id in self._all()
+
+    def _all(self) -> Mapping[str, Composite]:
         told = self._calls.ask(KEEPER, f"/shard/composites?known={self._version}")
         if "composites" not in told:
             return self._known
@@ -96,7 +108,7 @@ class ShardComposites(CompositeService):
             self._version, self._known = told["version"], known
         return known
 
-    def register(self, composite_id: str, wanted: Composite, principal: str) -> bool:
+    def register(self, composite_id: str, wanted: Composite, principal: Principal) -> bool:
         """Register a composite; True where it is new."""
         bodies = {
             index: TwinsAsked(twins=names)
@@ -108,21 +120,34 @@ class ShardComposites(CompositeService):
         order = CompositeOrder(
             id=composite_id,
             registration=wanted.to_json(),
-            principal=principal,
+            principal=principal.to_message(),
             twins=[name for names in answers.values() for name in names],
         )
         return bool(self._calls.ask(KEEPER, "/shard/composites", order))
 
-    def delete(self, composite_id: str, principal: str) -> None:
-        """Delete a composite that is no member of another."""
-        order = Deletion(id=composite_id, principal=principal)
+    def delete(self, composite_id: str, principal: Principal) -> None:
+        """Delete a composite that is no member of another that may be seen."""
+        order = Deletion(id=composite_id, principal=principal.to_message())
         self._calls.ask(KEEPER, "/shard/composites/delete", order)
 
-    def revisions(self, composite_id: str) -> list[dict[str, Any]]:
-        """All registrations of a composite, in order."""
+    def revisions(self, composite_id: str, principal: Principal) -> list[dict[str, Any]]:
+        """Registrations of a composite of which the principal may see what they held."""
+        asked = RevisionsAsked(id=composite_id, principal=principal.to_message())
         found: list[dict[str, Any]]
-        found = self._calls.ask(KEEPER, f"/shard/composites/{composite_id}/revisions")
+        found = self._calls.ask(KEEPER, "/shard/composites/revisions", asked)
         return found
+
+    def events(
+        self, composite_id: str, *, after: int, limit: int, newest: bool
+    ) -> list[tuple[int, str]]:
+        """Find number and body of events of a composite in order."""
+        asked = EventsAsked(id=composite_id, after=after, limit=limit, newest=newest)
+        found = self._calls.ask(KEEPER, "/shard/composites/events", asked)
+        return [(number, body) for number, body in found]
+
+    def note_deleted_twin(self, twin_id: str) -> None:
+        """Tell the sites of the composites that held a twin that it was deleted."""
+        self._calls.ask(KEEPER, "/shard/composites/deleted_twin", DeletedTwin(id=twin_id))
 
 
 class ShardAssets:
@@ -131,13 +156,15 @@ class ShardAssets:
     def __init__(self, calls: Calls) -> None:
         self._calls = calls
 
-    def of_sites(self, site: str | None, sees: Callable[[str], bool]) -> list[Asset]:
+    def of_sites(self, site: str | None, principal: Principal) -> list[Asset]:
         """Return the twins of a site, or of all, of those that a caller may see, by id."""
         asked = AssetsAsked(site=site)
         answers = self._calls.ask_each(
             "/shard/assets", dict.fromkeys(range(self._calls.count), asked)
         )
-        found = [one for told in answers.values() for one in _assets(told) if sees(one.id)]
+        found = [
+            one for told in answers.values() for one in _assets(told) if principal.sees(one.id)
+        ]
         return sorted(found, key=lambda one: one.id)
 
     def of_twin(self, twin_id: str) -> Iterator[Asset]:

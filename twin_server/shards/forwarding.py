@@ -190,15 +190,21 @@ async def forward(request: Request, url: str, timeout_s: float, key: str) -> Res
 
 
 async def ask(
-    request: Request, url: str, timeout_s: float, key: str, target: bytes = b""
+    request: Request,
+    url: str,
+    timeout_s: float,
+    key: str,
+    target: bytes = b"",
+    *,
+    method: str = "GET",
 ) -> Answer:
-    """Ask a shard the same (or `target`) by GET, and wait for the whole answer."""
+    """Ask a shard the same (or `target`) without a body, and wait for the whole answer."""
     exchange = _Exchange(url, timeout_s)
     try:
         headers = [
             h for h in _headers_of(request, key) if h[0] not in (b"content-length", b"range")
         ]
-        await exchange.open("GET", target or _target(request), headers)
+        await exchange.open(method, target or _target(request), headers)
         await exchange.send(h11.EndOfMessage())
         head = await exchange.head()
         try:

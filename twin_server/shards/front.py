@@ -6,6 +6,7 @@ same shards.
 """
 
 import asyncio
+import logging
 import re
 from http import HTTPStatus
 
@@ -22,6 +23,7 @@ from twin_server.serve.http.body_limit import BodyLimit
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.http.quotas import CountedForHolder
 from twin_server.serve.routes import page
 from twin_server.serve.routes.session import session
 from twin_server.serve.routes.twin_path import TwinId
@@ -30,16 +32,19 @@ from twin_server.serve.state_rendering import json_response
 from twin_server.settings import TwinSettings
 
 from .calls import Calls, is_down, owner, unavailable
-from .composing import ShardAssets, ShardComposites, ShardFacts
+from .composing import KEEPER, ShardAssets, ShardComposites, ShardFacts
 from .forwarding import Answer, ShardSilentError, ask, forward
 from .merging import MERGED, merged_metrics
 from .supervisor import Shards
+
+logger = logging.getLogger(__name__)
 
 _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
 
 METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"]
 
 HEADS = "/api/v1/ledger/heads"
+HOLDINGS = "/api/v1/holdings"
 RECORDINGS = "/api/v1/recordings"
 
 
@@ -58,6 +63,7 @@ def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     problems.install(app)
     largest = larger_bodies(settings.serve, settings.recordings.max_bytes)
     app.add_middleware(BodyLimit, max_bytes=settings.serve.max_body_bytes, larger=largest)
+    app.add_middleware(CountedForHolder)
     app.include_router(page.routes())
     app.include_router(session())
     calls = Calls(shards, settings.shards.key, settings.shards.answer_timeout_s)
@@ -68,6 +74,7 @@ def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     app.add_api_route("/metrics", front.metrics, methods=["GET"])
     for path in MERGED:
         app.add_api_route(path, front.of_all, methods=["GET"])
+    app.add_api_route(f"{HOLDINGS}/{{holding_id}}", front.of_any, methods=["DELETE"])
     app.include_router(_composed(calls, composites, front, settings), prefix="/api/v1")
     app.add_api_route("/{path:path}", front.of_one, methods=METHODS)
     return app
@@ -78,12 +85,14 @@ def _composed(
 ) -> APIRouter:
     """Make the routes whose answers are composed of those of several shards."""
     serve = settings.serve
-    queue = ComputeQueue(serve.workers, serve.max_waiting, serve.max_waiting_of_one)
+    queue = ComputeQueue(
+        serve.workers, serve.max_waiting, serve.max_waiting_of_one, serve.spare_workers
+    )
     assets = ShardAssets(calls)
     api = APIRouter()
     api.include_router(composite_routes(ShardFacts(calls), composites, front.registered, queue))
     api.include_router(
-        graph_routes(assets.of_sites, assets.of_twin, front.registered, composites.all)
+        graph_routes(assets.of_sites, assets.of_twin, front.registered, composites)
     )
     return api
 
@@ -145,6 +154,16 @@ class _Front:
         body = MERGED[request.url.path]([answer.body for answer in found])
         return Response(body, media_type="application/json")
 
+    async def of_any(self, request: Request) -> Response:
+        """Pass a request to all shards; the answer of the one that has what it is about."""
+        answers = [one for one in await self._ask_all(request, request.method) if one]
+        if not answers:
+            raise unavailable("No shard answers.")
+        found = min(answers, key=lambda one: one.status)
+        told = Response(found.body, found.status)
+        told.raw_headers = found.headers
+        return told
+
     async def of_one(self, request: Request) -> Response:
         """Pass a request to the shard that has its twin."""
         path: str = request.scope["path"]
@@ -161,9 +180,13 @@ class _Front:
         url = self._shards.url(index)
         if url is not None:
             try:
-                return await forward(request, url, self._timeout_s, self._key)
+                answer = await forward(request, url, self._timeout_s, self._key)
             except ShardSilentError:
                 pass
+            else:
+                if twin is not None and index != KEEPER:
+                    await self._note_deletion(request.method, path, twin[1], answer)
+                return answer
         about = f" It has {twin[1]:.120}." if twin is not None else ""
         raise unavailable(self._is_down(index) + about)
 
@@ -184,11 +207,24 @@ class _Front:
             raise ProblemError(answer.status, told["type"].rpartition(":")[2], told["detail"])
         return Registration.from_json(to_json(told["registration"]).decode())
 
+    async def _note_deletion(
+        self, method: str, path: str, twin_id: str, answer: Response
+    ) -> None:
+        """Tell the keeper of composites of a twin that another shard has deleted."""
+        if method != "DELETE" or path != f"/api/v1/twins/{twin_id}":
+            return
+        if answer.status_code != HTTPStatus.NO_CONTENT:
+            return
+        try:
+            await self._looking.run(lambda: self._composites.note_deleted_twin(twin_id))
+        except ProblemError as error:
+            logger.warning("No event says that %s was deleted: %s", twin_id, error)
+
     async def _check_no_composite(self, method: str, path: str, twin_id: str) -> None:
         """Refuse to register a twin whose id is that of a composite."""
         if method != "PUT" or path != f"/api/v1/twins/{twin_id}":
             return
-        if twin_id in await self._looking.run(self._composites.all):
+        if await self._looking.run(lambda: self._composites.exists(twin_id)):
             raise composite_of_that_id(twin_id)
 
     def _any(self) -> int:
@@ -207,7 +243,7 @@ class _Front:
             f"{self._shards.count - 1}. Give one, as ?shard=0.",
         )
 
-    async def _ask_all(self, request: Request) -> list[Answer | None]:
+    async def _ask_all(self, request: Request, method: str = "GET") -> list[Answer | None]:
         """Ask every shard the same; None of those that do not answer."""
 
         async def one(index: int) -> Answer | None:
@@ -215,7 +251,7 @@ class _Front:
             if url is None:
                 return None
             try:
-                return await ask(request, url, self._timeout_s, self._key)
+                return await ask(request, url, self._timeout_s, self._key, method=method)
             except ShardSilentError:
                 return None
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from pydantic_core import from_json, to_json
 
@@ -22,9 +23,23 @@ def merged_plans(bodies: Sequence[bytes]) -> bytes:
     return to_json(merged_fleet_answers([from_json(body) for body in bodies]))
 
 
+def merged_holdings(bodies: Sequence[bytes]) -> bytes:
+    """Return what is under way in all shards, the oldest first, with the sums of quotas."""
+    found = [from_json(body) for body in bodies]
+    holdings = [one for each in found for one in each["holdings"]]
+    quotas: dict[str, dict[str, Any]] = {}
+    for one in (quota for each in found for quota in each["quotas"]):
+        known = quotas.setdefault(one["kind"], {"kind": one["kind"], "most": 0, "held": 0})
+        known["most"] += one["most"]
+        known["held"] += one["held"]
+    holdings.sort(key=lambda one: int(one["since_ns"]))
+    return to_json({"holdings": holdings, "quotas": list(quotas.values())})
+
+
 MERGED: Mapping[str, Callable[[Sequence[bytes]], bytes]] = {
     "/api/v1/twins": merged_twins,
     "/api/v1/fleet/plan": merged_plans,
+    "/api/v1/holdings": merged_holdings,
 }
 """Routes about the fleet, and how the answers of its shards become one."""
 

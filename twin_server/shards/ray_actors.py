@@ -32,6 +32,11 @@ PARENT_S = 1.0
 """How often an actor looks whether its node's raylet lives [s]; the next actor of its shard is
 refused by the lock of the database for so long."""
 
+NICENESS = ("RAY_worker_niceness", "0")
+"""Variable by which a raylet is told the niceness of its workers, and its value here. Ray's
+default is 15, with which a shard gets 1/28 of a core beside one busy process of niceness 0
+(weights 36 and 1024 of Linux's scheduler), and does not come up."""
+
 THREADS = 4
 """Calls that an actor answers at once: where it answers, its end, and that it shall end."""
 
@@ -132,7 +137,7 @@ class ShardActor:
         from twin_server.__main__ import run
 
         try:
-            self._code = run(own, stop=self._stop, ready=self._answers)
+            self._code = run(own, stop=self._stop, ready=self._answers, owned=True)
         except Exception:
             logger.exception("The shard has failed.")
             self._code = 1
@@ -270,6 +275,8 @@ class RayShards:
     def _join(self) -> None:
         engine = self._settings.shards.engine
         address = {"ray": "local", "ray:auto": "auto"}.get(engine, engine)
+        if address == "local":
+            os.environ.setdefault(*NICENESS)
         more = {"include_dashboard": False} if address == "local" else {}
         self._ray.init(address=address, logging_level="error", **more)
 

@@ -30,6 +30,10 @@ from .supervisor import Supervisor
 
 logger = logging.getLogger(__name__)
 
+FLEET_S = 25.0
+"""How long all shards together may take to end, beside `shutdown_s` [s]; longer than the
+supervisors wait until they kill one, shorter than containers are waited for."""
+
 
 def run(
     settings: TwinSettings,
@@ -58,7 +62,8 @@ def run(
         registrations(settings.registrations)
         settings = _with_key(settings)
         with contextlib.ExitStack() as open_things:
-            open_things.enter_context(ended_by_signals(stop))
+            grace_s = settings.shutdown_s + FLEET_S
+            open_things.enter_context(ended_by_signals(stop, grace_s=grace_s))
             guard = guarded(settings)
             listening = open_things.enter_context(
                 listening_socket(settings.host, settings.port)

@@ -5,6 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+UNIT_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+"""Nanoseconds of each unit of stamps."""
+
 Rows = Sequence[Sequence[float]] | np.ndarray
 """Numbers as the device sent them, one row a sample."""
 

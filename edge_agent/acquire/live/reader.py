@@ -18,6 +18,10 @@ logger = logging.getLogger(__name__)
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """From one attempt to connect to the next; the last is repeated."""
 
+WIDE = 64
+"""Channels beyond which a sample takes the place of several in the queue [1], whose length is
+set in samples: the first message of a program says how many channels there are."""
+
 
 @runtime_checkable
 class Transport(Protocol):
@@ -156,7 +160,8 @@ class Reader:
 
     def _put(self, batch: Batch) -> None:
         count = len(batch.rows)
-        if self._inbox.put(batch._replace(dropped=self._dropped), count):
+        size = count * -(-len(batch.rows[0]) // WIDE)
+        if self._inbox.put(batch._replace(dropped=self._dropped), size):
             self._dropped = 0
             return
         self._dropped += count

@@ -11,17 +11,18 @@ from edge_agent.inputs import LiveInput
 from slowtime.signals.block import Block, RateCorrection
 from slowtime.signals.clock.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
+from slowtime_schemas.quantities import LEAST_RATE_HZ, MOST_RATE_HZ
 from slowtime_services.bus import Inbox
 from slowtime_services.files.channels.si_conversion import scaling_of
 
-from .batch import Batch
+from .batch import UNIT_NS, Batch
 from .counts import SampleCounts
-from .formats.decoding import AnyLayout, Decoder, decoder_of
+from .formats.decoding import AnyLayout, Decoder, bounded, decoder_of
 from .formats.framing import framer_of
-from .indexing.assembly import Assembler, Run
+from .indexing.assembly import MOST_WAITING, Assembler, Run
 from .indexing.bursts import Backlog, Bursts
 from .indexing.counters import ByCounter
-from .indexing.positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
+from .indexing.positions import ByArrival, ByStamp, Placement, Positions
 from .rate_changes import RateWatch
 from .reader import DescribingTransport, Reader
 from .registry import Opened
@@ -60,16 +61,23 @@ class LiveSource:
         self._assembler: Assembler
         self._bursts: Bursts
         self._first_index = self._next_index = 0
+        self._most_held = settings.queue_samples
         if opened.layout is not None and opened.rate_hz is not None:
             self._prepare(opened.layout, opened.rate_hz)
 
     def _prepare(self, layout: AnyLayout, rate_hz: float) -> None:
         """Prepare decoders, units and the clock model for a layout."""
+        if not LEAST_RATE_HZ <= rate_hz <= MOST_RATE_HZ:
+            raise ValueError(
+                f"The device states {rate_hz:g} samples a second. Allowed: {LEAST_RATE_HZ:g} "
+                f"to {MOST_RATE_HZ:g}. Give its rate in hertz."
+            )
         self._layout = layout
         transport = self._opened.transport
         self._lanes, decoders = _lanes_of(layout)
         if self._opened.decode is not None:
             decoders = {"": self._opened.decode}
+        decoders = {topic: bounded(decode, layout) for topic, decode in decoders.items()}
         framer = framer_of(layout) if transport.is_stream else None
         given = self._settings
         scaling = scaling_of(layout.names, layout.units, given.units, given.sensitivities)
@@ -98,10 +106,7 @@ class LiveSource:
     def __iter__(self) -> Iterator[Block]:
         """Blocks, until the source ends or the agent is stopped."""
         self._heard_s = monotonic()
-        if self._reader is None and isinstance(self._opened.transport, DescribingTransport):
-            described = self._opened.transport.describe(self._stop)
-            if described is not None:
-                self._prepare(*described)
+        self._wait_described()
         if self._reader is None:
             self._opened.transport.close()
             return
@@ -116,6 +121,18 @@ class LiveSource:
                 yield from self._rest()
         yield from self._leave(all_of_it=True)
         self._reader.join()
+
+    def _wait_described(self) -> None:
+        """Prepare for the first message that describes samples which can be worked."""
+        transport = self._opened.transport
+        while self._reader is None and isinstance(transport, DescribingTransport):
+            described = transport.describe(self._stop)
+            if described is None:
+                return
+            try:
+                self._prepare(*described)
+            except ValueError as error:
+                logger.warning("Samples that came cannot be worked; waiting on. %s", error)
 
     def _work(self, batches: Sequence[Batch]) -> Iterator[Block]:
         for batch in batches:
@@ -199,14 +216,14 @@ class LiveSource:
     def _began(self, rate_hz: float, first_index: int) -> None:
         """Begin to place and to assemble, at a rate and from an index on."""
         given = self._settings
-        horizon = round(given.reorder_s * rate_hz)
+        horizon = round(min(given.reorder_s * rate_hz, MOST_WAITING))
         self._rate_hz, self._first_index, self._next_index = rate_hz, first_index, first_index
         self._positions: list[Positions] = [
             self._positions_at(rate_hz, horizon) for _ in self._lanes
         ]
         counted = self._layout.counter is not None or self._layout.stamp is not None
         waits = horizon if counted or len(self._lanes) > 1 else 0
-        block_rows = max(1, round(given.block_s * rate_hz))
+        block_rows = max(1, round(min(given.block_s * rate_hz, MOST_WAITING)))
         self._assembler = Assembler(self._lanes, block_rows, waits, self.tally)
         self._assembler.restart(first_index)
         self._rates = RateWatch(rate_hz, given.rate_tolerance)
@@ -221,7 +238,8 @@ class LiveSource:
 
     def _leave(self, *, all_of_it: bool = False) -> Iterator[Block]:
         """Pass on complete runs."""
-        if self._backlog.lasts and not all_of_it and not self._is_utc:
+        is_held = self._backlog.lasts and not self._is_utc
+        if is_held and not all_of_it and self._assembler.waiting_rows < self._most_held:
             return
         runs = self._assembler.take(all_of_it=all_of_it)
         if runs:

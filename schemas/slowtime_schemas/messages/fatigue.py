@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from slowtime_schemas.quantities import (
+    BelievedRate,
     Count,
     Finite,
     Flags,
@@ -133,7 +134,9 @@ class Virtual(Message):
     version: Literal[1] = 1
     time_base: TimeBase = "live"
     start_ns: Nanoseconds
-    rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Of the values.")]
+    rate_hz: Annotated[
+        float, Field(gt=0, allow_inf_nan=False, description="Of the values."), BelievedRate
+    ]
     lowest_hz: Annotated[
         NotNegative,
         Field(description="Slower motion is not in the values: accelerations do not show it."),

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from slowtime_schemas.quantities import (
+    BelievedRate,
     Count,
     Covariates,
     Finite,
@@ -115,7 +116,9 @@ class SensorSamples(Message):
 
     version: Literal[1] = 1
     rate_hz: Annotated[
-        float, Field(gt=0, allow_inf_nan=False, description="Nominal samples per second.")
+        float,
+        Field(gt=0, allow_inf_nan=False, description="Nominal samples per second."),
+        BelievedRate,
     ]
     first_index: Annotated[
         Count,

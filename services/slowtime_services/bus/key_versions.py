@@ -15,6 +15,7 @@ from slowtime_schemas.streams import (
     FATIGUE,
     FEATURES,
     HEALTH,
+    LONGEST_KEY,
     RAW,
     VIRTUAL,
     address_of,
@@ -30,6 +31,10 @@ Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 
 OF_EDGES = frozenset(s.name for s in (FEATURES, HEALTH, ABOUT, RAW, FATIGUE, VIRTUAL))
 """Streams that edge agents send, which show the version of the keys they know."""
+
+MOST_FORMER = 100_000
+"""Agents with keys of the former version that are known [1]; of others, both versions are
+tried. More than ten times the assets that a server is measured with."""
 
 
 class _Both:
@@ -84,7 +89,9 @@ class TwoVersionBus(ForwardingBus):
 
         def hear_former(sample: Sample) -> None:
             key = current_key(sample.key)
-            if matches(key_expression, key):  # the former one may be wider: it has no partition
+            if len(key) <= LONGEST_KEY and matches(
+                key_expression, key
+            ):  # the former one may be wider: it has no partition
                 self._note(key, former=True)
                 callback(sample._replace(key=key))
 
@@ -139,7 +146,7 @@ class TwoVersionBus(ForwardingBus):
 
         def change(given: str, alive: bool) -> None:
             key = current_key(given)
-            if not matches(key_expression, key):
+            if len(key) > LONGEST_KEY or not matches(key_expression, key):
                 return
             with changing:  # while told, so that changes are told in their order
                 versions = seen.setdefault(key, set())
@@ -167,4 +174,7 @@ class TwoVersionBus(ForwardingBus):
         if address is None or (address in self._former) == former:
             return
         with self._lock:
-            (self._former.add if former else self._former.discard)(address)
+            if not former:
+                self._former.discard(address)
+            elif len(self._former) < MOST_FORMER:
+                self._former.add(address)

@@ -6,6 +6,10 @@ begins with ``@`` is verbatim: only itself matches it.
 
 import functools
 
+LONGEST_EXPRESSION = 1024
+"""Characters of the longest address [1]. Results are remembered by address; Zenoh itself takes
+64 KiB."""
+
 
 class InvalidKeyError(ValueError):
     """A key that no bus accepts."""
@@ -21,6 +25,11 @@ def check_key(key: str, *, wildcards: bool) -> str:
         If it is empty, has an empty chunk or a forbidden character, or a wildcard where one
         process must be named.
     """
+    if len(key) > LONGEST_EXPRESSION:
+        raise InvalidKeyError(
+            f"A bus address of {len(key)} characters was given: {key:.60}… Allowed: up to "
+            f"{LONGEST_EXPRESSION}."
+        )
     chunks = key.split("/")
     if not all(chunks) or any(mark in key for mark in "?#$"):
         raise InvalidKeyError(

@@ -22,6 +22,10 @@ MOST_ANSWER_BYTES = 2**30
 raw samples, so that a process that answers without end does not fill the memory."""
 
 
+_EACH_BYTES = 512
+"""Memory of an answer besides its payload [bytes]."""
+
+
 class Query(NamedTuple):
     """A question put to a process on one of its keys."""
 
@@ -42,7 +46,7 @@ class Answers(list[Sample]):
         taken: list[Sample] = []
         left = max_bytes
         for sample in samples:
-            left -= len(sample.payload)
+            left -= len(sample.payload) + _EACH_BYTES
             if left < 0:
                 said = f"Answers of more than {max_bytes:,} bytes were given; the rest is left."
                 return cls(taken, [said])

@@ -23,7 +23,7 @@ from urllib.parse import quote, unquote
 
 import zenoh
 
-from slowtime_schemas.streams import RAW
+from slowtime_schemas.streams import RAW, STREAMS
 from slowtime_services.clock import Clock, SystemClock
 
 from .keys import check_key
@@ -371,6 +371,10 @@ class ZenohBus:
         logger.exception("A callback failed on %s; the stream continues.", key)
 
 
+MOST_MESSAGE_BYTES = max(stream.max_bytes for stream in STREAMS) + 2**16
+"""Largest message that is put together out of its fragments [bytes]: the largest payload of a
+stream, with what is beside it. A larger one is left out, and the connection stays."""
+
 _WAITING = 2048
 _USUAL = zenoh.Priority.DATA
 _BULK = zenoh.Priority.DATA_LOW
@@ -394,6 +398,7 @@ def _configure(
         "connect/endpoints": list(connect),
         "connect/retry": retry,
         "connect/timeout_ms": -1 if waits_for_ever else round(1000 * (open_timeout_s or 0.0)),
+        "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
         "transport/link/tx/lease": round(1000 * lease_s),
         "transport/shared_memory/enabled": shared_memory,
     }

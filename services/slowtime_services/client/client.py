@@ -154,6 +154,18 @@ class Client:
         """Forget a twin and its history."""
         self._door.read("DELETE", f"{_V1}/twins/{twin_id}")
 
+    def quarantine(self, twin_id: str) -> list[dict[str, Any]]:
+        """Messages of a twin that the server set aside, the newest first."""
+        return list(self.json("GET", f"/twins/{twin_id}/quarantine")["messages"])
+
+    def release(self, twin_id: str, number: int) -> None:
+        """Try a message that was set aside again; all states are estimated anew with it."""
+        self._door.read("POST", f"{_V1}/twins/{twin_id}/quarantine/{number}/release")
+
+    def drop(self, twin_id: str, number: int) -> None:
+        """Delete a message that was set aside; its place stays without an estimate."""
+        self._door.read("DELETE", f"{_V1}/twins/{twin_id}/quarantine/{number}")
+
     def history(
         self,
         twin_id: str,
@@ -296,6 +308,14 @@ class Client:
     def deliveries(self, twin_id: str, *, limit: int | None = None) -> dict[str, Any]:
         """Return deliveries of a twin's events, and the reasons of failures."""
         return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
+
+    def holdings(self) -> dict[str, Any]:
+        """Return what is under way for the sites of the token, and what is allowed."""
+        return self.json("GET", "/holdings")
+
+    def cancel(self, holding_id: str) -> dict[str, Any]:
+        """End something that is under way, by its id; return what still is."""
+        return self.json("DELETE", f"/holdings/{holding_id}")
 
     def dtdl(self, *, site: str | None = None, form: str = "dtdl-3") -> dict[str, Any]:
         """Return sites, twins, composites and relations as a graph.

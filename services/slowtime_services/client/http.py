@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import cast
 from urllib.parse import urlencode, urlsplit
 
+from slowtime_services.documents.json_documents import read_json
+from slowtime_services.reasons import reason_of
+
 
 class AnswerError(Exception):
     """The server answered that it will not, or cannot.
@@ -116,15 +119,15 @@ class HttpConnection:
         if isinstance(error, UnreachableError):
             return error
         return UnreachableError(
-            f"{self.url} did not answer: {error}. Give the address of a running twin server, "
-            "such as http://127.0.0.1:8000, or start one with `slowtime twin`."
+            f"{self.url} did not answer: {reason_of(error)} Give the address of a running twin "
+            "server, such as http://127.0.0.1:8000, or start one with `slowtime twin`."
         )
 
 
 def _refusal(error: urllib.error.HTTPError) -> AnswerError:
     """Read the problem document, where there is one."""
     try:
-        told = json.loads(error.read())
+        told = read_json(error.read())
         kind = str(told["type"]).removeprefix("urn:slowtime:problem:")
         return AnswerError(error.code, kind, str(told["detail"]))
     except (OSError, ValueError, KeyError, TypeError):

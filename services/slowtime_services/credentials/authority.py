@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 KEY, CERTIFICATE, TRUSTED, ACCESS = "key.pem", "certificate.pem", "ca.pem", "access.json"
 LEDGER = "issued.json"
+MOST_HOSTS, LONGEST_HOST = 64, 253
+"""Hosts of a certificate [1], and characters of each (RFC 1035, 2.3.4): a certificate is sent
+with each connection, before anything is known of who asks."""
 TEN_YEARS = datetime.timedelta(days=3652)
 SLACK = datetime.timedelta(hours=1)
 """Clocks of a site differ; a certificate is valid from so long before it was made."""
@@ -173,6 +176,7 @@ class Authority:
             raise ValueError(f"{role!r} is not a valid role. Allowed: {', '.join(ROLES)}.")
         if (asset is None) == (role == "edge"):
             raise ValueError(f"An edge has an asset, others have none; given {role}, {asset}.")
+        _check_hosts(hosts)
         own_key, own = self._own_certificate()
         key, serial = ec.generate_private_key(ec.SECP256R1()), secrets.randbits(159) | 1
         name = common_name(role, self.site, asset, serial)
@@ -308,6 +312,16 @@ def _host(host: str) -> "x509.GeneralName":
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
         return x509.DNSName(host) if ":" not in host else x509.UniformResourceIdentifier(host)
+
+
+def _check_hosts(hosts: Sequence[str]) -> None:
+    longest = max(map(len, hosts), default=0)
+    if len(hosts) > MOST_HOSTS or longest > LONGEST_HOST:
+        raise ValueError(
+            f"A certificate for {len(hosts)} hosts was asked for, with names of up to "
+            f"{longest} characters. Allowed: {MOST_HOSTS} hosts, of up to {LONGEST_HOST} "
+            "characters. Give the addresses at which this computer is reached, or one name for all of them."
+        )
 
 
 def _private(key: "EllipticCurvePrivateKey") -> bytes:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from slowtime_services.documents.formulas import FormulaError, formula_tree
 from slowtime_services.files import Record, RecordError, find_column
 
 Roles = Mapping[str, str]
@@ -66,8 +67,8 @@ def evaluate(said: str, record: Record, file: str) -> Series:
     if said in record.channels:
         return np.asarray(record.channel(said), dtype=float)
     try:
-        tree = ast.parse(said, mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        tree = formula_tree(said)
+    except FormulaError:
         raise _refusal(said) from None
     with np.errstate(all="ignore"):
         value = np.asarray(_value(tree, record, said, file), dtype=float)

@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
+from .bounds import refuse_empty_rows
 from .errors import MatrixFileError
 
 MARKET = "%%MatrixMarket"
 MOST_DIRECTIONS = 6
+_WHOLE = 2.0**53
+"""Whole numbers below are exact as floating-point numbers [1]."""
 
 
 def is_coordinate_text(path: Path) -> bool:
@@ -54,11 +57,11 @@ def read_coordinate_text(path: Path) -> sparse.csr_array:
                 "They must be whole numbers, counted from 1; export the matrix numbered from 1."
             )
         size = int(places.max())
-        return _summed(values, places - 1, size)
+        return _summed(path.name, values, places - 1, size)
     pairs = node_directions(table)
     codes = np.unique(np.concatenate(pairs))
     places = np.column_stack([np.searchsorted(codes, pair) for pair in pairs])
-    return _summed(table[:, 4], places, len(codes))
+    return _summed(path.name, table[:, 4], places, len(codes))
 
 
 def _refused(places: np.ndarray) -> float:
@@ -133,8 +136,15 @@ def _numbers(path: Path) -> np.ndarray:
             f"{len(kept)} lines. Allowed are three (row, column, value) or five (node, "
             "direction, node, direction, value) in every line."
         )
-    return values.reshape(-1, count)
+    table = values.reshape(-1, count)
+    if not (np.isfinite(table).all() and (np.abs(table[:, : count - 1]) < _WHOLE).all()):
+        raise MatrixFileError(
+            f"{path.name} has a number that is infinite, or a row, node or direction above "
+            f"{_WHOLE:g}. Export it again."
+        )
+    return table
 
 
-def _summed(values: np.ndarray, places: np.ndarray, size: int) -> sparse.csr_array:
+def _summed(name: str, values: np.ndarray, places: np.ndarray, size: int) -> sparse.csr_array:
+    refuse_empty_rows(name, (size, size), len(values))
     return sparse.csr_array((values, (places[:, 0], places[:, 1])), shape=(size, size))

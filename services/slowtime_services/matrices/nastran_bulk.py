@@ -10,11 +10,15 @@ from pathlib import Path
 
 from scipy import sparse
 
+from .bounds import written_out
 from .errors import MatrixFileError
 
 BULK = (".bdf", ".dat", ".pch", ".nas", ".dmig")
 Place = tuple[str, int]
 """Node, and direction 0 to 5."""
+
+_LONGEST = 80
+"""Characters of a line that hold fields, those of a card [1]; a tab takes up to eight."""
 
 SCALAR_POINT = 0
 """Component of a scalar point; it moves along one direction only."""
@@ -75,7 +79,7 @@ def read_points(path: Path) -> list[Place]:
     for card in read_cards(path, ("SPOINT",)):
         given = [field for field in card.fields[1:] if field]
         if len(given) == 3 and given[1].upper() == "THRU":
-            given = [str(k) for k in range(int(given[0]), int(given[2]) + 1)]
+            given = list(written_out(range(int(given[0]), int(given[2]) + 1)))
         rows |= dict.fromkeys(given, 1)
     if not rows:
         raise MatrixFileError(
@@ -252,7 +256,7 @@ def _fields(line: str) -> list[str]:
     else:
         wide = line[:8].rstrip().endswith("*")
         width = 16 if wide else 8
-        text = line.expandtabs(8)
+        text = line[:_LONGEST].expandtabs(8)
         parts = [text[:8].strip()]
         parts += [text[k : k + width].strip() for k in range(8, 72, width)]
     count = 4 if wide else 8

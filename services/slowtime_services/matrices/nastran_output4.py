@@ -21,6 +21,7 @@ from typing import BinaryIO, TextIO
 import numpy as np
 from scipy import sparse
 
+from .bounds import refuse_empty_rows
 from .errors import MatrixFileError
 
 OUTPUT4 = (".op4", ".ot4")
@@ -118,6 +119,7 @@ def _matrix(path: Path, head: _Head, runs: list[_Run]) -> sparse.csr_array:
             "entries outside of them. The file is damaged; write it again."
         )
     busy = values != 0.0
+    refuse_empty_rows(f"{head.name} of {path.name}", (head.rows, head.columns), int(busy.sum()))
     return sparse.csr_array(
         (values[busy], (rows[busy], columns[busy])), shape=(head.rows, head.columns)
     )
@@ -251,6 +253,8 @@ def _values(text: TextIO, count: int, numbers: tuple[int, int]) -> np.ndarray:
     per_line, width = numbers
     lines = list(itertools.islice(text, -(-count // per_line)))
     whole = "".join(line.rstrip("\r\n")[: per_line * width] for line in lines)
+    if count < 0 or (count - 1) * width >= max(len(whole), 1):
+        raise ValueError(f"{count} numbers are stated and {len(whole)} characters follow")
     parts = [whole[k : k + width] for k in range(0, count * width, width)]
     try:
         return np.array(parts, dtype=float)

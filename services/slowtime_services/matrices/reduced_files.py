@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,11 @@ from scipy import sparse
 from slowtime.finite_elements.degrees_of_freedom import DofMap
 from slowtime.finite_elements.reduction import AdaptiveModel, ReductionError
 from slowtime.finite_elements.reduction.adaptive_model import FactoredParts
+from slowtime_services.documents.json_documents import read_json
+from slowtime_services.files.binary.expansion import refuse_expansion
+from slowtime_services.reasons import reason_of
 
+from .bounds import refuse_empty_rows
 from .errors import MatrixFileError
 
 FORMAT = "slowtime reduced model 1"
@@ -69,9 +74,11 @@ def read_reduced(path: Path) -> AdaptiveModel:
         Where it is another file.
     """
     try:
+        with zipfile.ZipFile(path) as archive_directory:
+            refuse_expansion(path, sum(m.file_size for m in archive_directory.infolist()))
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        heading = json.loads(str(arrays.pop("heading")))
+        heading = read_json(str(arrays.pop("heading")))
         if heading["format"] != FORMAT:
             raise MatrixFileError(f"{path.name} is of format {heading['format']!r}.")
         parts = {
@@ -92,9 +99,9 @@ def read_reduced(path: Path) -> AdaptiveModel:
             expansion=_expansion(arrays),
             error=None if heading["error"] is None else ReductionError(**heading["error"]),
         )
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise MatrixFileError(
-            f"{path.name} is not a valid reduced model ({str(error)[:120]}). Give a file that "
+            f"{path.name} is not a valid reduced model: {reason_of(error)} Give a file that "
             "`slowtime reduce --out` wrote."
         ) from error
 
@@ -113,4 +120,5 @@ def _expansion(arrays: dict[str, np.ndarray]) -> sparse.csr_array | None:
         arrays[f"expansion.{key}"] for key in ("data", "indices", "indptr")
     )
     shape = tuple(arrays["expansion.shape"].tolist())
+    refuse_empty_rows("The expansion", shape, len(data))
     return sparse.csr_array((data, indices, starts), shape=shape)

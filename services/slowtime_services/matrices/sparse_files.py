@@ -1,5 +1,7 @@
 """Readers and writers of one sparse matrix, in the formats that programs exchange."""
 
+import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +9,13 @@ import numpy as np
 import scipy.io
 from scipy import sparse
 
+from slowtime_services.files.binary.expansion import refuse_expansion, unpacked_bound
+from slowtime_services.files.binary.hdf5_objects import own_datasets, stored_bytes
+from slowtime_services.files.binary.mat_expansion import refuse_mat_expansion
+from slowtime_services.files.record import RecordError
+from slowtime_services.reasons import reason_of
+
+from .bounds import refuse_empty_rows, refuse_packed_text
 from .coordinate_text import is_coordinate_text, read_coordinate_text, read_dense_text
 from .errors import MatrixFileError
 from .nastran_bulk import BULK, read_dmig
@@ -14,6 +23,11 @@ from .nastran_output4 import OUTPUT4, read_output4
 from .nastran_output4_writing import write_output4
 
 HARWELL = (".rb", ".rua", ".rsa", ".hb", ".psa", ".pua")
+NUMERIC_CLASSES = (
+    "sparse", "double", "single", "logical", "int8", "int16", "int32", "int64", "uint8",
+    "uint16", "uint32", "uint64",
+)  # fmt: skip
+"""Classes of MATLAB that matrices have; cells and structs may be nested without end."""
 HDF5 = (".h5", ".hdf5", ".hdf")
 MATRIX_MARKET = (".mtx", ".mm")
 TEXT = (".sti", ".mas", ".dam", ".txt", ".coo", ".mtx")
@@ -55,12 +69,16 @@ def read_matrix(
     if path.stat().st_size > MOST_BYTES:
         raise MatrixFileError(f"{path.name} is larger than {MOST_BYTES >> 30} GiB.")
     try:
-        found = _read(path, name)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of readers, on numbers that are refused below
+            found = _read(path, name)
     except MatrixFileError:
         raise
+    except RecordError as error:
+        raise MatrixFileError(str(error)) from error
     except Exception as error:  # readers raise whatever a damaged file makes them meet
         raise MatrixFileError(
-            f"{path.name} cannot be read ({str(error)[:200]}). Export it again; formats are "
+            f"{path.name} cannot be read: {reason_of(error)} Export it again; formats are "
             f"{FORMATS}."
         ) from error
     found = found if square or sparse.issparse(found) else np.atleast_2d(found)
@@ -72,6 +90,8 @@ def read_matrix(
         raise MatrixFileError(
             f"{path.name} holds complex numbers. Give real stiffness, mass or damping."
         )
+    if not isinstance(found, np.ndarray):
+        refuse_empty_rows(path.name, found.shape, found.nnz)
     whole = sparse.csr_array(found, dtype=np.float64)
     return mirrored(whole) if square else whole
 
@@ -97,14 +117,17 @@ def mirrored(matrix: sparse.csr_array) -> sparse.csr_array:
 def _read(path: Path, name: str | None) -> Any:
     suffix = path.suffix.lower()
     if suffix == ".gz":
+        refuse_packed_text(path)
         suffix = Path(path.stem).suffix.lower()
     if suffix in MATRIX_MARKET and not is_coordinate_text(path):
-        return scipy.io.mmread(path)
+        return _from_matrix_market(path)
     if suffix == DENSE_TEXT:
         return read_dense_text(path)
     if suffix in TEXT:
         return read_coordinate_text(path)
     if suffix == ".npz":
+        with zipfile.ZipFile(path) as archive:
+            refuse_expansion(path, sum(member.file_size for member in archive.infolist()))
         return sparse.load_npz(path)
     if suffix == ".mat":
         return _from_matlab(path, name)
@@ -122,12 +145,34 @@ def _read(path: Path, name: str | None) -> Any:
     )
 
 
+def _from_matrix_market(path: Path) -> Any:
+    """Read a file whose heading agrees with its size."""
+    rows, columns, entries, form, *_ = scipy.io.mminfo(path)
+    size = path.stat().st_size
+    # An entry takes at least `1 1` and an end of line, or a digit and an end of line.
+    shortest = 4 if form == "coordinate" else 2
+    if shortest * entries > unpacked_bound(size):
+        raise MatrixFileError(
+            f"{path.name} states {entries:,} entries and has {size:,} bytes: it is damaged or "
+            "was made to fill memory. Export it again."
+        )
+    if form == "coordinate":
+        refuse_empty_rows(path.name, (rows, columns), entries)
+    return scipy.io.mmread(path)
+
+
 def _from_matlab(path: Path, name: str | None) -> Any:
     with path.open("rb") as file:
         if b"MATLAB 7.3" in file.read(128):
             return _from_hdf5(path, name)
-    names = [item[0] for item in scipy.io.whosmat(path)]
-    chosen = _chosen(path, names, name)
+    refuse_mat_expansion(path)
+    kinds = {found: kind for found, _, kind in scipy.io.whosmat(path)}
+    chosen = _chosen(path, list(kinds), name)
+    if kinds[chosen] not in NUMERIC_CLASSES:
+        raise MatrixFileError(
+            f"{chosen!r} of {path.name} is of class {kinds[chosen]}. Allowed: sparse or full "
+            "matrices of numbers."
+        )
     return scipy.io.loadmat(path, variable_names=[chosen], spmatrix=False)[chosen]
 
 
@@ -140,13 +185,21 @@ def _from_hdf5(path: Path, name: str | None) -> Any:
         ) from error
     with h5py.File(path, "r") as file:
         chosen = _chosen(path, [key for key in file if not key.startswith("#")], name)
+        own = {item.name: item for item in own_datasets(path, file)}
+        inside = [item for key, item in own.items() if key.split("/")[1] == chosen]
+        refuse_expansion(path, sum(stored_bytes(item) for item in inside))
+        if f"/{chosen}" in own:
+            return np.asarray(own[f"/{chosen}"][()])
         found = file[chosen]
-        if isinstance(found, h5py.Dataset):
-            return np.asarray(found[()])
-        keys = {key: np.asarray(found[key][()]).ravel() for key in found}
+        keys = {
+            key.rpartition("/")[2]: np.asarray(item[()]).ravel()
+            for key, item in own.items()
+            if key.rpartition("/")[0] == f"/{chosen}"
+        }
         if {"row", "col", "data"} <= set(keys):
             shape = tuple(found.attrs.get("shape", (int(keys["row"].max()) + 1,) * 2))
             places = (keys["row"], keys["col"])
+            refuse_empty_rows(path.name, tuple(int(side) for side in shape), len(keys["data"]))
             return sparse.coo_array((keys["data"], places), shape=shape)
         first, starts = ("ir", "jc") if "ir" in keys else ("indices", "indptr")
         if not {"data", first, starts} <= set(keys):

@@ -21,8 +21,12 @@ from slowtime_schemas.files.model_v2 import (
     is_finite_elements,
 )
 from slowtime_services.descriptions import description_of
-
-from .yaml_lines import EmptyYamlError, Path, YamlError, read_with_lines
+from slowtime_services.documents.yaml_lines import (
+    EmptyYamlError,
+    Path,
+    YamlError,
+    read_with_lines,
+)
 
 MAX_BYTES = 4 << 20
 """Largest model file [bytes]: some ten matrices over 200 coordinates."""

@@ -10,8 +10,7 @@ import yaml
 from slowtime.dynamics.description import Beam, Description, Element, Matrix
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.files.model_v2 import LineModelFile
-
-from .core_schema import CoreDumper
+from slowtime_services.documents.core_schema import CoreDumper
 
 GROUPS = ("nodes", "supports", "elements", "effects", "inputs", "sensors", "initial")
 

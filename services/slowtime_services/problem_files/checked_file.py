@@ -6,7 +6,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from slowtime_services.models.yaml_lines import EmptyYamlError, Path, YamlError, read_with_lines
+from slowtime_services.documents.yaml_lines import (
+    EmptyYamlError,
+    Path,
+    YamlError,
+    read_with_lines,
+)
 
 MAX_BYTES = 1 << 20
 """[bytes] Size up to which a file is read; a larger one is a record by mistake."""

@@ -24,8 +24,8 @@ from slowtime.dynamics.elements import BASE
 from slowtime.dynamics.random_vibration import kanai_tajimi, low_pass
 from slowtime.reliability import Marginal, Problem, marginal
 from slowtime_schemas.files.design import DesignFile, DesignLoad, DesignResponse, DesignVariable
+from slowtime_services.documents.yaml_lines import Path
 from slowtime_services.models.model_reader import ModelFileError, read_description
-from slowtime_services.models.yaml_lines import Path
 
 from .checked_file import line_of, parse_checked, read_text
 from .expressions import Expression

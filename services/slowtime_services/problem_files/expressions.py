@@ -12,13 +12,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from slowtime_services.documents.formulas import FormulaError, formula_tree
+
 Value: TypeAlias = "float | np.ndarray"
-MAX_CHARACTERS = 4000
-"""Characters of a formula at most [1]."""
-
-MAX_DEPTH = 60
-"""Nested operations of a formula at most [1]."""
-
 CONSTANTS = {"pi": float(np.pi), "e": float(np.e)}
 
 
@@ -83,17 +79,12 @@ class Expression:
     """
 
     def __init__(self, text: str, names: Sequence[str]) -> None:
-        if len(text) > MAX_CHARACTERS:
-            raise ExpressionError(
-                f"A formula of {len(text)} characters is too long. Give at most "
-                f"{MAX_CHARACTERS}, or a Python file."
-            )
         try:
-            self._tree = ast.parse(text.strip(), mode="eval").body
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise ExpressionError(f"{text[:80]!r} is not a valid formula. {ALLOWED}") from None
+            self._tree = formula_tree(text)
+        except FormulaError as error:
+            raise ExpressionError(f"{error} {ALLOWED} Else give a Python file.") from None
         self.text, self.names = text, tuple(names)
-        self._check(self._tree, 0)
+        self._check(self._tree)
 
     @property
     def used(self) -> frozenset[str]:
@@ -108,11 +99,7 @@ class Expression:
             value = np.asarray(_value(self._tree, columns), dtype=float)
         return np.broadcast_to(value, (len(x),)).copy()
 
-    def _check(self, node: ast.AST, depth: int, *, condition: bool = False) -> None:
-        if depth > MAX_DEPTH:
-            raise ExpressionError(
-                f"A formula nested deeper than {MAX_DEPTH}. Give a Python file."
-            )
+    def _check(self, node: ast.AST, *, condition: bool = False) -> None:
         match node:
             case ast.Constant(value=bool() | complex()):
                 pass
@@ -125,28 +112,28 @@ class Expression:
                     f"{name!r} is not an input. Inputs: {', '.join(self.names)}. {ALLOWED}"
                 )
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATIONS:
-                return self._check(operand, depth + 1)
+                return self._check(operand)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-                self._check(left, depth + 1)
-                return self._check(right, depth + 1)
+                self._check(left)
+                return self._check(right)
             case ast.Compare(left=left, ops=[op], comparators=[right]) if (
                 condition and type(op) in _OPERATIONS
             ):
-                self._check(left, depth + 1)
-                return self._check(right, depth + 1)
+                self._check(left)
+                return self._check(right)
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
-                return self._check_call(name, given, depth)
+                return self._check_call(name, given)
         raise ExpressionError(f"{ast.unparse(node)[:80]!r} is not allowed. {ALLOWED}")
 
-    def _check_call(self, name: str, given: list[ast.expr], depth: int) -> None:
+    def _check_call(self, name: str, given: list[ast.expr]) -> None:
         if name not in FUNCTIONS:
             raise ExpressionError(f"{name!r} is not a valid function. {ALLOWED}")
         _, fewest, most = FUNCTIONS[name]
         if not fewest <= len(given) <= most:
-            wanted = str(fewest) if fewest == most else f"at least {fewest}"
+            wanted = str(fewest) if fewest == most else f"{fewest} to {most}"
             raise ExpressionError(f"{name} takes {wanted} arguments, not {len(given)}.")
         for place, argument in enumerate(given):
-            self._check(argument, depth + 1, condition=name == "where" and place == 0)
+            self._check(argument, condition=name == "where" and place == 0)
 
 
 def _value(node: ast.AST, columns: dict[str, np.ndarray]) -> Any:

@@ -27,7 +27,7 @@ from slowtime_schemas.files.reliability import (
     RandomInput,
     ReliabilityFile,
 )
-from slowtime_services.models.yaml_lines import Path
+from slowtime_services.documents.yaml_lines import Path
 
 from .checked_file import line_of, parse_checked, read_text
 from .expressions import Expression

@@ -1,7 +1,7 @@
 """Decompression of the chunks of a recording, within a bound.
 
 The library unpacks whatever a chunk holds; a few kilobytes can hold gigabytes. Here a chunk
-unpacks to what it states, and it may not state more than `LARGEST_CHUNK`.
+unpacks to what it states, and it may state no more than its packed size explains.
 """
 
 import dataclasses
@@ -12,6 +12,45 @@ from mcap.records import Chunk
 
 LARGEST_CHUNK = 1 << 28
 LARGEST_WINDOW = 1 << 27
+FREE_BYTES = 1 << 24
+"""What any chunk, and any recording, may unpack to [bytes]."""
+MOST_TIMES = 50
+"""Times its packed size that a larger one may unpack to [1]. Recorders begin a chunk after 1 to
+4 MiB, and messages of numbers pack to a third or a tenth."""
+
+
+class Unpacking:
+    """Count of what the chunks of one file have unpacked to, which its size bounds.
+
+    An index may name one chunk a thousand times.
+
+    Parameters
+    ----------
+    file_bytes
+        Size of the file [bytes].
+    """
+
+    def __init__(self, file_bytes: int) -> None:
+        self._left = _most(file_bytes)
+
+    def plain(self, chunk: Chunk) -> Chunk:
+        """Unpack a chunk of the file, as `plain` does.
+
+        Raises
+        ------
+        ValueError
+            Where all of them are more than the size of the file explains.
+        """
+        self._left -= chunk.uncompressed_size
+        if self._left < 0:
+            raise ValueError(
+                f"its chunks unpack to more than {MOST_TIMES} times the size of the file"
+            )
+        return plain(chunk)
+
+
+def _most(packed: int) -> int:
+    return max(FREE_BYTES, MOST_TIMES * packed)
 
 
 def plain(chunk: Chunk) -> Chunk:
@@ -27,6 +66,11 @@ def plain(chunk: Chunk) -> Chunk:
         raise ValueError(
             f"a chunk of {stated / 2**20:.0f} MiB; at most {LARGEST_CHUNK >> 20} MiB are "
             "unpacked at once"
+        )
+    if stated > _most(len(chunk.data)):
+        raise ValueError(
+            f"a chunk of {len(chunk.data):,} bytes that states {stated:,} unpacked, more than "
+            f"{MOST_TIMES} times as much"
         )
     if chunk.compression == "zstd":
         unpacker = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW)

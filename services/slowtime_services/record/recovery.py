@@ -26,7 +26,7 @@ from mcap.records import (
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from .chunks import plain
+from .chunks import Unpacking
 from .fragments import fragment_of, whole_records, without_zeros
 from .scanning import Broken, Piece, scan
 
@@ -200,12 +200,13 @@ def _named_at_the_end(file: BinaryIO) -> Iterator[McapRecord]:
 
 def _readable(data: mmap.mmap, salvage: _Salvage) -> Iterator[McapRecord]:
     """Yield records, those inside chunks too, past whatever is damaged."""
+    unpacking = Unpacking(len(data))
     for piece in scan(data):
         if isinstance(piece, Broken):
             salvage.complete = False
             yield from _of_fragment(data[piece.begin : piece.end], salvage)
         elif piece.opcode == Opcode.CHUNK:
-            yield from _inside(data, piece, salvage)
+            yield from _inside(data, piece, salvage, unpacking)
         elif piece.opcode == Opcode.MESSAGE:
             body = ReadDataStream(BytesIO(data[piece.body]))
             yield Message.read(body, piece.end - piece.body.start)
@@ -223,10 +224,12 @@ def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
         return []
 
 
-def _inside(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
+def _inside(
+    data: mmap.mmap, piece: Piece, salvage: _Salvage, unpacking: Unpacking
+) -> list[McapRecord]:
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(data[piece.body])))
-        return breakup_chunk(plain(chunk), validate_crc=True)
+        return breakup_chunk(unpacking.plain(chunk), validate_crc=True)
     except Exception as error:
         whole = data[piece.begin : piece.end]
         if piece.end == len(data) and len(without_zeros(whole)) < len(whole):

@@ -6,11 +6,13 @@ or that the edge's health message states a later end, and asks the edge's spool.
 """
 
 import bisect
+import collections
 import dataclasses
+import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from slowtime_schemas.codec import Refused, decode_sample
 from slowtime_schemas.messages import Health
@@ -24,6 +26,17 @@ MAX_WAIT_S = 30.0
 """Longest pause between two requests for the same gap [s]."""
 MAX_FINAL_WAIT_S = 3.0
 """Time that missing features are waited for when a recording ends [s]."""
+FURTHEST = 2**24
+"""How far ahead of what has come a sequence is believed to be [1]: half a year of a feature a
+second. What is farther is recorded, but says nothing of what lies between."""
+MOST_GAPS = 256
+"""Gaps of a run that are known at once [1]; of more, the oldest are given up."""
+MOST_BOOTS = 16
+"""Runs of an asset that are known at once [1]; of more, those heard last are kept."""
+MOST_ASSETS = 100_000
+"""Assets that are known at once [1], likewise: ten times what a server is measured with."""
+MOST_AT_ONCE = 4
+"""Requests to one asset before the others have their turn [1]: each may take seconds."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -37,15 +50,35 @@ class _Gap:
     asked: int = 0
 
     def __len__(self) -> int:
-        return self.last - self.first + 1
+        return max(0, self.last - self.first + 1)
 
 
 @dataclasses.dataclass(slots=True)
 class _Seen:
-    """Sequences of one run that have arrived."""
+    """Sequences of one run that have arrived.
+
+    Parameters
+    ----------
+    newest
+        The greatest that has arrived.
+    gaps
+        Before it, ascending.
+    stated
+        Behind it, as the agent's health says; nothing else shows that they exist.
+    given_up
+        The same, where it was asked for in vain.
+    """
 
     newest: int
     gaps: list[_Gap] = dataclasses.field(default_factory=list)
+    stated: _Gap | None = None
+    given_up: _Gap | None = None
+
+    @property
+    def missing(self) -> int:
+        """Number of features that have not arrived."""
+        last = (part for part in (self.stated, self.given_up) if part is not None)
+        return sum(map(len, (*self.gaps, *last)))
 
 
 class Retransmission:
@@ -73,7 +106,9 @@ class Retransmission:
     ) -> None:
         self._bus, self._deliver = bus, deliver
         self._grace_s, self._tries = grace_s, tries
-        self._runs: dict[Run, _Seen] = {}
+        self._assets: collections.OrderedDict[
+            tuple[str, str], collections.OrderedDict[str, _Seen]
+        ] = collections.OrderedDict()
         self._given_up = 0
         self._lock = threading.Lock()
 
@@ -81,8 +116,8 @@ class Retransmission:
     def missing(self) -> int:
         """Number of features that are known to exist and have not arrived."""
         with self._lock:
-            open_gaps = (gap for seen in self._runs.values() for gap in seen.gaps)
-            return self._given_up + sum(map(len, open_gaps))
+            known = (seen for boots in self._assets.values() for seen in boots.values())
+            return self._given_up + sum(seen.missing for seen in known)
 
     def note(self, key: str, payload: bytes) -> None:
         """Enter a message that has come into the account."""
@@ -114,43 +149,101 @@ class Retransmission:
             )
 
     def _has_come(self, run: Run, sequence: int) -> None:
-        seen = self._runs.setdefault(run, _Seen(newest=sequence))
+        seen = self._seen(run, sequence)
         if sequence <= seen.newest:
             if seen.gaps:
                 _fill(seen.gaps, sequence)
             return
-        if sequence > seen.newest + 1:
-            self._open(seen, sequence - 1)
+        begin = seen.newest + 1
+        for name in ("given_up", "stated"):  # ascending
+            begin = _begin_behind(seen, name, sequence, begin)
+        if begin < sequence and sequence - begin <= FURTHEST:
+            seen.gaps.append(_Gap(begin, sequence - 1, time.monotonic() + self._grace_s))
         seen.newest = sequence
+        while len(seen.gaps) > MOST_GAPS:
+            self._given_up += len(seen.gaps.pop(0))
+
+    def _seen(self, run: Run, sequence: int) -> _Seen:
+        """Return what is known of a run, which begins with `sequence` if nothing is."""
+        address = run.site, run.asset
+        boots = self._assets.setdefault(address, collections.OrderedDict())
+        self._assets.move_to_end(address)
+        seen = boots.setdefault(run.boot, _Seen(newest=sequence))
+        boots.move_to_end(run.boot)
+        if len(boots) > MOST_BOOTS:
+            self._given_up += boots.popitem(last=False)[1].missing
+        if len(self._assets) > MOST_ASSETS:
+            _, left = self._assets.popitem(last=False)
+            self._given_up += sum(one.missing for one in left.values())
+        return seen
 
     def _note_health(self, key: str, payload: bytes) -> None:
         try:
             health = decode_sample(key, payload)
         except Refused:
             return
+        if not isinstance(health, Health):
+            return
         with self._lock:
-            run = Run(health.site, health.asset, health.boot)
-            seen = self._runs.get(run)
-            if isinstance(health, Health) and seen and health.last_sequence > seen.newest:
-                self._open(seen, health.last_sequence)
-                seen.newest = health.last_sequence
+            boots = self._assets.get((health.site, health.asset), {})
+            seen = boots.get(health.boot)
+            if seen is not None:
+                self._state(seen, health.last_sequence)
 
-    def _open(self, seen: _Seen, last: int) -> None:
-        seen.gaps.append(_Gap(seen.newest + 1, last, time.monotonic() + self._grace_s))
+    def _state(self, seen: _Seen, last: int) -> None:
+        """Take up that features up to `last` exist, as their agent says."""
+        if last - seen.newest > FURTHEST:
+            return
+        first = seen.newest + 1 if seen.given_up is None else seen.given_up.last + 1
+        if seen.stated is not None:
+            seen.stated.last = max(seen.stated.last, last)
+        elif first <= last:
+            seen.stated = _Gap(first, last, time.monotonic() + self._grace_s)
 
     def _due(self, at_last: bool) -> list[tuple[Run, _Gap]]:
+        """Return what to ask for now: one of each asset, then another of each, and so on."""
         now, due = time.monotonic(), []
         with self._lock:
-            for run, seen in self._runs.items():
-                for gap in tuple(seen.gaps):
-                    if gap.asked >= self._tries:
-                        seen.gaps.remove(gap)
-                        self._given_up += len(gap)
-                    elif at_last or gap.due <= now:
-                        gap.asked += 1
-                        gap.due = now + min(self._grace_s * 2**gap.asked, MAX_WAIT_S)
-                        due.append((run, dataclasses.replace(gap)))
-        return due
+            for (site, asset), boots in self._assets.items():
+                gaps = (
+                    (Run(site, asset, boot), dataclasses.replace(gap))
+                    for boot, seen in boots.items()
+                    for gap in self._due_of(seen, now, at_last)
+                )
+                due.append(list(gaps if at_last else itertools.islice(gaps, MOST_AT_ONCE)))
+        turns = itertools.zip_longest(*filter(None, due))
+        return [one for turn in turns for one in turn if one is not None]
+
+    def _due_of(self, seen: _Seen, now: float, at_last: bool) -> Iterator[_Gap]:
+        """Yield the gaps of a run that are due, each asked once more; some are given up."""
+        left = [gap for gap in seen.gaps if gap.asked < self._tries]
+        self._given_up += sum(map(len, seen.gaps)) - sum(map(len, left))
+        seen.gaps = left
+        if seen.stated is not None and seen.stated.asked >= self._tries:
+            first = seen.stated.first if seen.given_up is None else seen.given_up.first
+            seen.given_up = dataclasses.replace(seen.stated, first=first)
+            seen.stated = None
+        for gap in (*seen.gaps, *((seen.stated,) if seen.stated is not None else ())):
+            if at_last or gap.due <= now:
+                gap.asked += 1
+                gap.due = now + min(self._grace_s * 2**gap.asked, MAX_WAIT_S)
+                yield gap
+
+
+def _begin_behind(seen: _Seen, name: str, sequence: int, begin: int) -> int:
+    """Part what an agent has stated at a sequence that has come; return what is behind it.
+
+    What was stated before it is known to exist now, as gaps are.
+    """
+    stated: _Gap | None = getattr(seen, name)
+    if stated is None or not len(stated):
+        return begin
+    before = dataclasses.replace(stated, last=min(stated.last, sequence - 1))
+    if len(before):
+        seen.gaps.append(before)
+    behind = dataclasses.replace(stated, first=max(stated.first, sequence + 1))
+    setattr(seen, name, behind if len(behind) else None)
+    return max(begin, min(stated.last, sequence) + 1)
 
 
 def _fill(gaps: list[_Gap], sequence: int) -> None:

@@ -13,13 +13,19 @@ from typing import BinaryIO, Self
 from mcap.writer import CompressionType, Writer
 
 from slowtime_schemas.streams import Stream
+from slowtime_services.operating_system import same_file
 
 from .channels import describe
 
 CHUNK_BYTES = 2**20
 CHUNK_NS = 10**9
 """Longest time that the messages of a chunk cover, those longer by themselves excepted."""
+MOST_CHANNELS = 2**16 - 1
+"""Channels of a file, each a stream of an asset: MCAP numbers them with 16 bits, from 1."""
 LIBRARY = "slowtime"
+WINDOWS, COUNTED_ONCE = "windows", "counted once"
+"""Rule by which twins of this version take in windows of the same time, in the metadata: a
+recording without it was made where each boot's windows counted anew."""
 
 
 def free_path(path: Path) -> Path:
@@ -77,7 +83,8 @@ class RecordingWriter:
         self._closed = False
         self._writer.start(profile="", library=LIBRARY)
         self._writer.add_metadata(
-            LIBRARY, {"software": software(), "layout": "1", **(metadata or {})}
+            LIBRARY,
+            {"software": software(), "layout": "1", WINDOWS: COUNTED_ONCE, **(metadata or {})},
         )
         self._file.flush()
 
@@ -90,6 +97,11 @@ class RecordingWriter:
     def bytes_written(self) -> int:
         """Bytes passed to the file."""
         return self._file.tell()
+
+    def has_room_for(self, stream: Stream, site: str, asset: str) -> bool:
+        """Whether the file has, or can have, a channel of a stream of an asset."""
+        known = (stream.name, site, asset) in self._channels
+        return known or len(self._channels) < MOST_CHANNELS
 
     def write(
         self,
@@ -112,7 +124,17 @@ class RecordingWriter:
             When it was sent, where known.
         until_ns
             When what it tells of ends, of samples that last.
+
+        Raises
+        ------
+        ValueError
+            If the file cannot have a channel more (see `has_room_for`).
         """
+        if not self.has_room_for(stream, site, asset):
+            raise ValueError(
+                f"A recording has at most {MOST_CHANNELS} channels, one for each stream of "
+                f"each asset; {site}.{asset} would need another. Begin another file."
+            )
         self._begin_chunk(log_ns, log_ns if until_ns is None else until_ns)
         where = (stream.name, site, asset)
         channel = self._channels.get(where)
@@ -143,6 +165,10 @@ class RecordingWriter:
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add metadata to the recording."""
         self._writer.add_metadata(name, dict(values))
+
+    def in_place(self, path: Path) -> bool:
+        """Whether `path` leads to the file that is written."""
+        return same_file(self._file.fileno(), path)
 
     def close(self) -> None:
         """Write the index and end the file; a second time does nothing."""

@@ -1,7 +1,7 @@
 """Recordings in: as messages, as blocks of samples, or played onto a bus as an edge would."""
 
 from .blocks import block_of, measured_rate, raw_blocks, record_of, record_or_foreign
-from .integrity import check
+from .integrity import Supervise, check
 from .layout import layout_of
 from .ledger_check import Verdict, verdicts
 from .player import PLAYED, Played, Progress, replay
@@ -14,6 +14,7 @@ __all__ = [
     "Progress",
     "Recorded",
     "RecordingError",
+    "Supervise",
     "Verdict",
     "block_of",
     "check",

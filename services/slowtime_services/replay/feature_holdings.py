@@ -13,6 +13,12 @@ from slowtime_services.feature_runs import Run, run_and_sequence
 
 from .recording_reader import Recorded, read_recording
 
+LAST_SEQUENCE = 2**63 - 1
+"""Largest sequence that a message holds [1]."""
+
+MOST_AT_ONCE = 10_000
+"""Features in one answer [1], as of an edge agent."""
+
 
 @dataclasses.dataclass(slots=True)
 class RunFeatures:
@@ -61,8 +67,13 @@ def features_by_run(path: Path) -> dict[Run, RunFeatures]:
 def features_again(
     path: Path, run: Run, holding: RunFeatures, first: int, last: int
 ) -> list[bytes]:
-    """Read the features from `first` to `last` again, as far as published, in order."""
-    last = min(last, holding.published)
+    """Read the features from `first` to `last` again, as far as published, in order.
+
+    Of too many, the first: whoever wants more asks again.
+    """
+    begin = bisect.bisect_left(holding.sequences, first)
+    most = holding.sequences[begin : begin + MOST_AT_ONCE]
+    last = min(last, holding.published, most[-1] if most else -1)
     between = holding.arrived_between(first, last)
     if between is None:
         return []
@@ -77,16 +88,16 @@ def features_again(
 
 
 def health_messages(holdings: Mapping[Run, RunFeatures]) -> Iterator[tuple[Run, Health]]:
-    """Make the health message of each run as far as it is played: it shows a lost tail."""
+    """Make the health of each run of which features are outstanding: it shows a lost tail."""
     for run, holding in holdings.items():
-        if holding.published < 0:
+        if not holding.outstanding:
             continue
         first, before = holding.sequences[0], holding.health
         yield (
             run,
             Health(
                 **run._asdict(),
-                sequence=before.sequence + 1 if before else 0,
+                sequence=min(before.sequence + 1, LAST_SEQUENCE) if before else 0,
                 t_ns=before.t_ns if before else holding.log_ns[-1],
                 last_sequence=holding.published,
                 first_held=first,

@@ -4,17 +4,23 @@ It is read to its end in a process of its own, which may take only so much memor
 file that was made to break its reader breaks that one.
 """
 
+import contextlib
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from slowtime_schemas.streams import parse_key
+from slowtime_services.operating_system import end_with_parent
 
 from .recording_reader import RecordingError, contents, read_recording
 
 TIMEOUT_S = 60.0
-"""Time that the reading process is given [s]."""
+"""Processor time that the reading process is given [s]: what others use is not counted."""
+LONGEST_S = 600.0
+"""Time that it is given by the clock, for what waits instead of computing [s]."""
 ADDRESS_SPACE_BYTES = 2**30
 """Address space of the process [bytes]: its code, one unpacked chunk, and what is made of
 it."""
@@ -24,34 +30,73 @@ MAX_UNPACKED_BYTES = 2**32
 REFUSED = 3
 """Exit status of the process where it has said why the file is refused."""
 
+LOOK_S = 0.1
+"""Interval at which it is looked whether the process has had its time [s]."""
 
-def check(path: Path) -> None:
+Supervise = Callable[[int], contextlib.AbstractContextManager[Callable[[], float]]]
+"""Surrounds a process, given its id; gives how long that has run without pauses [s], or raises
+to end it."""
+
+
+@contextlib.contextmanager
+def unpaused(_: int) -> Iterator[Callable[[], float]]:
+    """Let a process run without pauses."""
+    began_s = time.monotonic()
+    yield lambda: time.monotonic() - began_s
+
+
+def check(path: Path, supervise: Supervise = unpaused) -> None:
     """Read a recording to its end, in a separate process.
+
+    Parameters
+    ----------
+    supervise
+        Pauses the process in favour of others; such pauses are not counted.
 
     Raises
     ------
     RecordingError
         Where it is not sound; the text says why, and what to do.
     """
-    command = [sys.executable, "-P", "-m", __spec__.name, str(path)]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise RecordingError(
-            f"It has kept its reader busy for {TIMEOUT_S:g} s. Give a shorter recording."
-        ) from error
-    if done.returncode == REFUSED:
-        raise RecordingError(done.stderr.decode(errors="replace").strip())
-    if done.returncode != 0:
+    command = [sys.executable, "-P", "-W", "ignore", "-m", __spec__.name, str(path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process, supervise(process.pid) as running_s:  # fmt: skip
+        try:
+            said = _end_of(process, running_s)
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode == REFUSED:
+        raise RecordingError(said.decode(errors="replace").strip())
+    if process.returncode == -getattr(signal, "SIGXCPU", 0) != 0:
+        raise _too_long(TIMEOUT_S)
+    if process.returncode != 0:
         how = (
-            signal.Signals(-done.returncode).name
-            if done.returncode < 0
-            else f"exit status {done.returncode}"
+            signal.Signals(-process.returncode).name
+            if process.returncode < 0
+            else f"exit status {process.returncode}"
         )
         raise RecordingError(
             f"It broke its reader ({how}): it is damaged, or was made to. Run `slowtime "
             "recover` on it, and give what that leaves."
         )
+
+
+def _too_long(seconds: float) -> RecordingError:
+    return RecordingError(
+        f"It has kept its reader busy for {seconds:g} s. Give a shorter recording."
+    )
+
+
+def _end_of(process: subprocess.Popen[bytes], running_s: Callable[[], float]) -> bytes:
+    """Wait for the end of the process; return what it said."""
+    while True:
+        try:
+            return process.communicate(timeout=LOOK_S)[1]
+        except subprocess.TimeoutExpired as error:
+            if running_s() > LONGEST_S:
+                raise _too_long(LONGEST_S) from error
 
 
 def read_through(path: Path) -> None:
@@ -86,11 +131,13 @@ def _bound() -> None:
         return
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
     seconds = int(TIMEOUT_S)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    # At the second of them it would be killed without a name for the reason.
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
 
 
 def main(path: str) -> int:
     """Read the file through, or report why not."""
+    end_with_parent()
     _bound()
     try:
         read_through(Path(path))

@@ -1,7 +1,10 @@
 """Compares the features of a recording with the signed ledger messages in it."""
 
+import base64
+import bisect
+import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from slowtime_schemas.codec import Refused, decode_sample
@@ -15,10 +18,15 @@ from slowtime_services.ledger import (
     chain,
     features_digest,
     linked,
+    packed,
     proven,
+    unpacked,
 )
 
 from .recording_reader import read_recording
+
+PACKED = "w"
+"""Kind of an item that holds entries of other rows than features."""
 
 
 @dataclasses.dataclass
@@ -36,6 +44,8 @@ class Verdict:
         the last.
     missing
         Features that the server accepted and the recording has not.
+    has_kept
+        Whether the head that was kept elsewhere is in it.
     wrong
         What has been changed, a sentence each; empty if nothing has.
     """
@@ -44,16 +54,21 @@ class Verdict:
     vouched: int = 0
     waiting: int = 0
     missing: int = 0
+    has_kept: bool = False
     wrong: list[str] = dataclasses.field(default_factory=list)
 
 
-def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
+def verdicts(
+    path: Path | str, public: str | None = None, kept: Head | None = None
+) -> dict[str, Verdict]:
     """Compare a recording with the signed heads in it.
 
     Parameters
     ----------
     public
         Key of the server, from elsewhere; None to believe the one in the heads.
+    kept
+        A head that was kept elsewhere; one of its number has to be the same.
 
     Returns
     -------
@@ -81,6 +96,13 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
     found = {}
     for asset in sorted(there.keys() | said.keys()):
         found[asset] = _verdict(there.get(asset, {}), said.get(asset, []), public)
+        for head in {message.head for message in said.get(asset, [])}:
+            if kept is not None and head.number == kept.number:
+                found[asset].has_kept = is_same = Head(**head.model_dump()) == kept
+                if not is_same:
+                    found[asset].wrong.append(
+                        f"head {kept.number} is another than the one that was kept elsewhere"
+                    )
         if public is None and len(keys) > 1:
             found[asset].wrong.append(
                 f"heads are signed with {len(keys)} keys; name the server's own with --key"
@@ -88,10 +110,25 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
     return found
 
 
+class _Held:
+    """Digests of the features of one asset that a recording holds."""
+
+    def __init__(self, digests: dict[tuple[str, int], bytes]) -> None:
+        self.digests = digests
+        self._sequences: dict[str, list[int]] = {}
+        for boot, sequence in sorted(digests):
+            self._sequences.setdefault(boot, []).append(sequence)
+
+    def between(self, boot: str, first: int, last: int) -> int:
+        """Return how many of a boot there are from `first` to `last`."""
+        held = self._sequences.get(boot, [])
+        return max(0, bisect.bisect_right(held, last) - bisect.bisect_left(held, first))
+
+
 def _verdict(
-    there: dict[tuple[str, int], bytes], said: list[LedgerUpdate], public: str | None
+    digests: dict[tuple[str, int], bytes], said: list[LedgerUpdate], public: str | None
 ) -> Verdict:
-    found = Verdict()
+    found, there = Verdict(), _Held(digests)
     before: LedgerUpdate | None = None
     vouched: set[tuple[str, int]] = set()
     heads: dict[int, SignedHead] = {}
@@ -108,7 +145,7 @@ def _verdict(
             _follow(there, before, message, vouched, found)
             before = message
     found.vouched = len(vouched)
-    found.waiting = len(there.keys() - vouched)
+    found.waiting = len(digests.keys() - vouched)
     return found
 
 
@@ -117,7 +154,12 @@ def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
     if not head.is_signed or head.public != (public or head.public):
         return "is not signed with the server's key"
     leaf = Leaf(
-        message.twin_id, message.count, message.link, message.history_count, message.history
+        message.twin_id,
+        message.count,
+        message.link,
+        message.history_count,
+        message.history,
+        message.tree or "",
     )
     path = [(branch.side, bytes.fromhex(branch.hash)) for branch in message.proof]
     if proven(leaf.written, path).hex() != head.root:
@@ -126,30 +168,39 @@ def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
 
 
 def _follow(
-    there: dict[tuple[str, int], bytes],
+    there: _Held,
     before: LedgerUpdate | None,
     message: LedgerUpdate,
     vouched: set[tuple[str, int]],
     found: Verdict,
 ) -> None:
-    """Chain rows accepted since the head before, from those that the recording holds."""
-    if message.accepted_after == 0:
+    """Chain rows accepted since the head before, from those that the recording holds.
+
+    A server that was started again lists some of them once more; each is gone through once.
+    """
+    if before is None and message.accepted_after == 0:
         from_head = beginning(message.twin_id)
-    elif before is not None and message.accepted_after == before.count:
+    elif before is not None and message.accepted_after <= before.count:
         from_head = Leaf(before.twin_id, before.count, before.link, 0, "").end
     else:
         return
-    entries, missing = list[Entry](), 0
-    keys = list[tuple[str, int]]()
-    for key, entry in _entries(message.accepted, there):
-        entries.append(entry)
-        if key is not None:
-            keys.append(key)
-            missing += key not in there
+    rows, which = sum(map(_count, message.accepted)), f"head {message.head.number}"
+    if rows != message.count - message.accepted_after or rows > chain.MOST_TOLD:
+        found.wrong.append(
+            f"{which} lists {rows} rows; it vouches for {message.count} after "
+            f"{message.accepted_after}, and {chain.MOST_TOLD} are listed at most"
+        )
+        return
+    accepted = list(_after(message.accepted, from_head.length - message.accepted_after))
+    features = [one for one in accepted if one.kind == chain.FEATURES]
+    held = sum(there.between(one.boot, one.first, one.last) for one in features)
+    missing = sum(map(_count, features)) - held
     found.missing += missing
     if missing:
         # Without one of them, what the others hash to cannot be told.
         return
+    keys = [(one.boot, n) for one in features for n in range(one.first, one.last + 1)]
+    entries = list(_entries(accepted, there))
     to_head = Leaf(message.twin_id, message.count, message.link, 0, "").end
     if linked(from_head, entries) != to_head:
         found.wrong.append(
@@ -160,17 +211,49 @@ def _follow(
     vouched.update(keys)
 
 
-def _entries(
-    accepted: tuple[Accepted, ...], there: dict[tuple[str, int], bytes]
-) -> Iterator[tuple[tuple[str, int] | None, Entry]]:
+def _count(one: Accepted) -> int:
+    """Return the number of rows that an item stands for."""
+    if one.kind == PACKED:
+        return len(_unpacked(one))
+    return max(0, one.last - one.first + 1) if one.kind == chain.FEATURES else 1
+
+
+def _unpacked(one: Accepted) -> list[Entry]:
+    """Return the entries of an item of other rows than features; none if it is malformed."""
+    with contextlib.suppress(ValueError):
+        return unpacked(base64.b64decode(one.entries, validate=True))
+    return []
+
+
+def _after(accepted: Iterable[Accepted], count: int) -> Iterator[Accepted]:
+    """Yield items without the first `count` rows that they stand for."""
+    for one in accepted:
+        rows = _count(one)
+        if count < rows:
+            yield _without(one, count)
+        count = max(0, count - rows)
+
+
+def _without(one: Accepted, count: int) -> Accepted:
+    """Return an item without the first rows that it stands for."""
+    if not count:
+        return one
+    if one.kind == PACKED:
+        left = base64.b64encode(packed(_unpacked(one)[count:])).decode()
+        return one.model_copy(update={"entries": left})
+    return one.model_copy(update={"first": one.first + count})
+
+
+def _entries(accepted: Iterable[Accepted], there: _Held) -> Iterator[Entry]:
     for one in accepted:
         if one.kind == chain.FEATURES:
             for sequence in range(one.first, one.last + 1):
-                key = (one.boot, sequence)
                 place = (one.number << 40) + sequence
-                yield key, Entry(one.kind, place, there.get(key, b""))
+                yield Entry(one.kind, place, there.digests[one.boot, sequence])
+        elif one.kind == PACKED:
+            yield from _unpacked(one)
         else:
-            yield None, Entry(one.kind, one.key, bytes.fromhex(one.digest or ""))
+            yield Entry(one.kind, one.key, bytes.fromhex(one.digest or ""))
 
 
 def _named(keys: list[tuple[str, int]]) -> str:

@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import itertools
 import json
+import logging
 import math
 import threading
 import time
@@ -30,6 +31,7 @@ from slowtime_schemas.streams import (
     REGISTRATION,
     VIRTUAL,
     Stream,
+    address_of,
     alive_key,
     parse_key,
     request_key,
@@ -41,7 +43,14 @@ from slowtime_services.feature_runs import Run, run_and_sequence
 from .feature_holdings import RunFeatures, features_again, features_by_run, health_messages
 from .recording_reader import Contents, Recorded, contents, read_recording
 
+logger = logging.getLogger(__name__)
+
 PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH, ASSET_EVENT, FATIGUE, VIRTUAL)
+LONGEST_PAUSE_S = 3600.0
+"""Longest pause between two messages [s], whatever their stamps say: a recorder whose clock was
+set while it ran has stamps that are decades apart. Longer ones are cut, which is logged."""
+SLOWEST = 1e-3
+"""Least speed [1]: an hour would take six weeks."""
 _REMIND_S = 0.5
 """How long without any acknowledgement until the twin is told again how far each run is."""
 
@@ -112,10 +121,10 @@ def replay(
     RecordingError
         If the file cannot be read as a recording of ours.
     """
-    if not speed > 0 or window < 1:
+    if not speed >= SLOWEST or window < 1:
         raise ValueError(
-            f"{speed=}, {window=} cannot be played. Give a positive speed (inf is as fast as "
-            "possible) and a window of at least 1."
+            f"{speed=}, {window=} cannot be played. Give a speed of at least {SLOWEST:g} (inf "
+            "is as fast as possible) and a window of at least 1."
         )
     path = Path(path)
     inside = contents(path, streams=streams)
@@ -138,11 +147,16 @@ def _paced(
     if math.isinf(speed):
         yield from itertools.takewhile(lambda _: not stop.is_set(), messages)
         return
-    began_ns, first_ns = clock.now_ns(), None
+    due_ns, before_ns, longest_ns = float(clock.elapsed_ns()), None, LONGEST_PAUSE_S * 1e9
     for message in messages:
-        first_ns = message.log_ns if first_ns is None else first_ns
-        due_ns = began_ns + (message.log_ns - first_ns) / speed
-        while not stop.is_set() and (now := clock.now_ns()) < due_ns:
+        # Back in time: the recorder's clock was set back, and messages go on as they came.
+        pause_ns = max(0, message.log_ns - (before_ns or message.log_ns)) / speed
+        if pause_ns > longest_ns:
+            logger.warning(
+                "A pause of %.0f s was cut to %.0f s.", pause_ns / 1e9, LONGEST_PAUSE_S
+            )
+        before_ns, due_ns = message.log_ns, due_ns + min(pause_ns, longest_ns)
+        while not stop.is_set() and (now := clock.elapsed_ns()) < due_ns:
             clock.sleep(min((due_ns - now) / 1e9, 0.1))
         if stop.is_set():
             return
@@ -163,6 +177,11 @@ class _Player:
         self._path, self._bus = path, bus
         self._window, self._patience_s, self.stop = window, patience_s, stop
         self._holdings = features_by_run(path)
+        self._outstanding = 0
+        """Features published and not acknowledged, of all runs."""
+        self._runs: dict[tuple[str, str], list[tuple[Run, RunFeatures]]] = {}
+        for run, holding in self._holdings.items():
+            self._runs.setdefault((run.site, run.asset), []).append((run, holding))
         self._changed = threading.Condition()
         self._silent_s = 0.0
         self._believes = True
@@ -199,8 +218,11 @@ class _Player:
                 self._wait_reminding(lambda: self._outstanding < self._window)
                 self._credit = max(1, self._window - self._outstanding)
             self._credit -= 1
-            holding = self._holdings[known[0]]
-            holding.published = max(holding.published, known[1])
+            with self._changed:
+                holding = self._holdings[known[0]]
+                before = holding.outstanding
+                holding.published = max(holding.published, known[1])
+                self._outstanding += holding.outstanding - before
         self._bus.publish(message.key, message.payload, encoding=stream.encoding, replayed=True)
         self._counts[stream.name] = self._counts.get(stream.name, 0) + 1
         self._log_ns = message.log_ns
@@ -224,10 +246,6 @@ class _Player:
             duration_s=duration_s,
             stopped=self.stop.is_set(),
         )
-
-    @property
-    def _outstanding(self) -> int:
-        return sum(holding.outstanding for holding in self._holdings.values())
 
     def _wait_reminding(self, condition: Callable[[], bool]) -> None:
         """Wait until patience ends; remind the twin if features or messages were lost."""
@@ -269,8 +287,12 @@ class _Player:
             return
         with self._changed:
             holding = self._holdings.get(Run(ack.site, ack.asset, ack.boot))
-            if holding is not None and ack.sequence > holding.acknowledged:
-                holding.acknowledged = ack.sequence
+            if holding is None:
+                return
+            sequence = min(ack.sequence, holding.published)  # beyond, nothing was sent
+            if sequence > holding.acknowledged:
+                before, holding.acknowledged = holding.outstanding, sequence
+                self._outstanding += holding.outstanding - before
                 self._silent_s, self._believes = 0.0, True
                 self._changed.notify_all()
 
@@ -293,17 +315,17 @@ class _Player:
 
     def _again(self, query: Query) -> Iterator[tuple[str, bytes]]:
         first, last = int(query.parameters["first"]), int(query.parameters["last"])
+        first = max(0, first)
         for run, holding in self._requested_runs(query.key, "features"):
             if run.boot == query.parameters["boot"]:
                 for payload in features_again(self._path, run, holding, first, last):
                     yield FEATURES.key(run.site, run.asset), payload
 
     def _requested_runs(self, key: str, what: str) -> list[tuple[Run, RunFeatures]]:
-        return [
-            (run, holding)
-            for run, holding in self._holdings.items()
-            if request_key(run.site, run.asset, what) == key
-        ]
+        address = address_of(key)
+        if address is None or key != request_key(*address, what):
+            return []
+        return self._runs.get(address, [])
 
     def _tell(self, *, at_last: bool = False) -> None:
         if self.progress is None:

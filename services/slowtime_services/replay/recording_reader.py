@@ -16,7 +16,11 @@ from mcap.summary import Summary as McapSummary
 from mcap.writer import MCAP0_MAGIC
 
 from slowtime_schemas.streams import STREAMS, Stream, current_key, parse_key
-from slowtime_services.record.chunks import plain
+from slowtime_services.record.chunks import Unpacking
+
+LAST_NS = 2**63
+"""End of the time that stamps of messages may state [ns since 1970], in 2262: clocks of the
+operating system and our messages have 63 bits for it, MCAP has 64."""
 
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
@@ -120,6 +124,8 @@ def _messages(
     with path.open("rb") as file:
         try:
             for message in _every_message(file, keys, first, last):
+                if message.log_ns >= LAST_NS:
+                    raise ValueError("a message in it is stamped after the year 2262")
                 if first <= message.log_ns <= last:
                     yield message
         except Exception as error:
@@ -136,29 +142,37 @@ def _every_message(
         yield from _unindexed(file, keys)
         return
     topics = {c.id: current_key(c.topic) for c in summary.channels.values() if c.topic in keys}
+    unpacking = _unpacking(file)
     for index in summary.chunk_indexes:
         inside = index.message_index_offsets
         timely = index.message_start_time <= last and index.message_end_time >= first
         if timely and (not inside or not topics.keys().isdisjoint(inside)):
             file.seek(index.chunk_start_offset + RECORD.size)
             stream, length = get_chunk_data_stream(
-                plain(Chunk.read(ReadDataStream(file))), validate_crc=True
+                unpacking.plain(Chunk.read(ReadDataStream(file))), validate_crc=True
             )
             yield from _split(stream.read(length), topics)
 
 
 def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
     """Read a recording without chunk index from beginning to end."""
+    unpacking = _unpacking(file)
     file.seek(0)
     topics: dict[int, str] = {}
     for record in StreamReader(file, emit_chunks=True).records:
-        within = breakup_chunk(plain(record), True) if isinstance(record, Chunk) else [record]
+        within = [record]
+        if isinstance(record, Chunk):
+            within = breakup_chunk(unpacking.plain(record), True)
         for found in within:
             if isinstance(found, Channel) and found.topic in keys:
                 topics[found.id] = current_key(found.topic)
             elif isinstance(found, Message) and found.channel_id in topics:
                 topic = topics[found.channel_id]
                 yield Recorded(found.log_time, found.publish_time, topic, found.data)
+
+
+def _unpacking(file: BinaryIO) -> Unpacking:
+    return Unpacking(file.seek(0, 2))
 
 
 def _split(chunk: bytes, topics: Mapping[int, str]) -> Iterator[Recorded]:

@@ -4,7 +4,6 @@ Edge agent and command line share this. Without PyYAML, as on a light edge, a mo
 JSON, which YAML contains.
 """
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from slowtime.dynamics.units import unit_factor
 from slowtime.estimation.virtual import VirtualSensor, VirtualSettings
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.descriptions import description_of
+from slowtime_services.documents.document_files import read_json_file
 
 from .settings import Asked
 
@@ -37,7 +37,7 @@ def read_structure(path: Path) -> Description:
                 "slowtime[analysis], or write the model as JSON and name it .json."
             ) from None
         try:
-            return description_of(ModelFile.model_validate(json.loads(path.read_text())))
+            return description_of(ModelFile.model_validate(read_json_file(path)))
         except ValidationError as wrong:
             raise ValueError(f"{path.name}: {wrong.errors()[0]['msg']}") from None
     return read_description(path)

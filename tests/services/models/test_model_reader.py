@@ -170,8 +170,12 @@ def test_a_name_that_looks_like_something_else_stays_as_it_is_written(name):
         ("mass_kg: 1.9", "mass_kg: 1_000", r"line 4: `mass_kg`: .*text.* 4\.0e7, not '1_000'"),
         ("mass_kg: 1.9", "mass_kg: 1:30", r"line 4: `mass_kg`: this is text.*not '1:30'"),
         ("mass_kg: 1.9", "mass_kg: !!int 0x", r"line 4: `0x` is no value"),
-        ("mass_kg: 1.9", f"mass_kg: {10**400}", r"line 4: `1000.* is no value: int too large"),
-        ("mass_kg: 1.9", "mass_kg: 1e400", r"line 4: `mass_kg`: .*finite"),
+        (
+            "mass_kg: 1.9",
+            f"mass_kg: {10**400}",
+            r"line 4: `1000.* is no value: it has 401 digits",
+        ),
+        ("mass_kg: 1.9", "mass_kg: 1e400", r"line 4: `1e400` is no value: it is larger than"),
         ("mass_kg: 1.9", "mass_kg: .nan", r"line 4: `mass_kg`: .*finite"),
         (
             "  - id: j1",

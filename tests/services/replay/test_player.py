@@ -205,11 +205,11 @@ def test_a_message_that_cannot_be_read_is_played_as_it_is(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"speed": 0}, {"speed": -1}, {"speed": math.nan}, {"window": 0}]
+    "wrong", [{"speed": 0}, {"speed": 1e-6}, {"speed": -1}, {"speed": math.nan}, {"window": 0}]
 )
 def test_a_pace_that_cannot_be_is_refused(house, wrong):
     path, _ = house(20)
-    with pytest.raises(ValueError, match="Give a positive speed"):
+    with pytest.raises(ValueError, match=r"Give a speed of at least 0\.001"):
         replay(path, MemoryBus(), **wrong)
 
 

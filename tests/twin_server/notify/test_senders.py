@@ -309,8 +309,11 @@ def test_a_secret_that_is_missing_or_short_is_named_before_anything_is_sent(
     path = tmp_path / "secret"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(WrongReceiverError, match=f"receiver ops cannot be used.*{says}"):
+    with pytest.raises(
+        WrongReceiverError, match=f"receiver ops cannot be used.*{says}"
+    ) as told:
         sender(kind="webhook", url="https://a.example/", secret_file=path)
+    assert str(tmp_path) not in str(told.value)
 
 
 def test_a_file_of_credentials_has_two_lines(tmp_path):

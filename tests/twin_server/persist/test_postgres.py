@@ -1,13 +1,17 @@
 """What is PostgreSQL's own: it goes away, comes back, is shared, and has a password."""
 
 import contextlib
+import os
+import signal
+import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
-from tests.postgres import schema_of
+from tests.postgres import schema_of, server
 from twin_server.persist import (
     DamagedStoreError,
     EventRow,
@@ -15,6 +19,7 @@ from twin_server.persist import (
     StoreError,
     WriteBatch,
     WrongStoreError,
+    database_answers,
     postgres,
 )
 
@@ -117,3 +122,66 @@ def test_no_password_is_said_where_nobody_answers():
     with pytest.raises(WrongStoreError, match=r"(?s)cannot be reached.*PGPASSFILE") as said:
         PostgresStore("postgresql://twin:geheim@127.0.0.1:9/house")
     assert "geheim" not in str(said.value)
+
+
+@pytest.fixture
+def stopped(tmp_path):
+    """A server of its own, and what stops all its processes and lets them go on."""
+    with tempfile.TemporaryDirectory(prefix="slowtime-pg-") as name:
+        folder = Path(name) / "pg"
+        with server(folder) as url:
+
+            def send(signal_number):
+                first = int((folder / "data" / "postmaster.pid").read_text().split()[0])
+                children = Path(f"/proc/{first}/task/{first}/children").read_text().split()
+                for pid in (first, *map(int, children)):
+                    os.kill(pid, signal_number)
+
+            try:
+                yield url, lambda: send(signal.SIGSTOP), lambda: send(signal.SIGCONT)
+            finally:
+                send(signal.SIGCONT)
+
+
+@pytest.mark.long
+def test_a_database_that_stands_still_is_waited_for_once_and_answers_when_it_goes_on(stopped):
+    url, stop, go_on = stopped
+    store = PostgresStore(url, answer_s=1.0)
+    store.write(WriteBatch(events=[EVENT]))
+    assert len(store.events()) == 1
+    stop()
+    begun = time.monotonic()
+    with pytest.raises(StoreError):
+        store.write(WriteBatch(events=[EVENT]))
+    assert time.monotonic() - begun < 10.0
+    begun = time.monotonic()
+    for _ in range(50):
+        with pytest.raises(StoreError, match="has not answered a statement in good time"):
+            store.twins()
+    assert time.monotonic() - begun < database_answers.AWAY_S
+    go_on()
+    time.sleep(database_answers.AWAY_S)
+    before = len(store.events())  # the statement that was not answered may be durable
+    store.write(WriteBatch(events=[EVENT]))
+    assert len(store.events()) == before + 1
+    store.close()
+
+
+@pytest.mark.long
+def test_readers_do_not_wait_for_a_writer_whose_database_stands_still(stopped):
+    url, stop, _ = stopped
+    store = PostgresStore(url, answer_s=5.0)
+    with ThreadPoolExecutor(1) as pool:
+        stop()
+        writing = pool.submit(store.write, WriteBatch(events=[EVENT]))
+        time.sleep(0.2)
+        store._away.note("It stands still.")
+        begun = time.monotonic()
+        for reader in store._idle:
+            reader.raw.close()
+        with pytest.raises(StoreError, match="stands still"):
+            store.twins()
+        assert time.monotonic() - begun < 1.0
+        with pytest.raises(StoreError):
+            writing.result(60)
+    store.close()

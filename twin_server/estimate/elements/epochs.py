@@ -121,6 +121,7 @@ def track_epochs(
     features: Sequence[Features],
     learn_epochs: int,
     wanted: Covariates | None = None,
+    covered: Sequence[float] = (),
 ) -> TrackedEpochs:
     """Take in the next epochs of one twin.
 
@@ -128,13 +129,20 @@ def track_epochs(
     ----------
     wanted
         Covariates to be learnt and taken out; learning lasts as long as they say then.
+    covered
+        Share of the time of each that earlier windows have measured [1]; empty for none. What
+        was measured wholly before is estimated, and nothing is learnt from it.
     """
     readings, lessons, verdicts = [], [], []
     nominal = _Nominal.of(memory, model) if memory.knows else None
     for row, message in enumerate(features):
         modes = observed_modes(message, model)
+        new = not covered or not st.is_measured_before(covered[row])
         if nominal is None:
-            memory, reasons = _taught(memory, message, modes, wanted)
+            if new:
+                memory, reasons = _taught(memory, message, modes, wanted)
+            else:
+                reasons = st.LEARNING if wanted is None else st.TRAINING
             readings.append(EpochEstimate(message, tuple(modes), {}, reasons))
             if is_enough(memory, learn_epochs, wanted):
                 memory = conclude(memory, model, wanted)
@@ -149,7 +157,7 @@ def track_epochs(
         memory = dataclasses.replace(memory, references=references)
         removed = _removed(message, nominal, wanted)
         readings.append(_read(message, modes, pairs, nominal, removed))
-        if wanted is not None:
+        if wanted is not None and new:
             baselines, judged = _watched(memory, message, modes, pairs, wanted)
             memory = dataclasses.replace(memory, baselines=baselines)
             verdicts += [(row, mode, verdict) for mode, verdict in judged]

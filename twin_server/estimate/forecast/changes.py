@@ -22,7 +22,13 @@ from twin_server.estimate.checkpoint import NominalInUse
 from twin_server.estimate.elements.memory import Memory
 from twin_server.estimate.estimator import LEVEL
 from twin_server.history.details import Bodies
-from twin_server.history.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
+from twin_server.history.states import (
+    ASSUMES_MASS,
+    ASSUMES_STIFFNESS,
+    States,
+    covered_share,
+    sd_factor,
+)
 from twin_server.registration.thresholds import Limit
 
 from .known_events import KnownEvents
@@ -123,18 +129,22 @@ class Past(NamedTuple):
     common
         Part of the error that all readings share, over 1 + change, so that no number of
         readings averages it out.
+    factor
+        Factor of the independent part where windows overlap, see `sd_factor` [1].
     """
 
     slow_time: Float[np.ndarray, " time"]
     value: Float[np.ndarray, " time"]
     sd: Float[np.ndarray, " time"]
     common: float
+    factor: Float[np.ndarray, " time"] | float = 1.0
 
     @property
     def own_sd(self) -> Float[np.ndarray, " time"]:
         """Standard deviation that is independent from reading to reading."""
         shared = self.common * np.abs(1.0 + self.value)
-        return np.sqrt(np.maximum(self.sd**2 - shared**2, (0.1 * self.sd) ** 2))
+        own = np.sqrt(np.maximum(self.sd**2 - shared**2, (0.1 * self.sd) ** 2))
+        return self.factor * own
 
 
 def past_of(states: States, known: NominalInUse | None) -> dict[str, Past]:
@@ -146,7 +156,7 @@ def past_of(states: States, known: NominalInUse | None) -> dict[str, Past]:
     past = {}
     for name in _estimated(used):
         value, sd, _, _ = np.ascontiguousarray(used[name].T)
-        past[name] = Past(time, value, sd, common)
+        past[name] = Past(time, value, sd, common, sd_factor(covered_share(used)))
     return past
 
 
@@ -158,12 +168,13 @@ def past_of_elements(states: States, bodies: Bodies, memory: Memory | None) -> d
     rows = rows[-MOST_OF_ELEMENTS:]
     told = [from_json(bodies[row] or b"")["elements"] for row in rows]
     time = np.ascontiguousarray(states["slow_time"][rows])
+    factor = sd_factor(covered_share(states[rows]))
     past = {}
     for name in told[-1] if told else ():
         each = [one.get(name, _GAP) for one in told]
         value, sd = np.array([(one["value"], one["sd"]) for one in each]).T.copy()
         relative = float(np.nanmedian(sd / (1.0 + value)))
-        past[name] = Past(time, value, sd, math.sqrt(memory.common_share) * relative)
+        past[name] = Past(time, value, sd, math.sqrt(memory.common_share) * relative, factor)
     return past
 
 

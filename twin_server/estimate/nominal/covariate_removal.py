@@ -73,8 +73,9 @@ def remove_covariates(
             float(given.slow_time[row]),
             float(given.frequency_hz[row]),
             float(given.frequency_sd[row]),
+            float(given.frequency_sd[row] * given.learning_factor[row]),
             float(given.damping_ratio[row]),
-            float(given.damping_sd[row]),
+            float(given.damping_sd[row] * given.learning_factor[row]),
             covariates_of(message, wanted),
             message.slow_time_unit,
         )
@@ -93,6 +94,7 @@ class _Reading(NamedTuple):
     slow_time: float
     frequency: float
     sd: float
+    learnt_sd: float
     damping: float
     damping_sd: float
     covariates: Float[np.ndarray, " covariate"]
@@ -100,7 +102,7 @@ class _Reading(NamedTuple):
 
     @property
     def is_sane(self) -> bool:
-        return is_sane(self.frequency, self.sd)
+        return is_sane(self.frequency, self.learnt_sd)
 
 
 def _train(
@@ -115,7 +117,13 @@ def _train(
     assert wanted is not None
     sane = is_sane(reading.damping, reading.damping_sd)
     damping = (reading.damping, reading.damping_sd) if sane else (math.nan, math.nan)
-    numbers = [reading.slow_time, reading.frequency, reading.sd, *damping, *reading.covariates]
+    numbers = [
+        reading.slow_time,
+        reading.frequency,
+        reading.learnt_sd,
+        *damping,
+        *reading.covariates,
+    ]
     training = (checkpoint.training or Training()).added(np.array(numbers))
     if not training.is_enough(wanted):
         return dataclasses.replace(checkpoint, training=training)
@@ -165,7 +173,9 @@ def _corrected(
     )
     if removed.reasons or not reading.is_sane:
         return checkpoint
-    condition, verdict = condition.judge(*reading[:3], reading.covariates, wanted)
+    condition, verdict = condition.judge(
+        reading.slow_time, reading.frequency, reading.learnt_sd, reading.covariates, wanted
+    )
     if verdict is not None:
         into.notices.append(messages.entered(row, verdict, registration, None, reading.unit))
     return dataclasses.replace(checkpoint, condition=condition)

@@ -112,9 +112,9 @@ def _fill_in_nominals(
         epochs = np.column_stack(
             (
                 given.frequency_hz[rows],
-                given.frequency_sd[rows],
+                given.frequency_sd[rows] * given.learning_factor[rows],
                 given.damping_ratio[rows],
-                given.damping_sd[rows],
+                given.damping_sd[rows] * given.learning_factor[rows],
             )
         )
         lesson = learn(

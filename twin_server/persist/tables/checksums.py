@@ -84,10 +84,16 @@ COMPOSITES = _table("composites", "number composite t_ns principal body", "numbe
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
 FATIGUE = _table("fatigue", "twin boot hour sequence t_ns message", "twin, boot, hour")
+QUARANTINE = _table(
+    "quarantine",
+    "number twin boot sequence set_ns key why accepted dropped message",
+    "number",
+)
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
     ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, FATIGUE, COMPOSITES,
+    QUARANTINE,
     NUMBERS,
 )  # fmt: skip
 

@@ -4,12 +4,14 @@ import zlib
 from typing import Any, NamedTuple
 
 from .checksums import DIAGNOSES, Table, damaged, opened, seal
+from .counted import NUMBERED, count_of, next_keys
+from .statements import insert as insert_rows
 
 _BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
 
 class DiagnosisRow(NamedTuple):
-    """A diagnosis as it is kept; `number` counts all of a store, 0 before it is kept.
+    """A diagnosis as it is kept; `number` counts those of its twin, 0 before it is kept.
 
     Parameters
     ----------
@@ -27,60 +29,75 @@ class DiagnosisRow(NamedTuple):
     report: str | None = None
 
 
-def insert(writer: Any, row: DiagnosisRow) -> None:
-    """Keep one more, under its number."""
-    sealed = DIAGNOSES.sealed((*row, None, None))
-    names = DIAGNOSES.all_columns
-    writer.execute(
-        f"insert into diagnoses ({', '.join(names)}) values ({','.join('?' * len(names))})",
-        sealed,
-    )
+def insert(writer: Any, row: DiagnosisRow) -> tuple[Any, ...]:
+    """Keep one more under the next number of its twin, and return all its columns."""
+    [key] = next_keys(writer, DIAGNOSES, {row.twin: 1})[row.twin]
+    whole = (key, *row[1:], None, None)
+    insert_rows(writer, DIAGNOSES, [whole])
+    return whole
 
 
-def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> None:
-    """Store the outcome of a diagnosis; page and model only if not empty."""
-    kept = DIAGNOSES.sealed((*row, zlib.compress(page) if page else None, model or None))
+def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> list[tuple[Any, ...]]:
+    """Store the outcome of a diagnosis, page and model only if not empty; return its row.
+
+    There is none where its twin was deleted meanwhile.
+    """
+    key = _key_of(writer, row.twin, row.number)
+    if key is None:
+        return []
+    whole = (key, *row[1:], zlib.compress(page) if page else None, model or None)
     assigned = ", ".join(f"{name} = ?" for name in DIAGNOSES.all_columns)
-    writer.execute(f"update diagnoses set {assigned} where number = ?", (*kept, row.number))
+    question = f"update diagnoses set {assigned} where number = ?"
+    writer.execute(question, (*DIAGNOSES.sealed(whole), key))
+    return [whole]
 
 
-def forget(writer: Any, twin_id: str, kept: int) -> None:
-    """Drop all of a twin but the last `kept`."""
-    writer.execute(
-        "delete from diagnoses where twin = ? and number not in "
-        "(select number from diagnoses where twin = ? order by number desc limit ?)",
-        (twin_id, twin_id, kept),
-    )
+def forget(writer: Any, twin_id: str, kept: int) -> list[int]:
+    """Drop all of a twin but the last `kept`; return their numbers."""
+    rows = writer.execute(
+        "select number from diagnoses where twin = ? order by number desc", (twin_id,)
+    ).fetchall()
+    gone = [row[0] for row in rows[kept:]]
+    writer.executemany("delete from diagnoses where number = ?", [(one,) for one in gone])
+    return gone
 
 
 def select(reader: Any, twin_id: str | None, number: int | None) -> list[DiagnosisRow]:
-    """Read those of a twin, or of all, or the one of a number."""
-    asked = {"twin = ?": twin_id, "number = ?": number}
+    """Read those of a twin, or of all, or the one of a number of a twin."""
+    asked = {"twin = ?": twin_id, NUMBERED: number}
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = reader.execute(
         f"select {', '.join(_BRIEF.all_columns)} from diagnoses {where} order by number",
         tuple(given.values()),
     )
-    return [DiagnosisRow(*row) for row in opened(_BRIEF, rows)]
+    return [DiagnosisRow(count_of(row[0]), *row[1:]) for row in opened(_BRIEF, rows)]
 
 
-def page_of(reader: Any, number: int) -> bytes | None:
+def page_of(reader: Any, twin_id: str, number: int) -> bytes | None:
     """Read the page of one; None where it has none."""
-    page = _files(reader, number)[0]
+    page = _files(reader, twin_id, number)[0]
     return None if page is None else zlib.decompress(page)
 
 
-def model_of(reader: Any, number: int) -> str | None:
+def model_of(reader: Any, twin_id: str, number: int) -> str | None:
     """Read the augmented model of one; None where it has none."""
-    return _files(reader, number)[1]
+    return _files(reader, twin_id, number)[1]
 
 
-def _files(reader: Any, number: int) -> tuple[bytes | None, str | None]:
-    question = "select page, model, files_crc from diagnoses where number = ?"
-    row = reader.execute(question, (number,)).fetchone()
+def _files(reader: Any, twin_id: str, number: int) -> tuple[bytes | None, str | None]:
+    question = (
+        f"select number, page, model, files_crc from diagnoses where twin = ? and {NUMBERED}"
+    )
+    row = reader.execute(question, (twin_id, number)).fetchone()
     if row is None:
         return None, None
-    if seal(number, row[0], row[1]) != row[2]:
-        raise damaged(f"A file of diagnosis {number}")
-    return row[0], row[1]
+    if seal(*row[:3]) != row[3]:
+        raise damaged(f"A file of diagnosis {number} of {twin_id}")
+    return row[1], row[2]
+
+
+def _key_of(reader: Any, twin_id: str, number: int) -> int | None:
+    question = f"select number from diagnoses where twin = ? and {NUMBERED}"
+    row = reader.execute(question, (twin_id, number)).fetchone()
+    return None if row is None else int(row[0])

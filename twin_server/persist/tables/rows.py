@@ -57,7 +57,7 @@ class DetailRow(NamedTuple):
 
 
 class EventRow(NamedTuple):
-    """An event as it is kept; `number` counts all events of a store, 0 before it is kept."""
+    """An event as it is kept; `number` counts those of its twin, 0 before it is kept."""
 
     number: int
     site: str

@@ -27,9 +27,23 @@ class Span(NamedTuple):
 
 def whole(connection: Any, twin_id: str) -> list[Span]:
     """All of a twin's history."""
+    return _spans(connection, "twin = ?", twin_id)
+
+
+def of_number(connection: Any, number: int) -> Span | None:
+    """All of one boot; None where there is none of that number."""
+    return next(iter(_spans(connection, "number = ?", number)), None)
+
+
+def first_after(connection: Any, span: Span, t_ns: int) -> int:
+    """Least id in `span` of a later sensor time; one past its end if there is none."""
+    return _where(connection, span, "t_ns", t_ns, inclusive=False)
+
+
+def _spans(connection: Any, where: str, parameter: object) -> list[Span]:
     rows = connection.execute(
-        f"select {', '.join(RUNS.all_columns)} from runs where twin = ? order by number",
-        (twin_id,),
+        f"select {', '.join(RUNS.all_columns)} from runs where {where} order by number",
+        (parameter,),
     )
     runs = [dict(zip(RUNS.columns, row, strict=True)) for row in opened(RUNS, rows)]
     return [

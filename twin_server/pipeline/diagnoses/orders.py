@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -23,21 +23,36 @@ from slowtime_services.plugins.installed_effects import installed_kinds
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
-from twin_server.diagnose import RAW, Ended, Jobs, QueueFullError, Task, write_task
+from twin_server.diagnose import RAW, Ended, JobId, Jobs, Task, write_task
+from twin_server.fairness import OverQuotaError, Processors, Quota
+from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.rows import address
 from twin_server.pipeline.monitoring.gap import GapMonitor
+from twin_server.pipeline.recording_folder import RecordingFolder
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
+from twin_server.serve.http.quotas import over_quota
 from twin_server.settings import DiagnoseSettings, GapSettings
 
 from .history_file import covariates_of, history_of, reference_of
 
+RETRY_AFTER_S = 30
+"""What a client is told to wait where too many diagnoses wait [s]: about what one takes."""
+
 DIED = "The server ended while it was at it. Ask for it again."
 _FOLLOWED = ("temperature", "load")
+
+
+class Because(NamedTuple):
+    """Kind, message and details of the event that says why a registration has changed."""
+
+    kind: str
+    message: str
+    details: Mapping[str, Any]
 
 
 class Diagnoses:
@@ -47,6 +62,10 @@ class Diagnoses:
     ----------
     command
         That makes one diagnosis of the folder that is added to it.
+    processors
+        Pause diagnoses in favour of other sites.
+    recordings
+        Whose samples may be diagnosed; by default those of the settings' folder.
     """
 
     def __init__(
@@ -59,11 +78,14 @@ class Diagnoses:
         *,
         bus: Bus | None = None,
         clock: Clock | None = None,
+        processors: Processors | None = None,
+        recordings: RecordingFolder | None = None,
     ) -> None:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
-        self._jobs = Jobs(command, settings, self._end)
+        self._kept = recordings or RecordingFolder(settings.recordings)
+        self._jobs = Jobs(command, settings, self._end, processors)
         self._minder = GapMonitor(
             pipeline, store, gaps, self.raw_samples, effects=settings.effects
         )
@@ -84,19 +106,30 @@ class Diagnoses:
         self._minder.stop()
         self._jobs.stop()
 
+    @property
+    def quota(self) -> Quota:
+        """Diagnoses that wait or run."""
+        return self._jobs.quota
+
     def gap(self, twin_id: str) -> Mapping[str, Any]:
         """Return the gap of the twin's models."""
         return self._minder.gap(twin_id)
 
-    def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
+    def order(
+        self,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
+    ) -> int:
         """Take an order: samples are asked for at once, the rest waits for its turn."""
         try:
-            self._jobs.check_room()
-        except QueueFullError as error:
-            raise ProblemError(503, "too-many-diagnoses", str(error)) from error
+            holding = self._jobs.reserve(f"diagnosis of {twin_id}")
+        except OverQuotaError as error:
+            raise over_quota(error, RETRY_AFTER_S, "too-many-diagnoses") from error
         folder = Path(tempfile.mkdtemp(prefix="slowtime-diagnosis-"))
         try:
-            write_task(folder, self._prepared(folder, twin_id, registration, order))
+            write_task(folder, self._prepared(folder, twin_id, registration, order, principal))
             number = self._store.add_diagnosis(
                 DiagnosisRow(
                     0, twin_id, self._clock.now_ns(), None, "queued", order.model_dump_json()
@@ -105,8 +138,9 @@ class Diagnoses:
             )
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
+            holding.release()
             raise
-        self._jobs.submit(number, folder)
+        self._jobs.submit(JobId(twin_id, number), folder, holding)
         return number
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
@@ -120,21 +154,21 @@ class Diagnoses:
         rows = self._store.diagnoses(twin_id, number)
         return self._diagnosis_document(rows[0]) if rows else None
 
-    def file(self, number: int, name: str) -> bytes | None:
+    def file(self, twin_id: str, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
         if name in ("report.html", "charts.json"):
-            page = self._store.diagnosis_page(number)
+            page = self._store.diagnosis_page(twin_id, number)
             return page if name == "report.html" or page is None else _charts(page)
         if name == "augmented.yaml":
-            model = self._store.diagnosis_model(number)
+            model = self._store.diagnosis_model(twin_id, number)
         else:
-            rows = self._store.diagnoses(number=number)
+            rows = self._store.diagnoses(twin_id, number)
             model = rows[0].report if rows else None
         return None if model is None else model.encode()
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, twin_id: str, number: int) -> bool:
         """End one that waits or runs; False where it has ended already."""
-        return self._jobs.cancel(number)
+        return self._jobs.cancel(JobId(twin_id, number))
 
     def adopt(self, twin_id: str, registration: Registration, number: int) -> None:
         """Adopt the result of a diagnosis into the registration of the twin.
@@ -166,12 +200,13 @@ class Diagnoses:
         changed = (
             {"covariates": self._followed(twin_id, registration, report)}
             if clock == "slow"
-            else {"model": self._augmented(number, report)}
+            else {"model": self._augmented(twin_id, number, report)}
         )
         given = registration.to_dict() | changed
         given["adopted"] = [*given["adopted"], one.model_dump(mode="json")]
         message = f"Adopted diagnosis {number}: {one.sentence}"
-        self._register(twin_id, given, "adopted", message, {"diagnosis": number})
+        because = Because("adopted", message, {"diagnosis": number})
+        self._register(twin_id, registration, given, because)
 
     def undo(self, twin_id: str, registration: Registration, number: int) -> None:
         """Undo the latest adoption."""
@@ -192,11 +227,13 @@ class Diagnoses:
         else:
             given["covariates"] = last.covariates_before
         message = f"Undone: diagnosis {number} is no part of the twin any more."
-        self._register(twin_id, given, "undone", message, {"diagnosis": number})
+        because = Because("undone", message, {"diagnosis": number})
+        self._register(twin_id, registration, given, because)
 
     def _register(
-        self, twin_id: str, given: dict[str, Any], kind: str, message: str, details: Any
+        self, twin_id: str, before: Registration, given: dict[str, Any], because: Because
     ) -> None:
+        """Register a twin anew, unless it was registered by somebody else meanwhile."""
         try:
             registration = Registration.model_validate(given)
         except ValidationError as error:
@@ -207,7 +244,19 @@ class Diagnoses:
                 "With this diagnosis, the registration of the twin would not be valid: "
                 f"{fault} Correct the registration first.",
             ) from error
-        self._pipeline.register(twin_id, registration, kind, message, details)
+
+        def register() -> None:
+            twin = self._pipeline.twin(twin_id)
+            if twin is None or twin.registration != before:
+                raise ProblemError(
+                    409,
+                    "changed-meanwhile",
+                    f"The registration of {twin_id} was changed meanwhile, and with it what "
+                    "this would be added to or taken from. Look at it, and ask again.",
+                )
+            self._pipeline.register(twin_id, registration, *because)
+
+        self._pipeline.call(register)
 
     def _report(self, twin_id: str, number: int) -> dict[str, Any]:
         rows = self._store.diagnoses(twin_id, number)
@@ -223,7 +272,7 @@ class Diagnoses:
             )
         return report
 
-    def _augmented(self, number: int, report: dict[str, Any]) -> dict[str, Any]:
+    def _augmented(self, twin_id: str, number: int, report: dict[str, Any]) -> dict[str, Any]:
         if report["verdict"] in ("sensor_fault", "input_fault"):
             word = report["verdict"].replace("_", " ")
             raise ProblemError(
@@ -232,7 +281,7 @@ class Diagnoses:
                 f"Diagnosis {number} found a {word}, which must be repaired and cannot be "
                 "adopted.",
             )
-        text = self._store.diagnosis_model(number) or ""
+        text = self._store.diagnosis_model(twin_id, number) or ""
         named = {effect["effect"] for effect in report["effects"]}
         own = self._checked(number, named - catalogue().keys())
         return parse_model(text, "augmented.yaml", own=own).model_dump(mode="json")
@@ -310,7 +359,8 @@ class Diagnoses:
             "report": report,
             "adopted": self._is_adopted(row),
         }
-        now = self._jobs.progress(row.number) if row.ended_ns is None else None
+        job = JobId(row.twin, row.number)
+        now = self._jobs.progress(job) if row.ended_ns is None else None
         if now is not None:
             told |= {
                 "state": now.state,
@@ -325,9 +375,9 @@ class Diagnoses:
         taken = () if twin is None else twin.registration.adopted
         return row.number in [one.diagnosis for one in taken]
 
-    def _end(self, number: int, ended: Ended) -> None:
+    def _end(self, job: JobId, ended: Ended) -> None:
         """Store the outcome of a diagnosis; called in the thread of the jobs."""
-        rows = self._store.diagnoses(number=number)
+        rows = self._store.diagnoses(*job)
         if not rows:
             return  # its twin was deleted meanwhile
         row = rows[0]._replace(
@@ -341,12 +391,17 @@ class Diagnoses:
         with contextlib.suppress(ValueError):
             said = json.loads(report)["sentence"]
             self._pipeline.note(
-                row.twin, "diagnosed", "info", f"Diagnosis {number}: {said}",
-                {"diagnosis": number},
+                row.twin, "diagnosed", "info", f"Diagnosis {job.number}: {said}",
+                {"diagnosis": job.number},
             )  # fmt: skip
 
     def _prepared(
-        self, folder: Path, twin_id: str, registration: Registration, order: DiagnosisOrder
+        self,
+        folder: Path,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
     ) -> Task:
         site, asset = address(twin_id)
         common: dict[str, Any] = {
@@ -372,28 +427,18 @@ class Diagnoses:
                 f"{twin_id} has no model, or one without sensors, to compare samples with. "
                 f"Give it one: PUT /api/v1/twins/{twin_id} with `model`.",
             )
-        holdout = self._recordings(order.holdout.files) if order.holdout else ()
+
+        def kept(names: Sequence[str]) -> tuple[Path, ...]:
+            return tuple(self._kept.of_twin(names, twin_id, principal))
+
+        holdout = kept(order.holdout.files) if order.holdout else ()
         if order.recordings is not None:
-            recordings = self._recordings(order.recordings.files)
+            recordings = kept(order.recordings.files)
         else:
             assert order.raw is not None
             recordings = (folder / RAW,)
             self._ask_edge(twin_id, model, order.raw.duration_s, recordings[0])
         return Task(**common, model=model, recordings=recordings, holdout=holdout)
-
-    def _recordings(self, names: Sequence[str]) -> tuple[Path, ...]:
-        """Paths of recordings that the server keeps."""
-        folder = self._settings.recordings
-        kept = {} if folder is None else {path.name: path for path in folder.glob("*.mcap")}
-        strange = [name for name in names if name not in kept]
-        if not kept or strange:
-            some = ", ".join(sorted(kept)[:20]) or "none; set diagnose.recordings to a folder"
-            raise ProblemError(
-                422,
-                "no-such-recording",
-                f"{', '.join(strange) or 'Recordings'} were asked for. The server has: {some}.",
-            )
-        return tuple(kept[name] for name in names or sorted(kept))
 
     def _ask_edge(self, twin_id: str, model: ModelFile, seconds: float, path: Path) -> None:
         """Ask the edge for its last samples, and write them as a recording."""

@@ -1,13 +1,23 @@
 """Estimates features in order, and prepares the states, checkpoints and events to write."""
 
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
-from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
-from twin_server.history.states import blank
-from twin_server.persist import DetailRow, EventRow, FeatureRow, StateRow, Store, WriteBatch
+from twin_server.estimate import Checkpoint, Estimated, Twin
+from twin_server.history.states import blank, covered_share, from_bytes
+from twin_server.persist import (
+    DetailRow,
+    EventRow,
+    FeatureRow,
+    StateRow,
+    Store,
+    TwinRow,
+    WriteBatch,
+)
+from twin_server.pipeline.progress import ASIDE_BEFORE, Batch, Isolated
 from twin_server.registration.twin import Registration
 
 from .rows import cut_up, decoded, derived_event, event_row, twin_row
@@ -21,6 +31,13 @@ NO_BOOT = "twin"
 REESTIMATE_BATCH = 5_000
 """Features that are read at once where a history is made anew."""
 
+Estimating = Callable[[Batch, Sequence[bytes]], Isolated]
+"""Estimates features, of which the messages are given as well."""
+
+
+class NotEstimatedError(ValueError):
+    """Features of a history cannot be estimated; the text says which, and why."""
+
 
 class BatchEstimate(NamedTuple):
     """Estimates of a batch of features.
@@ -29,11 +46,14 @@ class BatchEstimate(NamedTuple):
     ----------
     owners, keys
         Of each features message the place of its twin in `keys`.
+    failed
+        Features that have no estimate, and why.
     """
 
     found: Estimated
     owners: Sequence[int]
     keys: Sequence[tuple[str, str]]
+    failed: Mapping[int, str] = MappingProxyType({})
 
 
 EMPTY_ESTIMATE = BatchEstimate(Estimated(blank(0), [], []), (), ())
@@ -51,6 +71,7 @@ def estimate_next(
     cut: WriteBatch,
     default: Registration,
     now_ns: int,
+    estimating: Estimating,
 ) -> BatchEstimate:
     """Add states, checkpoints and events of `ordered` to `cut`, checkpoints to `twins`."""
     keys: dict[tuple[str, str], int] = {}
@@ -62,12 +83,14 @@ def estimate_next(
                 registration_event(*key, default, "by its first features", now_ns)
             )
             cut.twins.append(twin_row(key, twins[key]))
-    found = estimate(
+    batch = Batch(
         [twins[key] for key in keys],
         [o.features for o in ordered],
         owners,
         [o.missing_before for o in ordered],
+        [o.covered for o in ordered],
     )
+    found, failed = estimating(batch, [o.payload for o in ordered])
     for key, checkpoint, notices in zip(keys, found.checkpoints, found.notices, strict=True):
         if checkpoint != twins[key].checkpoint:
             twins[key] = twins[key]._replace(checkpoint=checkpoint)
@@ -85,13 +108,29 @@ def estimate_next(
         for o, detail in zip(ordered, found.details, strict=False)
         if detail is not None
     ]
-    return BatchEstimate(found, owners, list(keys))
+    return BatchEstimate(found, owners, list(keys), failed)
 
 
 def reestimate(
-    store: Store, key: tuple[str, str], registration: Registration, event: EventRow
+    store: Store,
+    key: tuple[str, str],
+    registration: Registration,
+    event: EventRow,
+    estimating: Estimating,
+    finish: Callable[[], None] = lambda: None,
 ) -> Twin:
-    """Make all states of a twin from its features again; in memory, a part at a time."""
+    """Make all states of a twin from its features again; in memory, a part at a time.
+
+    Parameters
+    ----------
+    finish
+        Called within the transaction, at its end.
+
+    Raises
+    ------
+    NotEstimatedError
+        If features fail that had an estimate until now; nothing is changed.
+    """
     twin = new_twin(registration)
     events = [event]
 
@@ -100,19 +139,36 @@ def reestimate(
         last = (0, -1)
         while rows := store.messages(".".join(key), last, REESTIMATE_BATCH):
             features = [decoded(row.message) for row in rows]
-            missing = []
-            for row in rows:
-                before = last[1] if row.number == last[0] else -1
-                missing.append(row.sequence - before - 1)
-                last = (row.number, row.sequence)
-            found = estimate([twin], features, [0] * len(rows), missing)
+            last = (rows[-1].number, rows[-1].sequence)
+            # What was missing, and what had been measured before, was found when they came.
+            kept = from_bytes(row.state for row in rows)
+            batch = Batch(
+                [twin],
+                features,
+                [0] * len(rows),
+                kept["missing_before"].tolist(),
+                covered_share(kept).tolist(),
+            )
+            found, failed = estimating(batch, [row.message for row in rows])
+            for place, why in failed.items():
+                if why != ASIDE_BEFORE:
+                    one = features[place]
+                    raise NotEstimatedError(
+                        f"Features {one.sequence} of boot {one.boot} of "
+                        f"{'.'.join(key)} cannot be estimated like this: {why}. Nothing was "
+                        "changed. Look at the log, or change the registration."
+                    )
             twin = twin._replace(checkpoint=found.checkpoints[0])
             events.extend(derived_event(features[n.row], n) for n in found.notices[0])
             details = found.details or [None] * len(rows)
             for row, state, detail in zip(rows, cut_up(found.states), details, strict=True):
                 yield StateRow(row.number, row.sequence, state, detail)
 
-    store.rewrite(".".join(key), states(), lambda: (twin_row(key, twin), events))
+    def rest() -> tuple[TwinRow, list[EventRow]]:
+        finish()
+        return twin_row(key, twin), events
+
+    store.rewrite(".".join(key), states(), rest)
     return twin
 
 

@@ -32,6 +32,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, TwoVersionBus, matches
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
+from slowtime_services.supervision import all_stacks
 from twin_server.collect import (
     Account,
     Arrival,
@@ -47,7 +48,9 @@ from twin_server.collect import (
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
+from twin_server.pipeline.progress import Phase
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
@@ -62,8 +65,10 @@ from .estimation import (
     reestimate,
     registration_event,
 )
+from .failure_log import FailureLog
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
+from .repeated_windows import WindowNotices
 from .routing import Routing
 from .rows import (
     address,
@@ -81,8 +86,10 @@ from .rows import (
     told_event,
     twin_row,
 )
+from .set_aside import QuarantineFullError, SettingAside
 from .state_publisher import ACK_EVERY_S, StatePublisher
 from .updates import UpdateListener
+from .window_coverage import WindowCoverage
 
 logger = logging.getLogger(__name__)
 
@@ -116,6 +123,8 @@ class Pipeline:
         self._bus = None if bus is None else TwoVersionBus(bus)
         self._clock = clock or SystemClock()
         self.refusals = Refusals()
+        self.setting_aside = SettingAside(store, settings.progress, self.refusals)
+        self._progress = self.setting_aside.progress
         self._reception = Reception(settings.admission, self.refusals)
         self._inbox: Inbox[Sample] = Inbox(
             settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
@@ -138,21 +147,27 @@ class Pipeline:
             self._election,
             RangeProver(store).range_of,
         )
-        self.failing: str = ""
+        self.failing, self.stalled = "", ""
+        self._failing_since_s: float | None = None
+        self._failure_log = FailureLog()
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
         self._limit = AssetLimit(settings.admission.max_assets_of_site, self.refusals)
-        self._stale = True
+        self._stale, self._hurried = True, False
         self._heard: dict[tuple[str, str], int] = {}
         self._assessed = AssessedMessages(store)
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
-            every_s = settings.ledger.every_s
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, every_s, self._publisher.say
+                store,
+                self._clock,
+                signer,
+                settings.ledger,
+                self._publisher.say,
+                HeadWitnesses(settings.ledger),
             )
         self._load()
 
@@ -179,8 +194,15 @@ class Pipeline:
         ]
         self._backfill.start()
 
-    def stop(self) -> None:
-        """Stop listening, finish the messages that have arrived, and end."""
+    def stop(self, within_s: float | None = None) -> None:
+        """Stop listening, finish the messages that have arrived, and end.
+
+        Parameters
+        ----------
+        within_s
+            How long that may take [s]; what is not finished then waits at the edges, which
+            have no acknowledgement of it.
+        """
         for handle in self._handles:
             handle.close()
         self._handles.clear()
@@ -189,7 +211,11 @@ class Pipeline:
         self._inbox.close()
         self._pressing.set()
         if self._worker is not None:
-            self._worker.join()
+            self._worker.join(within_s)
+            self._hurried = True
+            self._worker.join(within_s)
+            if self._worker.is_alive():
+                logger.error("The pipeline does not end; its stack:\n%s", all_stacks())
             self._worker = None
         self._election.stop()
 
@@ -197,6 +223,26 @@ class Pipeline:
     def working(self) -> bool:
         """Whether the working thread lives."""
         return self._worker is not None and self._worker.is_alive()
+
+    @property
+    def waits(self) -> bool:
+        """Whether messages or calls wait to be worked."""
+        return bool(self._inbox) or bool(self._calls)
+
+    def stall(self, trouble: str, by_message: bool) -> None:
+        """Give up the claim to lead, from another thread: the pipeline stands still.
+
+        Parameters
+        ----------
+        trouble
+            Sentence that says so.
+        by_message
+            Whether it stands still while it works on messages, which is noted then.
+        """
+        self.stalled = trouble
+        if by_message:
+            self.setting_aside.attempts.mark()
+        self._election.resign()
 
     def ingest(self, samples: Iterable[Sample]) -> None:
         """Take samples straight in, without a bus; back once they are durable.
@@ -214,7 +260,8 @@ class Pipeline:
 
     def give_up(self) -> None:
         """Wait for nothing that is missing any more."""
-        self.call(lambda: self._durably(self._account.give_up))
+        most = self.settings.pipeline.inbox_messages
+        self.call(lambda: self._durably(self._account.give_up, most))
 
     def register(
         self,
@@ -324,6 +371,10 @@ class Pipeline:
             "held_bytes": account.held_bytes,
             "boots": account.boots,
             "inbox": self.waiting,
+            "ledger_refused": int(
+                self.ledger_signer is not None and self.ledger_signer.refused
+            ),
+            "aside": self.setting_aside.quarantine.gauge(),
         }
 
     def tallies(self) -> dict[str, int]:
@@ -331,6 +382,7 @@ class Pipeline:
         return {
             "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
+            "witness_failures": self.ledger_signer.missed if self.ledger_signer else 0,
         }
 
     def _later(self, call: Callable[[], None]) -> bool:
@@ -389,20 +441,38 @@ class Pipeline:
                 samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
-                    self._guarded(self._calls.popleft())
+                    with self._progress.doing(Phase.STORE):
+                        self._guarded(self._calls.popleft())
                 if not self._account.corrections.is_empty:
                     self._guarded(self._keep_corrections)
                 if samples:
                     self._next_s = time.monotonic() + self.settings.pipeline.gather_s
                     self._guarded(functools.partial(self._take, samples))
-                self._guarded(self._election.step)
-                if not self._stale:  # else the account counts what is not durable
-                    self._guarded(self._publisher.acknowledge)
-                self._guarded(lambda: self._publisher.announce_all(self._twins))
-                self._guarded(self._sign_ledger)
-            if self._inbox.closed and not samples and not self._inbox and self._may_end():
+                with self._progress.doing(Phase.STORE):
+                    if not self._resigned():
+                        self._guarded(self._election.step)
+                    if not self._stale:  # else the account counts what is not durable
+                        self._guarded(self._publisher.acknowledge)
+                    self._guarded(lambda: self._publisher.announce_all(self._twins))
+                    self._guarded(self._sign_ledger)
+            if self._hurried or (
+                self._inbox.closed and not samples and not self._inbox and self._may_end()
+            ):
                 self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
+
+    def _resigned(self) -> bool:
+        """Whether this server gives up its claim to lead, because nothing succeeds any more."""
+        if not self.failing:
+            self._failing_since_s = None
+            return False
+        now_s = time.monotonic()
+        if self._failing_since_s is None:
+            self._failing_since_s = now_s
+        if now_s - self._failing_since_s < self.settings.progress.silent_s:
+            return False
+        self._election.resign()
+        return True
 
     def _gathered(self, limit: int) -> bool:
         """Let messages gather for a batch, unless there are enough; False if calls are due."""
@@ -415,30 +485,41 @@ class Pipeline:
         return not self._calls
 
     def _sign_ledger(self, *, at_once: bool = False) -> None:
-        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        """Sign a head of the ledger where it is due; tell the twins that cannot be proven."""
         if self.ledger_signer is None or self._stale:
             return
         if at_once:
-            self.ledger_signer.sign(self._clock.now_ns())
+            self.ledger_signer.close()
         else:
             self.ledger_signer.step()
+        for twin_id, message in self.ledger_signer.take_unsaid().items():
+            self._note(twin_id, "ledger_refused", "alarm", message, {})
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""
         try:
             function()
+        except StoreError as error:
+            self._failure_log.say(str(error))
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
-    def _durably(self, function: Callable[[Change], None]) -> None:
-        """Do something to the account, and conclude; where that fails, it never happened."""
+    def _durably(self, function: Callable[[Change], None], messages: int = 1) -> None:
+        """Do something to the account, and conclude; where that fails, it never happened.
+
+        Parameters
+        ----------
+        messages
+            How many messages it concerns, of which its budget follows.
+        """
         change = Change()
         try:
             if self._stale:
                 self._load()
-            function(change)
+            self.setting_aside.budget.run(lambda: function(change), messages)
             self._conclude(change)
             self.failing = ""
+            self._failure_log.clear()
         except Exception as error:
             self.counts["failed_batches"] += 1
             self.failing = f"{type(error).__name__}: {error}"
@@ -467,6 +548,8 @@ class Pipeline:
             account.watch(*address(twin_id), alive=True)
         self._publisher.forget_owed()
         self._account, self._twins = account, twins
+        self._coverage = WindowCoverage(self.store)
+        self._window_notices = WindowNotices(self.store, self.refusals)
         self._units = {row.number: row.slow_time_unit for row in rows}
         self._stale = False
 
@@ -498,8 +581,25 @@ class Pipeline:
         )
 
     def _take(self, samples: Sequence[Sample]) -> int:
-        """Process one batch; return the number of messages from senders with wrong clocks."""
-        received = self._reception.read(samples, self._clock.now_ns())
+        """Process messages; return the number of those from senders with wrong clocks."""
+        usual, suspected = self.setting_aside.divided(samples)
+        misdated = self._take_batch(usual) if usual else 0
+        for sample in suspected:
+            misdated += self._take_batch([sample])
+        return misdated
+
+    def _take_batch(self, samples: Sequence[Sample]) -> int:
+        """Process one batch, which is noted meanwhile."""
+        aside, now_ns = self.setting_aside, self._clock.now_ns()
+        if len(samples) == 1 and aside.refuses(samples[0], now_ns):
+            return 0
+        noted = aside.attempts.noted(sample.payload for sample in samples)
+        with self._progress.doing(Phase.STORE), noted:
+            return self._take_noted(samples)
+
+    def _take_noted(self, samples: Sequence[Sample]) -> int:
+        with self._progress.doing(Phase.STEP):
+            received = self._reception.read(samples, self._clock.now_ns())
         # What a replay holds comes once: one part that fails must not cost the others.
         self._run_each(
             functools.partial(self._take_features, received),
@@ -536,7 +636,7 @@ class Pipeline:
             ]
         now_ns = self._clock.now_ns()
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
-        self._take_arrivals(arrivals)
+        self._take_arrivals(self.setting_aside.admitted(arrivals))
         self._account.disbelieve(received.disbelieved)
 
     def _take_assessed(self, received: Received) -> None:
@@ -586,7 +686,8 @@ class Pipeline:
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""
         try:
-            self._durably(lambda c: self._account.take(arrivals, time.monotonic(), c))
+            now_s = time.monotonic()
+            self._durably(lambda c: self._account.take(arrivals, now_s, c), len(arrivals))
         except StoreError:
             raise
         except Exception as error:
@@ -595,8 +696,12 @@ class Pipeline:
                 self._take_arrivals(arrivals[:middle])
                 self._take_arrivals(arrivals[middle:])
                 return
+            if isinstance(error, QuarantineFullError):
+                return
             logger.exception("Features could not be processed.")
             features = arrivals[0].features
+            if event := self.setting_aside.failed(arrivals[0], error, self._clock.now_ns()):
+                self._keep([event])
             self.refusals.refuse(
                 "failed",
                 f"{features.twin_id}: sequence {features.sequence} made the server fail: "
@@ -626,13 +731,21 @@ class Pipeline:
         twins = collections.ChainMap(changed, self._twins)
         for run in {id(o.run): o for o in change.ordered}.values():
             self._units.setdefault(run.run.number, run.features.slow_time_unit)
-        fresh = estimate_next(
-            change.ordered,
-            twins,
-            cut,
-            self.settings.default_registration,
-            self._clock.now_ns(),
-        )
+        windows = self._coverage.sort(change.ordered)
+        change.ordered = windows.new
+        cut.events += self._window_notices.of(windows)
+        aside, now_ns = self.setting_aside, self._clock.now_ns()
+        with aside.attempts.noted_too(o.payload for o in change.ordered):
+            fresh = estimate_next(
+                change.ordered,
+                twins,
+                cut,
+                self.settings.default_registration,
+                now_ns,
+                aside.estimating,
+            )
+        cut.aside, set_aside = aside.rows(change.ordered, fresh, now_ns)
+        cut.events += set_aside
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.events += [old_event(aged) for aged in change.aged]
         cut.events += [rivals_event(rivals) for rivals in change.rivals]
@@ -645,7 +758,10 @@ class Pipeline:
         ]
         self.routing.hear(change.ordered)
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
-        numbers = self.store.write(cut)
+        with self._progress.doing(Phase.STORE):
+            numbers = self.store.write(cut)
+        if cut.aside:
+            aside.quarantine.load()
         self._publisher.owe(change.touched)
         self._twins.update(changed)
         self._count(change, cut)
@@ -655,6 +771,7 @@ class Pipeline:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
+        self.counts["overlapping"] += sum(one.covered > 0.0 for one in change.ordered)
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
@@ -782,11 +899,17 @@ class Pipeline:
             twin = new_twin(registration)
             self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
         else:
-            twin = reestimate(self.store, key, registration, event)
-        self._twins[key] = twin
+            twin = reestimate(
+                self.store, key, registration, event, self.setting_aside.estimating
+            )
+        self.replace(twin_id, twin)
         self._publisher.announce(key, twin)
-        self._publisher.reset(twin_id)
         return before is None
+
+    def replace(self, twin_id: str, twin: Twin) -> None:
+        """Take over a twin that was estimated anew, in the thread of the pipeline."""
+        self._twins[address(twin_id)] = twin
+        self._publisher.reset(twin_id)
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Answer queries for registrations; in a thread of the bus."""
@@ -806,5 +929,6 @@ class Pipeline:
         for number in self._account.forget(*key):
             self._units.pop(number, None)
         self.routing.forget(key)
+        self.setting_aside.quarantine.load()
         self._publisher.reset(twin_id)
         return existed

@@ -13,12 +13,17 @@ import queue
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from typing import Any, Protocol, TypeVar
 
-from slowtime_services.operating_system import lower_priority
+from slowtime_services.operating_system import (
+    end_with_parent,
+    lower_priority,
+    pause_process,
+    resume_process,
+)
+from twin_server.fairness import Processors, Turn, current_holder
 from twin_server.serve import ProblemError
 from twin_server.serve.http.compute_queue import abandoned
 
@@ -76,11 +81,15 @@ class WorkerProcesses:
     count
         How many.
     timeout_s
-        How long one call may take until it is ended.
+        How long one call may take until it is ended; pauses in favour of others not counted.
+    processors
+        Pause them in favour of other sites.
     """
 
-    def __init__(self, count: int, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
+    def __init__(
+        self, count: int, timeout_s: float, processors: Processors | None = None
+    ) -> None:
+        self._timeout_s, self._processors = timeout_s, processors or Processors()
         self._free: queue.SimpleQueue[_Worker | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._all: set[_Worker] = set()
@@ -107,9 +116,10 @@ class WorkerProcesses:
         try:
             if worker is None or not worker.alive:
                 worker = self._begin()
-            worker.send(function, arguments)
-            self._await(worker)
-            sound, answer = worker.receive()
+            with self._processors.turn(current_holder(), worker.pause, worker.resume) as turn:
+                worker.send(function, arguments)
+                self._await(worker, turn)
+                sound, answer = worker.receive()
         except BaseException as error:
             if worker is not None:
                 self._end(worker)
@@ -157,12 +167,11 @@ class WorkerProcesses:
             self._all.discard(worker)
         worker.kill()
 
-    def _await(self, worker: "_Worker") -> None:
-        until = time.monotonic() + self._timeout_s
+    def _await(self, worker: "_Worker", turn: Turn) -> None:
         while not worker.answered(LOOK_S):
             if abandoned():
                 raise AbandonedError
-            if time.monotonic() > until:
+            if turn.running_s() > self._timeout_s:
                 raise _ended(
                     f"It was ended after {self._timeout_s:g} s (serve.work_timeout_s). Ask for "
                     "less at once."
@@ -196,6 +205,14 @@ class _Worker:
         found: tuple[bool, Any] = self._pipe.recv()
         return found
 
+    def pause(self) -> None:
+        if self._process.pid is not None:
+            pause_process(self._process.pid)
+
+    def resume(self) -> None:
+        if self._process.pid is not None:
+            resume_process(self._process.pid)
+
     def kill(self) -> None:
         self._pipe.close()
         self._process.kill()
@@ -205,6 +222,7 @@ class _Worker:
 def _work(pipe: Connection) -> None:
     """Run functions that arrive, until the server ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     lower_priority(NICENESS)
     while True:
         try:

@@ -5,15 +5,16 @@ or from an address that is asked at most twice a minute, however many unknown ke
 """
 
 import hashlib
-import json
 import logging
 import threading
 import time
-import urllib.request
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from slowtime_services.documents.json_documents import read_json
+from slowtime_services.outbound.connections import fetch
+from slowtime_services.reasons import reason_of
 from twin_server.identity.principals import Principal, Scope
 from twin_server.identity.tokens import RefusedTokenError, WrongTokenFileError
 from twin_server.settings import OpenIdSettings
@@ -25,6 +26,9 @@ logger = logging.getLogger(__name__)
 
 LARGEST = 2**20
 """Bytes that are read of a document of the provider, at most."""
+
+FETCH_S = 5.0
+"""Longest wait for the provider [s]; those who present tokens wait meanwhile."""
 
 REMEMBERED = 2_000
 """Verified tokens that are remembered, the newest."""
@@ -137,14 +141,14 @@ class OpenId:
     def _ask(self) -> None:
         self._asked_at = self._now()
         try:
-            found = self._jwt.PyJWKSet.from_dict(json.loads(self._read()))
+            found = self._jwt.PyJWKSet.from_dict(read_json(self._read()))
         except (OSError, ValueError, self._jwt.PyJWTError) as error:
             said = (
                 f"The keys of {self._settings.issuer} cannot be had from {self._settings.jwks}"
             )
             if not self._keys and not self._settings.jwks.startswith("https://"):
-                raise WrongTokenFileError(f"{said}: {error}.") from error
-            logger.error("%s: %s. Those known before are used.", said, error)
+                raise WrongTokenFileError(f"{said}: {reason_of(error)}") from error
+            logger.error("%s: %s Those known before are used.", said, reason_of(error))
             return
         self._keys = {str(key.key_id): key for key in found.keys}
 
@@ -153,6 +157,4 @@ class OpenId:
         if not where.startswith("https://"):
             with open(where, "rb") as file:
                 return file.read(LARGEST)
-        with urllib.request.urlopen(where, timeout=5) as answer:
-            body: bytes = answer.read(LARGEST)
-        return body
+        return fetch(where, FETCH_S, LARGEST)

@@ -5,11 +5,10 @@ from .facts import FailureQuestion, KnownFacts, TwinFacts
 from .failure import Failure, failure_probability
 from .graphs import CONTAINS, WrongGraphError, composites_of
 from .pooled_rates import Rates
-from .routes import CompositeService, routes
+from .routes import routes
 
 __all__ = [
     "CONTAINS",
-    "CompositeService",
     "Failure",
     "FailureQuestion",
     "KnownFacts",

@@ -5,13 +5,14 @@ A graph is a file of twins and relationships as twin platforms write it
 were. In any other graph each instance that contains registered twins becomes a composite.
 """
 
-import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from slowtime_services.documents.bounds import DocumentError
+from slowtime_services.documents.json_documents import read_json
 from twin_server.composites.composite import Composite
 from twin_server.registration.twin import ID
 
@@ -124,9 +125,9 @@ def _composite(
 
 def _instances(text: str) -> dict[str, _Instance]:
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise WrongGraphError(f"The graph is no JSON: {error}.") from error
+        content = read_json(text)
+    except DocumentError as error:
+        raise WrongGraphError(f"The graph cannot be read: {error}") from error
     try:
         if isinstance(content, dict) and "digitalTwinsGraph" in content:
             return _of_platform(content["digitalTwinsGraph"])

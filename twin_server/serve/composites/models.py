@@ -225,7 +225,7 @@ class Revision(BaseModel):
 
 
 class RevisionList(BaseModel):
-    """All registrations of a composite, in order."""
+    """Registrations of a composite whose twins the caller may see, in order."""
 
     id: str
     revisions: list[Revision]

@@ -1,22 +1,31 @@
-"""Routes of composites: register, list, assess, and list their members."""
+"""Routes of composites: register, list, assess, and list their members and events."""
 
 import itertools
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic_core import to_json
 
 from slowtime_schemas.quantities import Plain
 from twin_server.composites.composite import Composite
-from twin_server.composites.hierarchy import above, memberships, twins_of
+from twin_server.composites.hierarchy import (
+    WrongCompositeError,
+    above,
+    check_tree,
+    memberships,
+    twins_of,
+)
+from twin_server.history.rendering import event_object
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import ID, Registration
+from twin_server.serve.composite_service import CompositeService, out_of_reach
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.models.history import EventList
 from twin_server.serve.routes.twin_path import TwinId
 
 from . import models
@@ -34,26 +43,6 @@ _PROBLEMS = problems.answers(
 )
 
 CompositeId = Annotated[str, Path(pattern=ID), Plain]
-
-
-class CompositeService(Protocol):
-    """Service of composites; refusals are raised as `ProblemError`."""
-
-    def all(self) -> Mapping[str, Composite]:
-        """All composites, in the order of their registration."""
-        ...
-
-    def register(self, composite_id: str, wanted: Composite, principal: str) -> bool:
-        """Register a composite; True where it is new."""
-        ...
-
-    def delete(self, composite_id: str, principal: str) -> None:
-        """Delete a composite that is no member of another."""
-        ...
-
-    def revisions(self, composite_id: str) -> list[dict[str, Any]]:
-        """All registrations of a composite, in order."""
-        ...
 
 
 def routes(
@@ -78,31 +67,29 @@ def routes(
     Known = Annotated[Registration, Depends(known)]
 
     async def seen(request: Request, composite_id: str) -> Mapping[str, Composite]:
-        """All composites, where the caller may see every twin within one."""
-        composites = await reading.run(composite_service.all)
-        if composite_id not in composites:
-            there = [name for name in composites if _sees(request, name, composites)]
-            raise ProblemError(
-                404,
-                "no-such-composite",
-                f"No composite is called {composite_id}. Registered: "
-                f"{', '.join(there[:20]) or 'none yet'}. Register it with PUT "
-                f"/api/v1/composites/{composite_id}.",
-            )
-        _reach(request, composite_id, composites)
-        return composites
+        """Composites that the caller may see; refused where the one asked for is none."""
+        composites = await reading.run(
+            lambda: composite_service.all(principal_of(request.scope))
+        )
+        if composite_id in composites:
+            return composites
+        if await reading.run(lambda: composite_service.exists(composite_id)):
+            raise out_of_reach(composite_id)
+        raise ProblemError(
+            404,
+            "no-such-composite",
+            f"No composite is called {composite_id}. Registered: "
+            f"{', '.join(list(composites)[:20]) or 'none yet'}. Register it with PUT "
+            f"/api/v1/composites/{composite_id}.",
+        )
 
     @api.get("/composites", response_model=models.CompositeList)
     async def list_composites(request: Request) -> Response:
         """List composites with their members and health; ask for one to get all else."""
 
         def listed() -> bytes:
-            composites = composite_service.all()
-            visible = {
-                name: twins_of(name, composites)
-                for name in composites
-                if _sees(request, name, composites)
-            }
+            composites = composite_service.all(principal_of(request.scope))
+            visible = {name: twins_of(name, composites) for name in composites}
             within = itertools.chain.from_iterable(visible.values())
             healths = facts.health(list(dict.fromkeys(within)))
             briefs = [
@@ -123,9 +110,17 @@ def routes(
         request: Request, composite_id: str, horizon: float | None, status: int = 200
     ) -> Response:
         composites = dict(await seen(request, composite_id))
+
+        def assessment() -> bytes:
+            try:
+                check_tree(composite_id, composites)
+            except WrongCompositeError as error:
+                raise ProblemError(409, "too-large-now", str(error)) from error
+            return to_json(assess(facts, composites, composite_id, horizon))
+
         body = await queue.run(
             request,
-            lambda: to_json(assess(facts, composites, composite_id, horizon)),
+            assessment,
             group=composite_id,
             share=(composite_id, composites[composite_id].to_json(), horizon, status),
         )
@@ -141,10 +136,7 @@ def routes(
     ) -> Response:
         """Register a composite, or register it anew; what it was before is kept."""
         release_body_slot(request.scope)
-        before = await reading.run(composite_service.all)
-        after = {**before, composite_id: wanted}
-        _reach(request, composite_id, after)
-        who = principal_of(request.scope).name
+        who = principal_of(request.scope)
         new = await changing.run(lambda: composite_service.register(composite_id, wanted, who))
         return await assessed(request, composite_id, None, 201 if new else 200)
 
@@ -168,7 +160,7 @@ def routes(
     async def delete(request: Request, composite_id: CompositeId) -> Response:
         """Delete a composite; its members stay, and so do its former registrations."""
         await seen(request, composite_id)
-        who = principal_of(request.scope).name
+        who = principal_of(request.scope)
         await changing.run(lambda: composite_service.delete(composite_id, who))
         return Response(status_code=204)
 
@@ -193,10 +185,36 @@ def routes(
         responses=_PROBLEMS,
     )
     async def revisions(request: Request, composite_id: CompositeId) -> Response:
-        """List all registrations of a composite, in order."""
+        """List the registrations of a composite, in order.
+
+        Each is told to who may see the twins that it held when it was registered.
+        """
         await seen(request, composite_id)
-        found = await reading.run(lambda: composite_service.revisions(composite_id))
+        who = principal_of(request.scope)
+        found = await reading.run(lambda: composite_service.revisions(composite_id, who))
         return _json({"id": composite_id, "revisions": found})
+
+    @api.get(
+        "/composites/{composite_id}/events",
+        response_model=EventList,
+        responses=_PROBLEMS,
+    )
+    async def events(
+        composite_id: CompositeId,
+        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+        limit: Annotated[int, Query(ge=1, le=10_000)] = 100,
+    ) -> Response:
+        """List the newest events of a composite; with `after`, those that follow that number.
+
+        They say that a member was registered anew or deleted, to who may see the site of the
+        composite, and name members of this site only.
+        """
+        found = await reading.run(
+            lambda: composite_service.events(
+                composite_id, after=after or 0, limit=limit, newest=after is None
+            )
+        )
+        return _json({"events": [event_object(*event) for event in found]})
 
     @api.get(
         "/twins/{twin_id}/memberships",
@@ -205,35 +223,15 @@ def routes(
     )
     def of_twin(request: Request, twin_id: TwinId, registration: Known) -> Response:
         """List the composites that a twin is in: at once, and at any height."""
-        composites = composite_service.all()
-        seen = {name for name in composites if _sees(request, name, composites)}
+        composites = composite_service.all(principal_of(request.scope))
         told = {
             "id": twin_id,
-            "composites": [name for name in memberships(twin_id, composites) if name in seen],
-            "above": [name for name in above(twin_id, composites) if name in seen],
+            "composites": memberships(twin_id, composites),
+            "above": above(twin_id, composites),
         }
         return _json(told)
 
     return api
-
-
-def _sees(request: Request, composite_id: str, composites: Mapping[str, Composite]) -> bool:
-    """Whether the caller may see a composite and every twin within it."""
-    principal = principal_of(request.scope)
-    return all(map(principal.sees, [composite_id, *twins_of(composite_id, composites)]))
-
-
-def _reach(request: Request, composite_id: str, composites: Mapping[str, Composite]) -> None:
-    """Refuse callers who may not see every twin within a composite."""
-    principal = principal_of(request.scope)
-    hidden = [name for name in twins_of(composite_id, composites) if not principal.sees(name)]
-    if hidden:
-        raise ProblemError(
-            403,
-            "site-out-of-reach",
-            f"{composite_id} has {len(hidden)} twins of sites that the token does not reach. "
-            "Ask an admin for a token that reaches the sites of all members.",
-        )
 
 
 def _json(content: Any) -> Response:

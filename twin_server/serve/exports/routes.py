@@ -1,16 +1,16 @@
 """Routes that export histories and graphs as files."""
 
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import from_json, to_json
 
 from slowtime_schemas.quantities import Name
-from twin_server.composites.composite import Composite
 from twin_server.history.rendering import state_objects
-from twin_server.identity.principals import principal_of
+from twin_server.identity.principals import Principal, principal_of
 from twin_server.registration.twin import Registration
+from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
@@ -62,8 +62,8 @@ def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
 def routes(
     knowledge: Knowledge,
     known: Callable[[str], Awaitable[Registration]],
-    most: int = 16,
-    composites: Callable[[], Mapping[str, Composite]] = dict,
+    under_way: Files,
+    composite_service: CompositeService | None = None,
 ) -> APIRouter:
     """Make the routes.
 
@@ -71,12 +71,11 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
-    most
-        Exports that are under way at once.
-    composites
-        Gives all composites there are.
+    under_way
+        Exports that are under way.
+    composite_service
+        Gives the composites that a caller may see; None for none.
     """
-    under_way = Files(most)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 
@@ -92,6 +91,7 @@ def routes(
             **problems.answers(
                 {
                     501: "A format that this server was not installed with",
+                    429: "More than your site or token may have under way",
                     503: "Others are being given",
                 }
             ),
@@ -112,10 +112,12 @@ def routes(
             raise ProblemError(501, "not-installed", str(error)) from error
         return under_way.given(table, MEDIA_TYPES[form], _file(f"{twin_id}.{form}"))
 
-    def told(site: str | None, sees: Callable[[str], bool]) -> Iterator[Asset]:
-        return assets_of(knowledge, filter(sees, of_site(knowledge.ids(), site)))
+    def told(site: str | None, principal: Principal) -> Iterator[Asset]:
+        return assets_of(knowledge, of_site(knowledge.ids(principal), site))
 
-    graphs = graph_routes(told, lambda one: assets_of(knowledge, [one]), known, composites)
+    graphs = graph_routes(
+        told, lambda one: assets_of(knowledge, [one]), known, composite_service
+    )
     api.include_router(graphs)
     return api
 
@@ -126,10 +128,10 @@ def of_site(twin_ids: Iterable[str], site: str | None) -> list[str]:
 
 
 def graph_routes(
-    of_sites: Callable[[str | None, Callable[[str], bool]], Iterable[Asset]],
+    of_sites: Callable[[str | None, Principal], Iterable[Asset]],
     of_twin: Callable[[str], Iterable[Asset]],
     known: Callable[..., Awaitable[Registration]],
-    composites: Callable[[], Mapping[str, Composite]],
+    composite_service: CompositeService | None,
 ) -> APIRouter:
     """Make the routes of graphs, whichever processes have their twins.
 
@@ -141,24 +143,27 @@ def graph_routes(
         Gives one twin.
     known
         Gives the registration of the twin in the path, or raises.
-    composites
-        Gives all composites there are.
+    composite_service
+        Gives the composites that a caller may see; None for none.
     """
     listing = BoundedThreads(2)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 
-    def given(assets: Iterable[Asset], name: str, form: Form) -> Response:
-        whole = graph(list(assets), composites())
+    def given(assets: Iterable[Asset], principal: Principal, name: str, form: Form) -> Response:
+        composites = {} if composite_service is None else composite_service.all(principal)
+        whole = graph(list(assets), composites)
         body = to_json(written_as(whole, form))
         if form == "json-ld":
             return Response(body, headers=_file(f"{name}.jsonld"), media_type=JSON_LD)
         return Response(body, headers=_file(f"{name}.dtdl.json"), media_type="application/json")
 
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
-    def one(twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3") -> Response:
+    def one(
+        request: Request, twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3"
+    ) -> Response:
         """Return a twin, the parts of its model and their relations, with DTDL models."""
-        return given(of_twin(twin_id), twin_id, form)
+        return given(of_twin(twin_id), principal_of(request.scope), twin_id, form)
 
     @api.get(
         "/dtdl",
@@ -171,8 +176,8 @@ def graph_routes(
         form: AsForm = "dtdl-3",
     ) -> Response:
         """Return sites, twins, composites and all relations as one graph, with DTDL models."""
-        sees = principal_of(request.scope).sees
-        return await listing.run(lambda: given(of_sites(site, sees), site or "sites", form))
+        who = principal_of(request.scope)
+        return await listing.run(lambda: given(of_sites(site, who), who, site or "sites", form))
 
     return api
 

@@ -2,12 +2,12 @@
 
 To check twenty thousand numbers takes milliseconds of the event loop. Behind this queue they
 are taken between the turns of all others: eighty large bodies at once delay nobody by more
-than one.
+than one, and those of one site delay the other sites' bodies by no more than one either.
 """
 
-import asyncio
-
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from twin_server.fairness import FairGate, current_holder
 
 KEY = "slowtime.body_queue"
 
@@ -24,8 +24,7 @@ class BodyQueue:
 
     def __init__(self, app: ASGIApp, streamed: str) -> None:
         self._app, self._streamed = app, streamed
-        self._one: asyncio.Semaphore | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._one = FairGate(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, at its turn."""
@@ -53,15 +52,14 @@ class BodyQueue:
         if size < LARGE:
             await self._app(scope, again, send)
             return
-        one = self._semaphore()
-        await one.acquire()
+        turn = await self._one.acquire(current_holder())
         inside = True
 
         def leave() -> None:
             nonlocal inside
             if inside:
                 inside = False
-                one.release()
+                self._one.release(*turn)
 
         async def leaving(message: Message) -> None:
             leave()
@@ -72,12 +70,6 @@ class BodyQueue:
             await self._app(scope, again, leaving)
         finally:
             leave()
-
-    def _semaphore(self) -> asyncio.Semaphore:
-        loop = asyncio.get_running_loop()
-        if self._one is None or self._loop is not loop:
-            self._one, self._loop = asyncio.Semaphore(1), loop
-        return self._one
 
 
 def release_body_slot(scope: Scope) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from .pace import Pace
 from .problems import MEDIA_TYPE, problem
 
 logger = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ class Limits:
     head_s
         Time for the head of a request, from its first byte or from the connection's beginning.
     body_s, slowest_bytes_per_s
-        How long a body, or an answer, may be slower than that in all.
+        How long a body, or the taking of an answer, may be slower than that rate.
     upload_s
         Time for a whole body.
     most, most_of_one
@@ -106,6 +107,7 @@ class Connection(HttpToolsProtocol):
         self._address = ""
         self._in_head, self._head = True, 0
         self._received, self._begun_s, self._late_s = 0, 0.0, 0.0
+        self._pace, self._looked = self._new_pace(), 0
         self._timer: asyncio.TimerHandle | None = None
         self._taking: asyncio.TimerHandle | None = None
 
@@ -160,7 +162,8 @@ class Connection(HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         """Stop counting: a body follows, which has limits of its own."""
-        self._in_head, self._head, self._received, self._late_s = False, 0, 0, 0.0
+        self._in_head, self._head, self._received, self._looked = False, 0, 0, 0
+        self._pace = self._new_pace()
         self._begun_s = self.loop.time()
         self._again(self._look_at_body)
         super().on_headers_complete()
@@ -219,12 +222,9 @@ class Connection(HttpToolsProtocol):
             return
         limits = self.limits
         took_s = self.loop.time() - self._begun_s
-        if self.flow.read_paused:
-            self._late_s += LOOK_S
-        slow = self._received < (took_s - self._late_s - limits.body_s) * (
-            limits.slowest_bytes_per_s
-        )
-        if not slow and took_s < limits.upload_s:
+        came, self._looked = self._received - self._looked, self._received
+        fast = self._pace.take(came, 0.0 if self.flow.read_paused else LOOK_S)
+        if fast and took_s < limits.upload_s:
             self._again(self._look_at_body)
             return
         self.connections_of.counts["body_late"] += 1
@@ -235,10 +235,14 @@ class Connection(HttpToolsProtocol):
             408,
             "body-too-slow",
             f"{self._received:,} bytes of a body came within {took_s:.0f} s. Allowed: "
-            f"{limits.slowest_bytes_per_s:,.0f} bytes a second after the first "
-            f"{limits.body_s:g} s, and {limits.upload_s:g} s in all (serve.body_s, "
+            f"{limits.slowest_bytes_per_s:,.0f} bytes a second, of which it may fall behind "
+            f"by {limits.body_s:g} s, and {limits.upload_s:g} s in all (serve.body_s, "
             "serve.slowest_bytes_per_s, serve.upload_s). Send it faster, or less.",
         )
+
+    def _new_pace(self) -> Pace:
+        limits = self.limits
+        return Pace(limits.slowest_bytes_per_s, limits.body_s)
 
     def _look_at_answer(self, before: int, *, first: bool = False) -> None:
         """End a connection whose client reads the answer too slowly."""

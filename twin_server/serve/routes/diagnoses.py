@@ -3,12 +3,14 @@
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
 
-from fastapi import APIRouter, Depends, Path, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic_core import to_json
 
+from twin_server.identity.principals import Principal, principal_of
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
+from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
@@ -32,18 +34,27 @@ _PROBLEMS = problems.answers(
         404: "No such twin, or no such diagnosis",
         409: "Not as things are",
         422: "A body that is not valid",
+        429: "Too many of your site or token wait already",
         503: "Too many wait already",
     }
 )
 
-Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
+Number = Annotated[
+    int, Path(ge=1, lt=2**63, description="Of the diagnosis, among those of its twin.")
+]
 
 
 class DiagnosisService(Protocol):
     """Service of diagnoses; refusals are raised as `ProblemError`."""
 
-    def order(self, twin_id: str, registration: Registration, order: DiagnosisOrder) -> int:
-        """Take an order; its number."""
+    def order(
+        self,
+        twin_id: str,
+        registration: Registration,
+        order: DiagnosisOrder,
+        principal: Principal,
+    ) -> int:
+        """Take an order of samples that the principal may see; its number."""
         ...
 
     def all_of(self, twin_id: str) -> list[dict[str, Any]]:
@@ -54,11 +65,11 @@ class DiagnosisService(Protocol):
         """One diagnosis; None where there is none of that number."""
         ...
 
-    def file(self, number: int, name: str) -> bytes | None:
+    def file(self, twin_id: str, number: int, name: str) -> bytes | None:
         """Return a result file; None if it does not exist."""
         ...
 
-    def cancel(self, number: int) -> bool:
+    def cancel(self, twin_id: str, number: int) -> bool:
         """End one that waits or runs; False where it has ended already."""
         ...
 
@@ -90,6 +101,7 @@ def routes(
         Threads for what has a history estimated anew.
     """
     api = APIRouter(tags=["diagnoses"])
+    ordering = BoundedThreads(4)  # an edge that is asked for samples may take seconds to answer
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -112,15 +124,23 @@ def routes(
         response_model=DiagnosisModel,
         responses=_PROBLEMS,
     )
-    def order(twin_id: TwinId, registration: Known, order: DiagnosisOrder) -> Response:
+    async def order(
+        request: Request, twin_id: TwinId, registration: Known, order: DiagnosisOrder
+    ) -> Response:
         """Ask what the twin's model lacks: a job, whose number is told at once.
 
         From raw samples that the edge has now, from recordings, or, with `clock: slow`, from
         the twin's history and the covariates beside it.
         """
-        number = diagnosis_service.order(twin_id, registration, order)
-        where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
-        return _json(there(twin_id, number), 202, Location=where)
+        who = principal_of(request.scope)
+
+        def done() -> Response:
+            number = diagnosis_service.order(twin_id, registration, order, who)
+            where = f"/api/v1/twins/{twin_id}/diagnoses/{number}"
+            return _json(there(twin_id, number), 202, Location=where)
+
+        release_body_slot(request.scope)
+        return await ordering.run(done)
 
     @api.get(
         "/twins/{twin_id}/diagnoses",
@@ -149,7 +169,7 @@ def routes(
     def cancel(twin_id: TwinId, number: Number, registration: Known) -> Response:
         """Cancel a diagnosis that waits or runs; what it has found by then is lost."""
         found = there(twin_id, number)
-        if not diagnosis_service.cancel(number):
+        if not diagnosis_service.cancel(twin_id, number):
             raise ProblemError(
                 409,
                 "ended-already",
@@ -170,7 +190,7 @@ def routes(
         report, each with its heading and what it shows in words, as Plotly takes them.
         """
         found = there(twin_id, number)
-        content = diagnosis_service.file(number, name) if name in FILES else None
+        content = diagnosis_service.file(twin_id, number, name) if name in FILES else None
         if content is None:
             allowed = ", ".join(FILES) if found["state"] == "done" else "none yet"
             raise ProblemError(

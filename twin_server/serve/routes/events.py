@@ -5,17 +5,22 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 
+from twin_server.fairness import OverQuotaError
 from twin_server.history.rendering import event_object
-from twin_server.identity.principals import EVERYBODY, principal_of
+from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.problems import ProblemError
+from twin_server.serve.http.quotas import over_quota
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.live import Hub, LiveResponse
 from twin_server.serve.models.history import EventList, HeadList
 from twin_server.serve.state_rendering import json_response
 
 from .twin_path import TwinId
+
+RETRY_AFTER_S = 5
+"""What a client is told to wait where too many watch [s]."""
 
 _PROBLEMS = problems.answers(
     {
@@ -60,6 +65,9 @@ def routes(
                 "content": {"text/event-stream": {}},
             },
             **_PROBLEMS,
+            **problems.answers(
+                {429: "More than your site or token may have under way", 503: "Too many watch"}
+            ),
         },
     )
     async def live(
@@ -70,15 +78,12 @@ def routes(
     ) -> Response:
         """States and events as they become durable; `Last-Event-ID` brings what was missed."""
         principal = principal_of(request.scope)
-        client = hub.join(twin_id, None if principal is EVERYBODY else principal.name)
+        try:
+            client = hub.join(twin_id)
+        except OverQuotaError as error:
+            raise over_quota(error, RETRY_AFTER_S, "too-many-clients") from error
         if client is None:
-            raise ProblemError(
-                503,
-                "too-many-clients",
-                f"{hub.count} clients watch already. Allowed: max_live_clients, and of one "
-                "token max_live_of_one. Try again later, or ask for the history instead.",
-                **{"Retry-After": "5"},
-            )
+            raise ProblemError(503, "not-ready", "The server is ending. Try again later.")
         return LiveResponse(hub, client, knowledge, last_event_id, principal.still)
 
     return api

@@ -21,12 +21,14 @@ _PROBLEMS = problems.answers(
     {
         404: "No such twin",
         422: "A parameter that is not valid",
+        429: "More than your site or token may have under way",
         503: "Too many wait already; `Retry-After` says when to come back",
     }
 )
 _OF_ALL = problems.answers(
     {
         422: "A parameter that is not valid",
+        429: "More than your site or token may have under way",
         503: "Too many wait already; `Retry-After` says when to come back",
     }
 )
@@ -84,7 +86,7 @@ def routes(
         Of all twins with `costs` and `decision` whose costs are in one currency, that of most
         of them. Their plans may be 25 readings old.
         """
-        ids = [each for each in knowledge.ids() if principal_of(request.scope).sees(each)]
+        ids = knowledge.ids(principal_of(request.scope))
 
         def plan_document() -> bytes:
             return to_json(fleet_answer(knowledge, ids, teams * visits, window_d, budget))

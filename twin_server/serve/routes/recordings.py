@@ -1,19 +1,20 @@
 """Routes of recordings: list, upload, download, replay and delete.
 
-A recording may hold several sites; who asks sees those of which all sites are theirs.
+A recording may hold several sites; who asks sees those of which all sites are theirs. Names
+are unique within what one caller sees.
 """
 
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Protocol
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
 
 from slowtime_schemas.quantities import Plain
-from twin_server.identity.principals import principal_of
+from twin_server.identity.principals import Principal, principal_of
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 
@@ -23,8 +24,14 @@ Name = Annotated[
     Path(pattern=NAME, description="Of the file, such as monday.mcap."),
     Plain,
 ]
-Reaches = Callable[[str], bool]
-"""Whether who asks may see a site."""
+OfSite = Annotated[
+    str | None,
+    Query(
+        max_length=200,
+        description="`site` of the recording, where several that you see have the name. Left "
+        "out: that of the whole server, or the only one.",
+    ),
+]
 
 _PROBLEMS = problems.answers(
     {
@@ -33,6 +40,7 @@ _PROBLEMS = problems.answers(
         409: "Not as things are",
         413: "Larger than a recording may be",
         422: "A name or a file that is not valid",
+        429: "More than your site or token may have under way",
         503: "Another is being taken in",
         507: "No room for it",
     }
@@ -43,6 +51,7 @@ _PLAYING: dict[str, Any] = {
 }  # fmt: skip
 RECORDING_EXAMPLE: dict[str, Any] = {
     "name": "monday.mcap",
+    "site": None,
     "bytes": 1_843_200,
     "changed_ns": 1795233600123456789,
     "start_ns": 1795233000000000000,
@@ -69,6 +78,10 @@ class RecordingModel(BaseModel):
     model_config = {"json_schema_extra": {"examples": [RECORDING_EXAMPLE]}}
 
     name: str
+    site: str | None = Field(
+        description="Sites that share its name space, joined by commas: of one that a token of "
+        "these sites uploaded. Null for one of the whole server."
+    )
     bytes: int
     changed_ns: int = Field(description="When it was last written to [ns since 1970].")
     start_ns: int | None = Field(description="When its first message arrived.")
@@ -104,29 +117,34 @@ class ReplayOrder(BaseModel):
 
 
 class RecordingService(Protocol):
-    """Service of recordings; refusals are raised as `ProblemError`."""
+    """Service of recordings; refusals are raised as `ProblemError`.
 
-    def listed(self, reaches: Reaches) -> Mapping[str, Any]:
+    It is asked with a principal, and tells of recordings of which this one may see all.
+    """
+
+    def listed(self, principal: Principal) -> Mapping[str, Any]:
         """Return all recordings that the caller may see."""
         ...
 
-    def path(self, name: str, reaches: Reaches) -> FilePath:
+    def path(self, name: str, site: str | None, principal: Principal) -> FilePath:
         """Where one is that may be seen."""
         ...
 
-    async def take(self, name: str, chunks: AsyncIterator[bytes], reaches: Reaches) -> None:
+    async def take(self, name: str, chunks: AsyncIterator[bytes], principal: Principal) -> None:
         """Accept a recording after it was found valid."""
         ...
 
-    def delete(self, name: str, reaches: Reaches) -> None:
+    def delete(self, name: str, site: str | None, principal: Principal) -> None:
         """Delete one."""
         ...
 
-    def play(self, name: str, speed: float | None, reaches: Reaches) -> None:
+    def play(
+        self, name: str, site: str | None, speed: float | None, principal: Principal
+    ) -> None:
         """Begin to play one to the twins."""
         ...
 
-    def stop_playing(self, name: str, reaches: Reaches) -> None:
+    def stop_playing(self, name: str, site: str | None, principal: Principal) -> None:
         """End that."""
         ...
 
@@ -136,11 +154,8 @@ def routes(recording_service: RecordingService) -> APIRouter:
     api = APIRouter(tags=["recordings"])
     threads = BoundedThreads(2)  # a file of which nothing is known yet is read to its end
 
-    def reaches(request: Request) -> Reaches:
-        return principal_of(request.scope).reaches
-
     async def recording_response(request: Request, status: int = 200) -> Response:
-        found = await threads.run(lambda: recording_service.listed(reaches(request)))
+        found = await threads.run(lambda: recording_service.listed(principal_of(request.scope)))
         return Response(to_json(found), status, media_type="application/json")
 
     @api.get("/recordings", response_model=RecordingList, responses=_PROBLEMS)
@@ -167,21 +182,24 @@ def routes(recording_service: RecordingService) -> APIRouter:
     async def take(name: Name, request: Request) -> Response:
         """Keep a recording (MCAP): it is read to its end first, and refused if it is not sound.
 
-        One of that name that is there already is never replaced.
+        One of that name that you see already is never replaced. What a token of some sites
+        uploads has a name among the recordings of the sites that it holds messages of.
         """
-        await recording_service.take(name, request.stream(), reaches(request))
+        await recording_service.take(name, request.stream(), principal_of(request.scope))
         return await recording_response(request, 201)
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
-    async def give(name: Name, request: Request) -> FileResponse:
+    async def give(name: Name, request: Request, site: OfSite = None) -> FileResponse:
         """Return a recording as it is."""
-        path = await threads.run(lambda: recording_service.path(name, reaches(request)))
+        who = principal_of(request.scope)
+        path = await threads.run(lambda: recording_service.path(name, site, who))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     @api.delete("/recordings/{name}", response_model=RecordingList, responses=_PROBLEMS)
-    async def delete(name: Name, request: Request) -> Response:
+    async def delete(name: Name, request: Request, site: OfSite = None) -> Response:
         """Delete a recording: for good."""
-        await threads.run(lambda: recording_service.delete(name, reaches(request)))
+        who = principal_of(request.scope)
+        await threads.run(lambda: recording_service.delete(name, site, who))
         return await recording_response(request)
 
     @api.post(
@@ -190,19 +208,23 @@ def routes(recording_service: RecordingService) -> APIRouter:
         response_model=RecordingList,
         responses=_PROBLEMS,
     )
-    async def play(name: Name, order: ReplayOrder, request: Request) -> Response:
+    async def play(
+        name: Name, order: ReplayOrder, request: Request, site: OfSite = None
+    ) -> Response:
         """Play a recording to the twins, as the edges did; what they have already stays.
 
-        One at a time. Where none of its twins is registered yet, they are registered as they
-        were recorded.
+        To the twins of a site one at a time. Where none of its twins is registered yet, they
+        are registered as they were recorded.
         """
-        await threads.run(lambda: recording_service.play(name, order.speed, reaches(request)))
+        who = principal_of(request.scope)
+        await threads.run(lambda: recording_service.play(name, site, order.speed, who))
         return await recording_response(request, 202)
 
     @api.delete("/recordings/{name}/replay", response_model=RecordingList, responses=_PROBLEMS)
-    async def stop(name: Name, request: Request) -> Response:
+    async def stop(name: Name, request: Request, site: OfSite = None) -> Response:
         """End the replay of a recording; what was played stays."""
-        await threads.run(lambda: recording_service.stop_playing(name, reaches(request)))
+        who = principal_of(request.scope)
+        await threads.run(lambda: recording_service.stop_playing(name, site, who))
         return await recording_response(request)
 
     return api

@@ -3,10 +3,11 @@
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import Path
+from fastapi import Path, Request
 from fastapi.concurrency import run_in_threadpool
 
 from slowtime_schemas.quantities import Plain
+from twin_server.identity.principals import principal_of, site_of
 from twin_server.registration.twin import ID, Registration
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.knowledge import Knowledge
@@ -14,16 +15,15 @@ from twin_server.serve.knowledge import Knowledge
 TwinId = Annotated[str, Path(pattern=ID), Plain]
 
 
-def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:
+def registered_in(knowledge: Knowledge) -> Callable[..., Awaitable[Registration]]:
     """Make the dependency that gives the registration of the twin in the path."""
 
-    async def registered(twin_id: TwinId) -> Registration:
+    async def registered(request: Request, twin_id: TwinId) -> Registration:
         # In the event loop: a twin that is there costs a look into a dictionary.
         registration = knowledge.registration(twin_id)
         if registration is None:
-            site = twin_id.partition(".")[0]
-            ids = await run_in_threadpool(knowledge.ids)
-            there = [i for i in ids if i.startswith(f"{site}.")]
+            ids = await run_in_threadpool(knowledge.ids, principal_of(request.scope))
+            there = [one for one in ids if site_of(one) == site_of(twin_id)]
             some = ", ".join(there[:20]) or "none yet"
             raise ProblemError(
                 404,

@@ -9,6 +9,7 @@ from pydantic_core import to_json
 
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
+from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
@@ -37,7 +38,7 @@ def routes(
     knowledge: Knowledge,
     known: Callable[[str], Awaitable[Registration]],
     changing: BoundedThreads,
-    is_composite: Callable[[str], bool],
+    composite_service: CompositeService | None = None,
 ) -> APIRouter:
     """Make the routes.
 
@@ -47,8 +48,8 @@ def routes(
         Gives the registration of the twin in the path.
     changing
         Threads in which twins are registered and deleted.
-    is_composite
-        Whether an id is that of a composite, and no twin may have it.
+    composite_service
+        Says which ids are those of composites, and is told of each twin that was deleted.
     """
     api = APIRouter(tags=["twins"])
     listing = BoundedThreads(2)
@@ -64,7 +65,7 @@ def routes(
         """All twins, each with its latest state; shapes are left to `modes`."""
 
         def listed() -> bytes:
-            seen = filter(principal_of(request.scope).sees, knowledge.ids())
+            seen = knowledge.ids(principal_of(request.scope))
             all_of_them = [(i, knowledge.registration(i)) for i in seen]
             texts = [
                 described(i, r, None, shapes=False) for i, r in all_of_them if r is not None
@@ -83,7 +84,7 @@ def routes(
     ) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
         release_body_slot(request.scope)
-        if is_composite(twin_id):
+        if composite_service is not None and composite_service.exists(twin_id):
             raise composite_of_that_id(twin_id)
         new = await changing.run(lambda: knowledge.register(twin_id, registration))
         told = await run_in_threadpool(described, twin_id, registration, None)
@@ -98,7 +99,9 @@ def routes(
     @api.delete("/twins/{twin_id}", status_code=204, responses=_PROBLEMS)
     async def delete(twin_id: TwinId, registration: Known) -> Response:
         """Forget a twin and its history. While its edge publishes, a new one is begun."""
-        await changing.run(lambda: knowledge.delete(twin_id))
+        existed = await changing.run(lambda: knowledge.delete(twin_id))
+        if existed and composite_service is not None:
+            await run_in_threadpool(composite_service.note_deleted_twin, twin_id)
         return Response(status_code=204)
 
     return api
@@ -129,6 +132,7 @@ def _described(
         {
             "alive": knowledge.alive(twin_id),
             "heard_ns": knowledge.heard_ns(twin_id),
+            "aside": knowledge.aside(twin_id),
             "sensor": knowledge.sensor(twin_id),
             "raised": knowledge.raised(twin_id),
             "nominal": knowledge.nominal(twin_id),

@@ -5,8 +5,11 @@ from .messages import (
     PREFIX,
     AssetsAsked,
     CompositeOrder,
+    DeletedTwin,
     Deletion,
+    EventsAsked,
     FailuresAsked,
+    RevisionsAsked,
     TwinsAsked,
 )
 from .routes import create_shard_interface
@@ -16,8 +19,11 @@ __all__ = [
     "PREFIX",
     "AssetsAsked",
     "CompositeOrder",
+    "DeletedTwin",
     "Deletion",
+    "EventsAsked",
     "FailuresAsked",
+    "RevisionsAsked",
     "ShardDoor",
     "TwinsAsked",
     "create_shard_interface",

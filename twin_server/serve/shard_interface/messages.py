@@ -1,5 +1,7 @@
 """Bodies of the requests of a front to its shards; both are of one version."""
 
+from typing import Any
+
 from pydantic import BaseModel
 
 from twin_server.composites.composite import Failing
@@ -42,7 +44,7 @@ class CompositeOrder(BaseModel):
 
     id: str
     registration: str
-    principal: str
+    principal: dict[str, Any]
     twins: list[str]
 
 
@@ -50,4 +52,26 @@ class Deletion(BaseModel):
     """A composite to be deleted."""
 
     id: str
-    principal: str
+    principal: dict[str, Any]
+
+
+class RevisionsAsked(BaseModel):
+    """Registrations of a composite, and who wants to see them."""
+
+    id: str
+    principal: dict[str, Any]
+
+
+class EventsAsked(BaseModel):
+    """Events of a composite."""
+
+    id: str
+    after: int
+    limit: int
+    newest: bool
+
+
+class DeletedTwin(BaseModel):
+    """A twin of any shard that was deleted."""
+
+    id: str

@@ -8,13 +8,24 @@ from fastapi import FastAPI, Request, Response
 from pydantic_core import to_json
 
 from twin_server.composites.composite import Composite
-from twin_server.serve.composites import CompositeService, FailureQuestion, KnownFacts
+from twin_server.identity.principals import SERVER, Principal
+from twin_server.serve.composite_service import CompositeService
+from twin_server.serve.composites import FailureQuestion, KnownFacts
 from twin_server.serve.exports import assets_of, of_site
 from twin_server.serve.http import problems
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 
-from .messages import AssetsAsked, CompositeOrder, Deletion, FailuresAsked, TwinsAsked
+from .messages import (
+    AssetsAsked,
+    CompositeOrder,
+    DeletedTwin,
+    Deletion,
+    EventsAsked,
+    FailuresAsked,
+    RevisionsAsked,
+    TwinsAsked,
+)
 
 
 class FleetComposites(CompositeService, Protocol):
@@ -24,7 +35,7 @@ class FleetComposites(CompositeService, Protocol):
         self,
         composite_id: str,
         wanted: Composite,
-        principal: str,
+        principal: Principal,
         twins: Collection[str] | None = None,
     ) -> bool:
         """Register a composite, given which of its members are twins; True where it is new."""
@@ -78,7 +89,7 @@ def create_shard_interface(
 
     @app.post("/shard/assets")
     def assets(asked: AssetsAsked) -> Response:
-        ids = [asked.twin] if asked.twin else of_site(knowledge.ids(), asked.site)
+        ids = [asked.twin] if asked.twin else of_site(knowledge.ids(SERVER), asked.site)
         return _json(
             [
                 [one.id, one.registration.to_json(), one.state]
@@ -88,21 +99,37 @@ def create_shard_interface(
 
     @app.get("/shard/composites")
     def all_composites(known: str = "") -> Response:
-        return Response(listed.since(composites.all(), known), media_type="application/json")
+        return Response(
+            listed.since(composites.all(SERVER), known), media_type="application/json"
+        )
 
     @app.post("/shard/composites")
     def register(order: CompositeOrder) -> Response:
         wanted = Composite.from_json(order.registration)
-        return _json(composites.register(order.id, wanted, order.principal, order.twins))
+        principal = Principal.of_message(order.principal)
+        return _json(composites.register(order.id, wanted, principal, order.twins))
 
     @app.post("/shard/composites/delete")
     def delete(order: Deletion) -> Response:
-        composites.delete(order.id, order.principal)
+        composites.delete(order.id, Principal.of_message(order.principal))
         return _json(None)
 
-    @app.get("/shard/composites/{composite_id}/revisions")
-    def revisions(composite_id: str) -> Response:
-        return _json(composites.revisions(composite_id))
+    @app.post("/shard/composites/revisions")
+    def revisions(asked: RevisionsAsked) -> Response:
+        principal = Principal.of_message(asked.principal)
+        return _json(composites.revisions(asked.id, principal))
+
+    @app.post("/shard/composites/events")
+    def events(asked: EventsAsked) -> Response:
+        found = composites.events(
+            asked.id, after=asked.after, limit=asked.limit, newest=asked.newest
+        )
+        return _json(found)
+
+    @app.post("/shard/composites/deleted_twin")
+    def deleted_twin(told: DeletedTwin) -> Response:
+        composites.note_deleted_twin(told.id)
+        return _json(None)
 
     return app
 

@@ -20,6 +20,9 @@ function spanOf({ start_ns: start, end_ns: end }) {
   return `${new Date(start / 1e6).toLocaleString(locale)}, ${number(seconds / size, 1)}\u202f${unit}`;
 }
 
+/** A name may be that of a recording of several sites, each in a name space of its own. */
+const keyOf = ({ name, site }) => JSON.stringify([site, name]);
+
 /** What the server would make of the name: letters, digits, dots and dashes. */
 const nameOf = (file) => file.name.replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[^A-Za-z0-9]+/, "");
 
@@ -97,10 +100,10 @@ export class Recordings {
       ? t("recordings.none")
       : t("recordings.not_kept");
     say(this.told, "", kept ? t("recordings.kept", { n: recordings.length, size: sizeOf(most) }) : "");
-    const names = new Set(recordings.map(({ name }) => name));
-    for (const [name, row] of this.rows) if (!names.has(name)) { row.root.remove(); this.rows.delete(name); }
+    const keys = new Set(recordings.map(keyOf));
+    for (const [key, row] of this.rows) if (!keys.has(key)) { row.root.remove(); this.rows.delete(key); }
     recordings.forEach((one, i) => {
-      const row = this.rows.get(one.name) ?? this.row(one);
+      const row = this.rows.get(keyOf(one)) ?? this.row(one);
       this.fill(row, one);
       if (this.list.children[i] !== row.root) this.list.insertBefore(row.root, this.list.children[i] ?? null);
     });
@@ -109,12 +112,13 @@ export class Recordings {
     if (playing && !this.root.hidden) this.again = setTimeout(() => this.refresh(), PLAYING_MS);
   }
 
-  row({ name }) {
-    const root = make("li", undefined, "card"), path = `${BASE}/${encodeURIComponent(name)}`, acts = make("p", undefined, "acts");
+  row({ name, site }) {
+    const of = site ? `?site=${encodeURIComponent(site)}` : "", path = `${BASE}/${encodeURIComponent(name)}`;
+    const root = make("li", undefined, "card"), acts = make("p", undefined, "acts");
     root.dataset.recording = name;
     const [about, inside, problem, replay] = ["facts", "facts", "alarm", "replay"].map((kind) => make("p", "", kind));
     const pace = make("select"), paced = make("label", `${t("recordings.at_pace")} `, "field"), get = make("a", t("recordings.download"), "act");
-    get.href = path;
+    get.href = path + of;
     get.download = name;
     for (const [value, text] of PACES) {
       const option = make("option", text);
@@ -122,18 +126,18 @@ export class Recordings {
       pace.append(option);
     }
     paced.append(pace);
-    const play = button(t("recordings.replay"), () => this.attempt(() => send(`${path}/replay`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
-    const stop = button(t("recordings.stop"), () => this.attempt(() => send(`${path}/replay`, "DELETE")));
+    const play = button(t("recordings.replay"), () => this.attempt(() => send(`${path}/replay${of}`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
+    const stop = button(t("recordings.stop"), () => this.attempt(() => send(`${path}/replay${of}`, "DELETE")));
     const drop = button(t("recordings.delete"), () => {
-      if (confirm(t("recordings.confirm_delete", { name }))) this.attempt(() => send(path, "DELETE"));
+      if (confirm(t("recordings.confirm_delete", { name }))) this.attempt(() => send(path + of, "DELETE"));
     });
     const [pill, bar, said] = [make("span", "", "pill"), make("progress"), english(make("span", "", "facts"))];
     bar.setAttribute("aria-label", t("recordings.replay_progress", { name }));
     replay.append(pill, bar, said);
     acts.append(get, play, paced, stop, drop);
-    root.append(make("h3", name), about, inside, problem, replay, acts);
+    root.append(make("h3", site ? `${name} (${site})` : name), about, inside, problem, replay, acts);
     const row = { root, about, inside, problem, replay, pill, bar, said, play, paced, stop, drop };
-    this.rows.set(name, row);
+    this.rows.set(keyOf({ name, site }), row);
     return row;
   }
 

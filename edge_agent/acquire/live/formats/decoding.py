@@ -1,18 +1,28 @@
 """Decodes messages and lines to batches by a declared layout."""
 
-import json
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from edge_agent.acquire.live.batch import Batch, GarbledError, Rows
+from edge_agent.acquire.live.batch import UNIT_NS, Batch, GarbledError, Rows
 from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
+from slowtime_services.documents.json_documents import read_json
 
 from .packed import decode_frame
 
 MOST_SAMPLES = 1_000_000
 """Of one message; more are garbage."""
+
+MOST_MESSAGE_BYTES = 2**24
+"""Of one message, as of a `samples` message on the bus; a broker passes on 256 MiB."""
+
+LAST_NS = 2**63
+"""End of time in nanoseconds since 1970, in 2262, as messages and arrays hold it."""
+
+LARGEST_COUNT = 2**64
+"""Counters and stamps are smaller [1]: the widest that a device counts with has 64 bits."""
 
 Decoder = Callable[[bytes, int], list[Batch]]
 AnyLayout = JsonLayout | CsvLayout | PackedLayout
@@ -41,6 +51,33 @@ def decoder_of(layout: AnyLayout, lane: int = 0, columns: Sequence[int] = ()) ->
             decode_frame(layout, data, arrival_ns)._replace(lane=lane)
         ]
     return lambda data, arrival_ns: _checked(decode, data, arrival_ns)
+
+
+def bounded(decode: Decoder, layout: AnyLayout) -> Decoder:
+    """Return the same decoder, which refuses counters and stamps that no device has.
+
+    They become indices and times, which have 64 bits.
+    """
+    unit_ns, is_utc = 1, False
+    if layout.stamp is not None:
+        unit_ns, is_utc = UNIT_NS[layout.stamp.unit], layout.stamp.clock == "utc"
+
+    def decoded(data: bytes, arrival_ns: int) -> list[Batch]:
+        if len(data) > MOST_MESSAGE_BYTES:
+            raise GarbledError(f"More than {MOST_MESSAGE_BYTES:,} bytes.")
+        batches = decode(data, arrival_ns)
+        for batch in batches:
+            if batch.counter is not None and abs(batch.counter) >= LARGEST_COUNT:
+                raise GarbledError("Its counter has more than 64 bits.")
+            if batch.stamp is None:
+                continue
+            if is_utc and not 0 <= batch.stamp * unit_ns < LAST_NS:
+                raise GarbledError("Its stamp is before 1970, or after 2262.")
+            if abs(batch.stamp) >= LARGEST_COUNT:
+                raise GarbledError("Its stamp has more than 64 bits.")
+        return batches
+
+    return decoded
 
 
 def _checked(decode: Decoder, data: bytes, arrival_ns: int) -> list[Batch]:
@@ -72,7 +109,7 @@ class _JsonDecoder:
         self._by_message = layout.counter is not None and layout.counter.counts == "messages"
 
     def __call__(self, data: bytes, arrival_ns: int) -> list[Batch]:
-        told = json.loads(data)
+        told = read_json(data)
         parts = told if isinstance(told, list) else [told]
         batches = [batch for part in parts for batch in self._part(part, arrival_ns)]
         return _joined(batches) if self._by_message else batches
@@ -174,13 +211,12 @@ def split(
 
 def _joined(batches: Sequence[Batch]) -> list[Batch]:
     """Join batches in a row that have the same counter of messages."""
-    out: list[Batch] = []
-    for batch in batches:
-        if out and batch.counter == out[-1].counter:
-            out[-1] = out[-1]._replace(rows=np.concatenate([out[-1].rows, batch.rows]))
-        else:
-            out.append(batch)
-    return out
+    joined = []
+    for _, group in itertools.groupby(batches, key=lambda batch: batch.counter):
+        first, *others = group
+        rows = [first.rows, *(batch.rows for batch in others)]
+        joined.append(first._replace(rows=np.concatenate(rows)) if others else first)
+    return joined
 
 
 def _path(place: str | int | None, otherwise: str) -> list[str]:

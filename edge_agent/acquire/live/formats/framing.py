@@ -12,6 +12,11 @@ MOST_LINE_BYTES = 2**20
 """Bytes of a line, beyond which it is garbage."""
 MOST_WAITING_BYTES = 2**16
 """Longest frame whose length stands in its header: a false one would hold up those after it."""
+CHECKED_PER_BYTE = 16
+"""Bytes that are checked in vain for each byte that comes, at most [1]. Garbage has a sync by
+chance every 2**16 bytes; what has more of them was made to be checked again and again."""
+MOST_CHECKED_BYTES = 16 * MOST_WAITING_BYTES
+"""Of those, what is saved up while frames are sound [bytes]: some false frames in a row."""
 
 
 @runtime_checkable
@@ -65,26 +70,29 @@ class LineFramer:
 
     def __init__(self) -> None:
         self.garbage_bytes = 0
-        self._begun = b""
+        self._begun = bytearray()
         self._overlong = False
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Lines that are complete with `data`, without their ends."""
-        *lines, self._begun = (self._begun + data).split(b"\n")
-        for line in lines:
+        first, *others = data.split(b"\n")
+        # Appended in place: a line that comes byte by byte is not copied with each of them.
+        self._begun += first
+        for following in others:
+            line, self._begun = self._begun, bytearray(following)
             if self._overlong:
                 self.garbage_bytes += len(line) + 1
                 self._overlong = False
-            elif stripped := line.strip():
+            elif stripped := bytes(line).strip():
                 yield stripped
         if len(self._begun) > MOST_LINE_BYTES:
             self.garbage_bytes += len(self._begun)
-            self._begun, self._overlong = b"", True
+            self._begun, self._overlong = bytearray(), True
 
     def reset(self) -> None:
         """Discard the incomplete line."""
         self.garbage_bytes += len(self._begun)
-        self._begun, self._overlong = b"", False
+        self._begun, self._overlong = bytearray(), False
 
 
 class FrameFramer:
@@ -98,16 +106,19 @@ class FrameFramer:
         self._layout, self._sync = layout, layout.sync_bytes
         self._buffer = bytearray()
         self._locked = layout.checksum != "none"
+        self._checks_left = MOST_CHECKED_BYTES
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Frames that are complete with `data`."""
         self._buffer += data
+        more = CHECKED_PER_BYTE * len(data)
+        self._checks_left = min(self._checks_left + more, MOST_CHECKED_BYTES)
         while self._skip_to_sync():
             size = self._frame_bytes()
             if size is None:
                 return
             if size == 0 or (len(self._buffer) >= size and not self._believes(size)):
-                self._drop(1)
+                self._drop(self._false_bytes(size))
                 self._locked = self._layout.checksum != "none"
                 continue
             needed = size if self._locked else size + len(self._sync)
@@ -155,6 +166,13 @@ class FrameFramer:
             return is_sound(self._layout, bytes(self._buffer[:size]))
         following = self._buffer[size : size + len(self._sync)]
         return self._locked or self._sync.startswith(bytes(following))
+
+    def _false_bytes(self, size: int) -> int:
+        """Bytes to drop of a false frame: one, or all where too many were checked in vain."""
+        if size <= self._checks_left:
+            self._checks_left -= size
+            return 1
+        return size
 
     def _drop(self, count: int) -> None:
         self.garbage_bytes += count

@@ -8,8 +8,9 @@ import numpy as np
 from edge_agent.acquire.live.batch import Rows
 from edge_agent.acquire.live.counts import SampleCounts
 
-MOST_WAITING = 4_000_000
-"""Samples of one channel that are waited for at most, whatever the settings."""
+MOST_WAITING = 16_000_000
+"""Numbers of all channels together that are waited for at most, whatever rate and settings
+say [1]: 128 MiB."""
 
 
 class Run(NamedTuple):
@@ -39,12 +40,15 @@ class Assembler:
         horizon: int,
         tally: SampleCounts,
     ) -> None:
-        self._lanes, self._block_rows = [list(lane) for lane in lanes], block_rows
-        self._horizon, self._tally = min(horizon, MOST_WAITING), tally
+        self._lanes = [list(lane) for lane in lanes]
         self._columns = sum(len(lane) for lane in lanes)
+        self._most_rows = max(1, MOST_WAITING // self._columns)
+        self._block_rows = min(block_rows, self._most_rows)
+        self._horizon, self._tally = min(horizon, self._most_rows), tally
         self._base = self._front = 0
         self._whole, self._longest = True, 0
-        self._rows = np.full((max(64, 2 * (block_rows + horizon)), self._columns), np.nan)
+        begun = max(64, min(2 * (self._block_rows + self._horizon), self._most_rows))
+        self._rows = np.full((begun, self._columns), np.nan)
         self._seen = np.zeros((len(self._rows), len(lanes)), dtype=bool)
         self._lost: collections.deque[tuple[int, int]] = collections.deque(maxlen=256)
         self._out: list[Run] = []
@@ -56,7 +60,7 @@ class Assembler:
         if self._horizon and count > self._longest:
             # Two messages that change places are as far apart as they are long.
             self._longest = count
-            self._horizon = min(max(self._horizon, 2 * count), MOST_WAITING)
+            self._horizon = min(max(self._horizon, 2 * count), self._most_rows)
         if index < self._base:
             late = min(count, self._base - index)
             self._judge_late(index, late)
@@ -87,6 +91,11 @@ class Assembler:
         self._release(self._front)
         self._base = self._front = max(index, self._front)
         self._whole = True
+
+    @property
+    def waiting_rows(self) -> int:
+        """Rows that have been put and not taken."""
+        return self._front - self._base + sum(len(run.rows) for run in self._out)
 
     def take(self, *, all_of_it: bool = False) -> list[Run]:
         """Return runs that no later message can change; all after a time without messages."""

@@ -79,6 +79,8 @@ class Backlog:
         """Take up that `count` samples came."""
         if not self.lasts:
             return
+        if self._recent and arrival_ns < self._recent[-1][0]:
+            self._recent.clear()  # the clock was set back: spans do not compare
         self._count += count
         self._recent.append((arrival_ns, self._count))
         span_ns = round(self.SPAN_S * 1e9)

@@ -116,7 +116,9 @@ class Pause:
         is_new = self._may_be_new and not made_up
         gap = self.held[0][0] + most * self._wrap - self._begin
         if not (least == most == self._least_wraps or self._is_settled()):
-            if not now and self.last_ns - self.held[0][1].arrival_ns < LONGEST_S * 1e9:
+            # Where the clock was set back, nothing tells how long they have waited.
+            waited_ns = self.last_ns - self.held[0][1].arrival_ns
+            if not now and 0 <= waited_ns < LONGEST_S * 1e9:
                 return None
             least = self._least_wraps
         is_chance = 2 * self._slack > CHANCE * self._wrap

@@ -8,7 +8,7 @@ import abc
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from edge_agent.acquire.live.batch import Batch
+from edge_agent.acquire.live.batch import UNIT_NS, Batch
 from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.layouts import Stamp
 
@@ -16,8 +16,6 @@ from .delays import Delays
 
 FOLLOWS_WITHIN = 64
 """Two messages so close, by their counters, confirm each other after a jump."""
-
-UNIT_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
 
 class Placement(NamedTuple):
@@ -66,7 +64,9 @@ class Numbered(abc.ABC):
     def begin_beside(self, other: Positions, batch: Batch) -> None:
         """Start numbering at the place of `batch` in the numbers of another lane, if known."""
         if not self._begun and isinstance(other, Numbered) and other._begun:
-            self._front = other._front + other._step(batch).samples
+            step = other._step(batch)
+            # Counters that are no neighbours say nothing: it begins beside the other lane.
+            self._front = other._front + (0 if step.restarts else step.samples)
 
     def place(self, batch: Batch) -> list[Placement]:
         """Place a batch; one that contradicts those before waits for the next to confirm it."""
@@ -239,7 +239,8 @@ class ByArrival:
             self._waiting.append(batch)
             self._waiting_rows += count + batch.dropped
             since_s = (batch.arrival_ns - self._waiting[0].arrival_ns) / 1e9
-            return self.finish() if since_s >= self.SETTLE_S else []
+            # A clock that was set back would have them wait until it is there again.
+            return [] if 0.0 <= since_s < self.SETTLE_S else self.finish()
         return [self._next(batch)]
 
     def finish(self) -> list[Placement]:

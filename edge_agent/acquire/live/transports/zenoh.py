@@ -1,5 +1,6 @@
 """Samples that another program publishes on the bus of slowtime."""
 
+import logging
 import threading
 from collections.abc import Iterator
 from urllib.parse import unquote
@@ -18,6 +19,8 @@ from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
 from slowtime_services.clock import Clock
 
 from .limits import POLL_S
+
+logger = logging.getLogger(__name__)
 
 MOST_BYTES = 64 * 2**20
 """That wait between a thread of the bus and the reader."""
@@ -52,14 +55,15 @@ class BusSamples:
             for packet in self._inbox.take(limit=1, timeout_s=POLL_S):
                 try:
                     told = read_samples(packet.data)
-                except GarbledError:
+                    channels = tuple(
+                        Channel(name=name, unit=unit)
+                        for name, unit in zip(told.channels, told.units, strict=True)
+                    )
+                    layout = JsonLayout(channels=channels, counter=Counter(at="first_index"))
+                except ValueError as error:  # `GarbledError` is one
+                    logger.debug("A message that describes no samples: %s", error)
                     continue
                 self._first = [packet]
-                channels = tuple(
-                    Channel(name=name, unit=unit)
-                    for name, unit in zip(told.channels, told.units, strict=True)
-                )
-                layout = JsonLayout(channels=channels, counter=Counter(at="first_index"))
                 return layout, told.rate_hz
         return None
 

@@ -1,7 +1,6 @@
 """The process that reads a MATLAB file into a NumPy archive."""
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,10 @@ import scipy.io
 
 from slowtime_services.files.record import RecordError, Values
 
+from .hdf5_objects import own_datasets, stored_bytes
+from .mat_expansion import refuse_mat_expansion
 from .numpy_arrays import Arrays, refuse_above, unreadable
-from .reader_process import REFUSED, bound_memory, save
+from .reader_process import REFUSED, bound_resources, save
 
 HEADING_BYTES = 512
 """Before an HDF5 file's own first bytes, where MATLAB has written one."""
@@ -23,9 +24,11 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 def _read(path: Path, max_bytes: int) -> Arrays:
     if _is_hdf5(path):
         return _read_version_73(path, max_bytes)
+    bound_resources(path, max_bytes)
     try:
         sizes = [np.prod(shape, dtype=float) for _, shape, _ in scipy.io.whosmat(path)]
         refuse_above(path, int(8 * sum(sizes)), max_bytes)
+        refuse_mat_expansion(path)
         variables = scipy.io.loadmat(path, squeeze_me=False, struct_as_record=True)
     except RecordError:
         raise
@@ -64,13 +67,12 @@ def _read_version_73(path: Path, max_bytes: int) -> Arrays:
             f"{path.name} is a MATLAB file of version 7.3, which h5py reads. Install it: "
             "pip install 'slowtime[formats]' or pip install h5py. Or save it with -v7."
         ) from error
+    bound_resources(path, max_bytes)
     found: dict[str, Values] = {}
     try:
         with h5py.File(path, "r") as file:
-            datasets = list(_datasets(file))
-            refuse_above(
-                path, sum(item.size * item.dtype.itemsize for item in datasets), max_bytes
-            )
+            datasets = [item for item in own_datasets(path, file) if _is_numeric(item)]
+            refuse_above(path, sum(stored_bytes(item) for item in datasets), max_bytes)
             for item in datasets:
                 name = item.name.strip("/").replace("/", ".")
                 # MATLAB stores by columns, HDF5 by rows: what is read is transposed.
@@ -82,19 +84,14 @@ def _read_version_73(path: Path, max_bytes: int) -> Arrays:
     return found
 
 
-def _datasets(group: Any) -> Iterable[Any]:
-    for name, item in group.items():
-        if item is None or name.startswith("#") or "MATLAB_empty" in item.attrs:
-            continue  # None is a link that leads nowhere
-        if hasattr(item, "items"):
-            yield from _datasets(item)
-        elif item.attrs.get("MATLAB_class") != b"char" and item.dtype.kind in "fiub":
-            yield item
+def _is_numeric(item: Any) -> bool:
+    if "MATLAB_empty" in item.attrs or item.attrs.get("MATLAB_class") == b"char":
+        return False
+    return item.dtype.kind in "fiub" and not item.name.startswith("/#")
 
 
 def main(path: str, max_bytes: str, out: str) -> int:
     """Read the file and write its arrays to `out`, or the reason why not."""
-    bound_memory(int(max_bytes))
     try:
         found = _read(Path(path), int(max_bytes))
     except RecordError as error:

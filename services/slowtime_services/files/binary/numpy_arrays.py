@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from slowtime_services.files.record import RecordError, Values
+from slowtime_services.reasons import reason_of
+
+from .expansion import refuse_expansion
 
 Arrays = Mapping[str, Values]
 NPY_MAGIC = b"\x93NUMPY"
 PICKLE = b"\x80"
-MOST_SAID = 300
-"""Characters of a library's own words in a refusal."""
 
 
 def read_npy(path: Path, max_bytes: int) -> Arrays:
@@ -55,25 +56,30 @@ def as_double(values: Values) -> Values:
 
 
 def refuse_above(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse arrays that need more memory than allowed."""
+    """Refuse arrays that need more memory than allowed, or than the file's size explains."""
     if size > max_bytes:
         raise RecordError(
             f"{path.name} holds {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
             "are read at once. Cut it into several files, or raise max_bytes."
         )
+    refuse_expansion(path, size)
 
 
 def unreadable(path: Path, error: Exception) -> RecordError:
     """Describe a file that cannot be read, and the possible cause."""
+    if isinstance(error, MemoryError | RecursionError):
+        return RecordError(
+            f"{path.name} takes more memory to read than its size explains, or is nested too "
+            "deep: it is damaged, or was made to. Save it again, without compression."
+        )
     reason = str(error)
     if "ickle" in reason or "Python objects" in reason:
         return RecordError(
             f"{path.name} holds Python objects (a pickle), which can run code when opened and "
             "are never read. Save plain numeric arrays instead."
         )
-    if len(reason) > MOST_SAID:  # zipfile quotes what it met, which is as long as a file likes
-        reason = f"{reason[:MOST_SAID]}..."
+    reason = reason_of(error).rstrip(".")
     return RecordError(
-        f"{path.name} cannot be read as {path.suffix}: {reason or type(error).__name__}. It "
+        f"{path.name} cannot be read as {path.suffix}: {reason}. It "
         "may be cut short, or be another kind of file than its name says."
     )

@@ -1,11 +1,12 @@
 """A process of its own for readers that are compiled and trust the file.
 
 A damaged file can crash such a reader, and what crashes there must not take a server or a
-diagnosis with it. The process may take as much memory as it needs for `max_bytes`, and two
-minutes.
+diagnosis with it. The process may take as much memory as it needs for what a file of that size
+may hold, processor time in proportion, and two minutes.
 """
 
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import numpy as np
 
 from slowtime_services.files.record import RecordError, Values
 
+from .expansion import unpacked_bound
 from .numpy_arrays import Arrays
 
 PATIENCE_S = 120.0
@@ -25,8 +27,18 @@ PATIENCE_S = 120.0
 REFUSED = 3
 """Exit status of the process where it has said why the file is refused."""
 
+COPIES = 3
+"""Of what the file holds: read, flattened and written, each once [1]."""
+
 ROOM_BYTES = 2 * 2**30
 """Address space for the interpreter and its libraries, beside what the file may hold."""
+
+WORK_BYTES = 48 * 2**20
+"""Memory that a library writes to beside the samples, such as a workbook's tree [bytes]."""
+
+LEAST_PROCESSOR_S, PROCESSOR_S_PER_MIB = 20.0, 2.0
+"""Processor time that a file is given, and for each MiB that it may hold [s]: workbooks, the
+slowest, take 0.3 s a MiB on a machine of 2020."""
 
 TOLD = "told"
 """Name in the archive of what is said of the arrays, as JSON."""
@@ -80,18 +92,37 @@ def save(out: str, told: Any, arrays: Sequence[Values]) -> None:
     np.savez(out, allow_pickle=False, **named)
 
 
-def bound_memory(max_bytes: int) -> None:
-    """Limit the memory of this process to the needs of a file of `max_bytes`."""
+def bound_resources(path: Path, max_bytes: int) -> None:
+    """Limit memory and time of this process to what a file of that size may need.
+
+    To be called once the library is imported: what it takes then is not counted.
+    """
     try:
         import resource
     except ModuleNotFoundError:  # not on every system
         return
-    # Read, flattened and written: each once.
-    resource.setrlimit(resource.RLIMIT_AS, (ROOM_BYTES + 3 * max_bytes,) * 2)
+    most = unpacked_bound(path.stat().st_size, max_bytes)
+    resource.setrlimit(resource.RLIMIT_AS, (ROOM_BYTES + COPIES * most,) * 2)
+    if (own := _own_data_bytes()) is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (own + WORK_BYTES + COPIES * most,) * 2)
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = LEAST_PROCESSOR_S + PROCESSOR_S_PER_MIB * (most / 2**20)
+    seconds = min(seconds, PATIENCE_S) + used.ru_utime + used.ru_stime
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds),) * 2)
+
+
+def _own_data_bytes() -> int | None:
+    """Memory of this process that is its own and may be written, as Linux tells it [bytes]."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return None
+    kib = next((line.split()[1] for line in lines if line.startswith("VmData:")), None)
+    return None if kib is None else 1024 * int(kib)
 
 
 def _run(module: str, words: Sequence[str]) -> "subprocess.CompletedProcess[bytes]":
-    command = [sys.executable, "-P", "-m", module, *words]
+    command = [sys.executable, "-P", "-W", "ignore", "-m", module, *words]
     return subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
 
 

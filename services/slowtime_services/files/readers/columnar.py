@@ -14,17 +14,21 @@ from .found import Found, Series
 
 def read(path: Path, max_bytes: int) -> Found:
     """Return each column of numbers, and those of times as stamps; nulls are NaN."""
+    # Threads take memory each, which a file of this size does not need.
+    pa.set_cpu_count(1)
     with path.open("rb") as file:
         parquet = file.read(4) == b"PAR1"
     if parquet:
-        told = pyarrow.parquet.ParquetFile(path).metadata
-        refuse_above(path, 8 * told.num_rows * told.num_columns, max_bytes)
-        table = pyarrow.parquet.read_table(path)
+        with pyarrow.parquet.ParquetFile(path) as columns:
+            wanted, left_out = _numeric(columns.schema_arrow)
+            refuse_above(path, 8 * columns.metadata.num_rows * len(wanted), max_bytes)
+            table = columns.read(columns=wanted)
     else:
         table = pyarrow.feather.read_table(path, memory_map=False)
+        wanted, left_out = _numeric(table.schema)
+        table = table.select(wanted)
     stated = _rate((table.schema.metadata or {}).get(b"rate_hz"))
     series: list[Series] = []
-    left_out: list[str] = []
     for name, column in zip(table.column_names, table.columns, strict=True):
         unit = ((table.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")
         kind = column.type
@@ -33,7 +37,7 @@ def read(path: Path, max_bytes: int) -> Found:
             series.append(Series(name, stamps, stamps=True))
         elif pa.types.is_integer(kind) and not column.null_count:
             series.append(Series(name, column.to_numpy(), unit))
-        elif pa.types.is_floating(kind) or pa.types.is_integer(kind):
+        elif not pa.types.is_timestamp(kind):
             values = np.asarray(column.to_numpy(), dtype=float if column.null_count else None)
             series.append(Series(name, values, unit))
         else:
@@ -43,6 +47,13 @@ def read(path: Path, max_bytes: int) -> Found:
     ]
     said = (f"Left out, without numbers: {', '.join(left_out[:8])}.",) * bool(left_out)
     return Found(series, said)
+
+
+def _numeric(schema: pa.Schema) -> tuple[list[str], list[str]]:
+    """Names of the columns of numbers and times, and of the others, which are not read."""
+    kinds = (pa.types.is_floating, pa.types.is_integer, pa.types.is_timestamp)
+    wanted = [one.name for one in schema if any(holds(one.type) for holds in kinds)]
+    return wanted, [name for name in schema.names if name not in wanted]
 
 
 def _rate(text: bytes | None) -> float | None:

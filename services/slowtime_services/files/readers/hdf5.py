@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from slowtime_services.files.binary.hdf5_objects import own_datasets, stored_bytes
 from slowtime_services.files.binary.numpy_arrays import refuse_above
 from slowtime_services.files.headings.vocabulary import FREQUENCY_UNITS, TIME_UNITS
 from slowtime_services.files.record import RecordError
@@ -36,8 +37,8 @@ def read(path: Path, max_bytes: int) -> Found:
     singles: dict[str, float] = {}
     figures: list[Figure] = []
     with h5py.File(path, "r") as file:
-        found = list(_datasets(file))
-        refuse_above(path, sum(item.size * item.dtype.itemsize for item in found), max_bytes)
+        found = [item for item in own_datasets(path, file) if _is_numeric(item)]
+        refuse_above(path, sum(stored_bytes(item) for item in found), max_bytes)
         for item in found:
             name = item.name.strip("/")
             _refuse_unknown_filters(path, item)
@@ -82,14 +83,8 @@ def _refuse_unknown_filters(path: Path, item: Any) -> None:
             )
 
 
-def _datasets(group: Any) -> Any:
-    for item in group.values():
-        if item is None:  # a link that leads nowhere
-            continue
-        if isinstance(item, h5py.Group):
-            yield from _datasets(item)
-        elif item.dtype.kind in "fiub" and item.size and item.ndim <= 3:
-            yield item
+def _is_numeric(item: Any) -> bool:
+    return bool(item.dtype.kind in "fiub" and item.size and item.ndim <= 3)
 
 
 def _said(item: Any) -> dict[str, Any]:

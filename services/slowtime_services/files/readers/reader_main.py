@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from slowtime_services.files.binary.numpy_arrays import MOST_SAID, refuse_above
-from slowtime_services.files.binary.reader_process import REFUSED, bound_memory, save
+from slowtime_services.files.binary.numpy_arrays import refuse_above, unreadable
+from slowtime_services.files.binary.reader_process import REFUSED, bound_resources, save
 from slowtime_services.files.record import RecordError
 from slowtime_services.plugins.discovery import find
+from slowtime_services.reasons import reason_of
 
 from . import OWN
 from .found import Found
@@ -24,7 +25,6 @@ LATEST_NS = 2**63 - 1
 def main(path: str, max_bytes: str, out: str, module: str, kind: str) -> int:
     """Read a file by `module` and write the result to `out`, or the reason for failure."""
     logging.disable()  # what a library would log of a damaged file is said once, below
-    bound_memory(int(max_bytes))
     warnings.simplefilter("ignore")  # of libraries, on what they would like changed in others
     try:
         found = _read(module, Path(path), int(max_bytes), kind)
@@ -46,13 +46,17 @@ def _function(module: str) -> Callable[[Path, int], Any]:
 
 def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
     try:
-        found = _function(module)(path, max_bytes)
+        read = _function(module)
+        bound_resources(path, max_bytes)
+        found = read(path, max_bytes)
         if not isinstance(found, Found):
             raise TypeError(f"it gave a {type(found).__name__}, not what a file holds (Found)")
     except RecordError:
         raise
+    except (MemoryError, RecursionError) as error:
+        raise unreadable(path, error) from error
     except Exception as error:  # libraries say in many ways that a file is torn
-        reason = str(error)[:MOST_SAID].rstrip(".") or type(error).__name__
+        reason = reason_of(error).rstrip(".")
         raise RecordError(
             f"{path.name} is {kind} by its first bytes or its name, but cannot be read: "
             f"{reason}. It may be cut short or damaged."

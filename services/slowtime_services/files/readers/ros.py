@@ -1,14 +1,16 @@
 """Recordings in MCAP: accelerations of inertial units, of ROS 2 (CDR) and in JSON."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 
+from slowtime_services.documents.json_documents import read_json
 from slowtime_services.files.record import RecordError
+from slowtime_services.record.chunks import Unpacking
 
 from .found import Found, Series
 from .inertial_json import Field, stamp_of, vectors_of
@@ -26,12 +28,13 @@ class _Topic:
     """Messages read of one topic."""
 
     def __init__(self) -> None:
+        self.logged: list[int] = []
         self.stamps: list[int] = []
         self.rows: list[list[float]] = []
         self.titles: list[tuple[str, str]] = []
 
-    def take(self, stamp: int, fields: list[Field]) -> None:
-        """Take a message with the fields of those before it."""
+    def take(self, logged: int, stamp: int, fields: list[Field]) -> None:
+        """Take a message, logged at a time [ns], with the fields of those before it."""
         titles = [
             (f"{name.rpartition('.')[2]}.{axis}", unit)
             for name, unit, _ in fields
@@ -40,6 +43,7 @@ class _Topic:
         if not self.rows:
             self.titles = titles
         if titles == self.titles:
+            self.logged.append(logged)
             self.stamps.append(stamp)
             self.rows.append([value for _, _, vector in fields for value in vector])
 
@@ -49,14 +53,13 @@ def read(path: Path, max_bytes: int) -> Found:
     topics: dict[str, _Topic] = {}
     seen: dict[str, str] = {}
     decode = _Decoders(path)
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            kind = schema.name if schema is not None else channel.message_encoding
-            seen[channel.topic] = kind
-            told = decode(channel.message_encoding, kind, schema, message)
-            if told is not None and told[1]:
-                topic = topics.setdefault(channel.topic, _Topic())
-                topic.take(told[0] or message.log_time, told[1])
+    for schema, channel, message in _messages(path):
+        kind = schema.name if schema is not None else channel.message_encoding
+        seen[channel.topic] = kind
+        told = decode(channel.message_encoding, kind, schema, message)
+        if told is not None and told[1]:
+            topic = topics.setdefault(channel.topic, _Topic())
+            topic.take(message.log_time, told[0] or message.log_time, told[1])
     if not topics:
         found = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(seen.items())[:8])
         raise RecordError(
@@ -67,11 +70,32 @@ def read(path: Path, max_bytes: int) -> Found:
     series: list[Series] = []
     for name, one in topics.items():
         prefix = f"{name.strip('/')}." if len(topics) > 1 else ""
-        series.append(Series(f"{prefix}stamp", np.array(one.stamps), stamps=True))
-        for (title, unit), values in zip(one.titles, np.array(one.rows).T, strict=True):
+        order = np.argsort(one.logged, kind="stable")
+        series.append(Series(f"{prefix}stamp", np.array(one.stamps)[order], stamps=True))
+        for (title, unit), values in zip(one.titles, np.array(one.rows)[order].T, strict=True):
             if np.ptp(values) or unit != _ANGULAR[1]:
                 series.append(Series(prefix + title, values, unit))
     return Found(series)
+
+
+def _messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
+    """Yield the messages in the order of the file, each chunk unpacked within a bound."""
+    unpacking = Unpacking(path.stat().st_size)
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with path.open("rb") as file:
+        for record in StreamReader(file, emit_chunks=True).records:
+            within = [record]
+            if isinstance(record, Chunk):
+                within = breakup_chunk(unpacking.plain(record))
+            for one in within:
+                if isinstance(one, Schema):
+                    schemas[one.id] = one
+                elif isinstance(one, Channel):
+                    channels[one.id] = one
+                elif isinstance(one, Message):
+                    channel = channels[one.channel_id]
+                    yield schemas.get(channel.schema_id), channel, one
 
 
 class _Decoders:
@@ -86,7 +110,7 @@ class _Decoders:
         self, encoding: str, kind: str, schema: Any, message: Any
     ) -> tuple[int | None, list[Field]] | None:
         if encoding == "json":
-            body = json.loads(message.data)
+            body = read_json(message.data)
             return stamp_of(body), vectors_of(body)
         if kind not in _FIELDS or schema is None:
             return None

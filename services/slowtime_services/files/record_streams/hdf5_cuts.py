@@ -1,12 +1,13 @@
 """Cuts of an HDF5 file into HDF5 files."""
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from slowtime_services.files.binary.expansion import refuse_expansion
+from slowtime_services.files.binary.hdf5_objects import own_datasets, stored_bytes
 from slowtime_services.files.record import RecordError
 
 from .pieces import FEWEST_ROWS, Pieces, edges
@@ -36,7 +37,10 @@ def cut_hdf5(path: Path, piece_bytes: int, _skip: int | None) -> Pieces:
     except OSError as error:
         raise RecordError(f"{path.name} cannot be read as HDF5: {error}") from error
     with file:
-        found = list(_datasets(file, h5py))
+        found = [
+            item for item in own_datasets(path, file) if item.dtype.kind in "fiub" and item.size
+        ]
+        refuse_expansion(path, sum(stored_bytes(item) for item in found))
         length = max((max(item.shape) for item in found if item.shape), default=0)
         if length < 2:
             raise RecordError(f"{path.name} holds no dataset of numbers.")
@@ -58,15 +62,6 @@ def cut_hdf5(path: Path, piece_bytes: int, _skip: int | None) -> Pieces:
                         _put(out, item, _slice(item, first, last))
 
             yield write, last / length
-
-
-def _datasets(group: Any, h5py: Any) -> Iterator[Any]:
-    """Datasets of numbers; links that lead nowhere are passed over."""
-    for item in group.values():
-        if isinstance(item, h5py.Group):
-            yield from _datasets(item, h5py)
-        elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub" and item.size:
-            yield item
 
 
 def _refuse_several(path: Path, found: list[Any], length: int) -> None:

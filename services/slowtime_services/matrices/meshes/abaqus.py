@@ -1,7 +1,10 @@
 """Input of Abaqus or CalculiX → nodes, elements, masses and conditions of a frame."""
 
 import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Any
+
+from slowtime_services.matrices.bounds import refuse_long_set, written_out
 
 from .abaqus_deck import Block, read_blocks
 from .abaqus_sections import add_material, beam_section, general_section
@@ -47,6 +50,8 @@ WITHOUT_EFFECT = frozenset(
 )
 """Keywords before the steps that change neither linear stiffness nor mass."""
 
+LAST_DIRECTION = 6
+"""Further ones are temperatures and pressures, or none at all."""
 CHANGES_IN_STEP = frozenset(["MODEL CHANGE", "CHANGE MATERIAL", "SUBSTRUCTURE GENERATE"])
 """Keywords of steps that matter; loads, procedures and requests for output do not."""
 
@@ -148,15 +153,22 @@ def _add_elements(reader: _Reader, block: Block) -> None:
 
 
 def _add_set(block: Block, sets: dict[str, list[str]], name: str) -> None:
-    members = sets.setdefault(name, [])
+    sets[name] = refuse_long_set(_written_out(block, sets, sets.get(name, [])), name)
+
+
+def _written_out(
+    block: Block, sets: Mapping[str, list[str]], members: list[str]
+) -> Iterator[str]:
+    """Yield the members of a set that there are, and those that a block adds."""
+    yield from members
     for row, (_, parts) in enumerate(block.data):
         if "GENERATE" in block.parameters:
             first, last, *step = (int(value) for value in block.numbers(row, 2))
-            members += [str(k) for k in range(first, last + 1, step[0] if step else 1)]
+            yield from written_out(range(first, last + 1, step[0] if step else 1))
             continue
         for part in parts:
             if part:
-                members += [part] if part.isdecimal() else sets.get(part.upper(), [])
+                yield from [part] if part.isdecimal() else sets.get(part.upper(), [])
 
 
 def _members(block: Block, sets: dict[str, list[str]], name: str) -> list[str]:
@@ -295,7 +307,7 @@ def _hold(reader: _Reader, block: Block) -> None:
             directions = tuple(NAMED_SUPPORTS[word])
         elif word.isdecimal() and all(part.isdecimal() or not part for part in parts[1:3]):
             last = parts[2] if len(parts) > 2 and parts[2] else word
-            directions = tuple(range(int(word) - 1, int(last)))
+            directions = tuple(range(int(word) - 1, min(int(last), LAST_DIRECTION)))
         else:
             raise block.error(
                 f"line {line} holds {word!r}. Allowed are directions 1 to 6, "

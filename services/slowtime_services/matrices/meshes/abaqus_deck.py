@@ -6,6 +6,9 @@ from pathlib import Path
 
 from slowtime_services.matrices.errors import MatrixFileError
 
+LONGEST_KEYWORD = 4_000
+"""Characters of a keyword with its parameters [1]; a line has at most 256."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Block:
@@ -81,6 +84,11 @@ def read_blocks(path: Path) -> Iterator[Block]:
         if not text or text.startswith("**"):
             continue
         if text.startswith("*") and text.endswith(","):  # a keyword goes on in the next line
+            if len(text) > LONGEST_KEYWORD:
+                raise MatrixFileError(
+                    f"Line {number} of {path.name}: a keyword goes on for more than "
+                    f"{LONGEST_KEYWORD} characters. Check the comma at the end of its line."
+                )
             head = text
             continue
         if text.startswith("*"):

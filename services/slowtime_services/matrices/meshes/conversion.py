@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from slowtime_schemas.files.finite_elements import FrameModel
 from slowtime_schemas.files.model_v2 import FiniteElementFile
+from slowtime_services.documents.core_schema import CoreDumper
 from slowtime_services.matrices.errors import MatrixFileError
 from slowtime_services.matrices.nastran_bulk import BULK
-from slowtime_services.models.core_schema import CoreDumper
+from slowtime_services.reasons import reason_of
 
 from .abaqus import read_input
 from .mesh import DIRECTIONS, Mesh
@@ -75,7 +76,7 @@ def convert_mesh(path: Path, *, unit: str = "m", parameters: bool = False) -> Co
         raise
     except (ValueError, KeyError, IndexError) as error:  # of damaged lines
         raise MatrixFileError(
-            f"{path.name} cannot be read ({error}). Write it again."
+            f"{path.name} cannot be read: {reason_of(error)} Write it again."
         ) from error
     if not mesh.elements and not mesh.shells:
         raise MatrixFileError(

@@ -10,6 +10,8 @@ from slowtime_services.matrices.errors import MatrixFileError
 from .unit_systems import UnitSystem
 
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
+MOST_HELD = 1_000_000
+"""Times that nodes are held [1], a second's work: a line may name a set of all nodes."""
 SHOWN = 12
 """Kinds of cards that one error names."""
 
@@ -64,6 +66,7 @@ class Mesh:
     constraints: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     notes: list[str] = dataclasses.field(default_factory=list)
     unknown: dict[str, list[int]] = dataclasses.field(default_factory=dict)
+    held: int = 0
 
     def error(self, line: int, text: str) -> MatrixFileError:
         """Make an error that names the file and a line."""
@@ -101,6 +104,12 @@ class Mesh:
 
     def hold(self, node: str, directions: tuple[int, ...]) -> None:
         """Hold a node in directions, 0 to 5."""
+        self.held += 1
+        if self.held > MOST_HELD:
+            raise MatrixFileError(
+                f"{self.path.name} holds nodes more than {MOST_HELD:,} times. Name each node "
+                "or set of nodes once."
+            )
         self.supports.setdefault(node, set()).update(DIRECTIONS[k] for k in directions)
 
     def add_node(self, name: str, base: str, offset: tuple[float, ...]) -> str:

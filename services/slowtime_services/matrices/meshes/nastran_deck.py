@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from slowtime_services.matrices.bounds import written_out
 from slowtime_services.matrices.errors import MatrixFileError
 from slowtime_services.matrices.nastran_bulk import Card, read_cards, real_field
 
@@ -75,7 +76,7 @@ class Fields:
         given = [text for text in self.card.fields[first:] if text]
         if len(given) == 3 and given[1].upper() == "THRU":
             low, high = int(self.whole(first)), int(given[2])
-            return [str(k) for k in range(low, high + 1)]
+            return list(written_out(range(low, high + 1)))
         for text in given:
             if not text.isdecimal():
                 raise self.error(f"{text!r} is not a positive integer.")

@@ -26,10 +26,12 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
 from twin_server import estimate as estimators
+from twin_server.history.states import SET_ASIDE
 from twin_server.persist import SqliteStore, StoreError, open_store
 from twin_server.pipeline import Pipeline
-from twin_server.pipeline.ingestion import estimation as estimating
+from twin_server.pipeline.ingestion import estimation
 from twin_server.pipeline.ingestion.state_publisher import ACK_EVERY_S
+from twin_server.pipeline.progress import isolation
 from twin_server.registration.twin import Registration
 from twin_server.settings import PipelineSettings, TwinSettings
 
@@ -199,7 +201,7 @@ def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
 def test_registering_anew_gives_the_history_of_having_known_before(
     open_twin, ageing, sample, tmp_path, heard, later, monkeypatch
 ):
-    monkeypatch.setattr(estimating, "REESTIMATE_BATCH", 7)
+    monkeypatch.setattr(estimation, "REESTIMATE_BATCH", 7)
     messages = ageing(60, loss=0.5) + ageing(10, boot="b2")
     pipeline, store = open_twin()
     pipeline.listen(heard)
@@ -363,21 +365,23 @@ def _full(cut):
 def test_features_that_make_the_server_fail_stop_no_others(
     open_twin, ageing, sample, monkeypatch, caplog
 ):
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *more):
         if any(f.asset == "bad" and f.sequence == 5 for f in features):
             raise ZeroDivisionError("a fault of ours")
-        return estimators.estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, *more)
 
-    monkeypatch.setattr(estimating, "estimate", fragile)
+    monkeypatch.setattr(isolation, "estimate", fragile)
     pipeline, store = open_twin()
     mixed = [m for pair in zip(ageing(20), ageing(20, asset="bad"), strict=True) for m in pair]
     pipeline.ingest(map(sample, mixed))
     assert store.count("lab.beam") == 20
-    assert store.count("lab.bad") == 5
-    assert pipeline.refusals.counts["failed"] == 1
-    pipeline.give_up()
-    assert store.count("lab.bad") == 19
-    assert "Please report it" in caplog.text
+    assert store.count("lab.bad") == 20
+    (row,) = store.aside("lab.bad")
+    assert (row.sequence, row.accepted) == (5, True)
+    assert "a fault of ours" in row.why
+    assert "a fault of ours" in caplog.text
+    reasons = store.history("lab.bad").states["reasons"]
+    assert [place for place, bits in enumerate(reasons) if bits & SET_ASIDE] == [5]
 
 
 def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_path, settings):

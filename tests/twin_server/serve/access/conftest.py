@@ -23,8 +23,8 @@ DAY = datetime.timedelta(days=1)
 class Passing(Hub):
     """Live streams that end once they have begun, so that a request has an end."""
 
-    def join(self, twin_id, caller=None):
-        client = super().join(twin_id, caller)
+    def join(self, twin_id):
+        client = super().join(twin_id)
         if client is not None:
             client.end()
         return client

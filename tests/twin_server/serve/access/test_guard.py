@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
+from twin_server.fairness import Holder, OverQuotaError, acting_for
 from twin_server.serve import Hub
 from twin_server.serve.access import EVERYBODY, NotSecuredError, TokenFile, guarded
 from twin_server.serve.access.guard import COOKIE
@@ -203,12 +204,18 @@ def test_everybody_is_nobody_of_a_token():
 def test_the_streams_of_one_token_are_counted():
     async def join_many():
         hub = Hub(max_clients=10, backlog=16, max_of_one=2)
-        of_ann = [hub.join("lab.beam", "ann") for _ in range(3)]
-        assert [client is not None for client in of_ann] == [True, True, False]
-        assert hub.join("lab.beam", "bob") is not None
-        assert of_ann[0] is not None
-        hub.leave(of_ann[0])
-        assert hub.join("lab.beam", "ann") is not None
-        assert hub.join("lab.beam", "ann") is None
+
+        def join(token):
+            with acting_for(Holder("lab", token)):
+                return hub.join("lab.beam")
+
+        first, _ = join("ann"), join("ann")
+        with pytest.raises(OverQuotaError, match="2 streams of your token"):
+            join("ann")
+        assert join("bob") is not None
+        hub.leave(first)
+        assert join("ann") is not None
+        with pytest.raises(OverQuotaError):
+            join("ann")
 
     asyncio.run(join_many())

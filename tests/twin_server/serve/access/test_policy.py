@@ -20,6 +20,7 @@ CALLERS = (
 FILLED = {
     "{twin_id}": "lab.beam", "{composite_id}": "lab.line",
     "{name}": "report.json", "{number}": "1", "{event_id}": "0" * 32,
+    "{holding_id}": "0" * 16,
 }  # fmt: skip
 HEAD = """\
 # Who may ask what
@@ -166,3 +167,11 @@ def test_no_spelling_of_a_path_goes_around_the_door(door, path):
         assert answer.status_code in (307, 403, 404, 422)
     if "assets" not in path:
         assert door.ask("GET", path).status_code == 401
+
+
+def test_what_is_about_a_twin_or_a_composite_is_for_its_site_alone():
+    about_one = [
+        rule for rule in POLICY if "{twin_id}" in rule.path or "{composite_" in rule.path
+    ]
+    assert about_one
+    assert [rule for rule in about_one if rule.reach is not Reach.TWIN] == []

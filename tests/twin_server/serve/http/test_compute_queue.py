@@ -6,6 +6,7 @@ import threading
 import pytest
 from starlette.requests import ClientDisconnect, Request
 
+from twin_server.fairness import Holder, acting_for
 from twin_server.serve import ComputeQueue, ProblemError
 from twin_server.serve.http.body_queue import LARGE, BodyQueue, release_body_slot
 from twin_server.serve.http.compute_queue import abandoned
@@ -89,7 +90,7 @@ async def test_a_full_line_is_said_to_be_at_once_and_empties():
         asyncio.create_task(queue.run(Caller().request, work, group=g)) for g in ("a", "a", "b")
     ]
     await until(lambda: queue.waiting == 3)
-    for group, why in (("c", "3 requests wait"), ("a", "2 of this kind")):
+    for group, why in (("c", "Too many requests wait"), ("a", "of one kind 2")):
         with pytest.raises(ProblemError) as refused:
             await queue.run(Caller().request, work, group=group)
         assert refused.value.status == 503
@@ -142,6 +143,82 @@ async def test_of_one_twin_one_at_a_time_and_one_place_is_kept_for_what_is_light
     assert heavy.count == 1
     heavy.go_on.set()
     assert sorted([await one for one in slow]) == [1, 2, 3]
+    queue.close()
+
+
+def asked_by(queue, holder, work, number, **more):
+    """Requests on behalf of a holder, each of a group of its own."""
+    with acting_for(holder):
+        return [
+            asyncio.create_task(queue.run(Caller().request, work, group=(holder, i), **more))
+            for i in range(number)
+        ]
+
+
+@in_a_loop
+async def test_a_site_that_fills_the_line_keeps_no_other_one_waiting():
+    queue, work, mine = ComputeQueue(2, 9, 99, spare=1), Works(), Works()
+    greedy = asked_by(queue, Holder("greedy", "t"), work, 30, light=True)
+    await begun(work, 2)
+    await asyncio.sleep(0)
+    refused = [one for one in greedy if one.done()]
+    assert (
+        len(greedy) - len(refused) == 5
+    )  # four fifths of half of nine that wait and two that run
+    for one in refused:
+        with pytest.raises(ProblemError, match="computations of your") as over:
+            await one
+        assert (over.value.status, over.value.headers["Retry-After"]) == (429, "5")
+    [modest] = asked_by(queue, Holder("modest", "t"), mine, 1)
+    await begun(mine)  # although the other site has both threads
+    assert (queue.running, work.count) == (3, 2)
+    mine.go_on.set()
+    work.go_on.set()
+    assert await modest == 1
+    await asyncio.gather(*(one for one in greedy if one not in refused))
+    assert queue.quota.count == 0
+    queue.close()
+
+
+@in_a_loop
+async def test_sites_that_wait_are_computed_by_turns():
+    queue, first, order = ComputeQueue(1, 99, 99), Works(), []
+    [running] = asked_by(queue, Holder("a", "t"), first, 1)
+    await begun(first)
+
+    def noted(site):
+        return lambda: order.append(site)
+
+    waiting = [
+        one
+        for site in ("a", "b", "c")
+        for one in asked_by(queue, Holder(site, "t"), noted(site), 4)
+    ]
+    await until(lambda: queue.waiting == 12)
+    first.go_on.set()
+    await asyncio.gather(running, *waiting)
+    rounds = [sorted(order[i : i + 3]) for i in range(2, 11, 3)]
+    assert sorted(order[:2]) == ["b", "c"]
+    assert rounds == [["a", "b", "c"]] * 3
+    queue.close()
+
+
+@in_a_loop
+async def test_a_computation_that_is_cancelled_ends_for_all_who_wait_for_it():
+    queue, work = ComputeQueue(1, 9, 9), Works()
+    asked = [
+        asyncio.create_task(queue.run(Caller().request, work, group="a", share="same"))
+        for _ in range(3)
+    ]
+    await begun(work)
+    [held] = queue.quota.held()
+    held.on_cancel()
+    for one in asked:
+        with pytest.raises(ProblemError, match="cancelled by an admin") as ended:
+            await one
+        assert ended.value.status == 503
+    await until(lambda: work.saw == [1] and queue.running == 0)
+    assert queue.quota.count == 0
     queue.close()
 
 

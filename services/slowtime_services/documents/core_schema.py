@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from .numbers import finite_number, whole_number
+
 NULL = re.compile(r"~|null|Null|NULL|")
 TRUTH = re.compile(r"true|True|TRUE|false|False|FALSE")
 WHOLE = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
@@ -47,8 +49,8 @@ class CoreDumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml is untyped
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
 
-def whole_number(text: str) -> int:
-    """Read an integer of the core schema.
+def real_number(text: str) -> float:
+    """Read a floating-point number of the core schema.
 
     Raises
     ------
@@ -57,24 +59,10 @@ def whole_number(text: str) -> int:
 
     Examples
     --------
-    >>> [whole_number(text) for text in ("010", "0o10", "0x1F", "-7")]
-    [10, 8, 31, -7]
-    """
-    base = {"0o": 8, "0x": 16}.get(text[:2], 10)
-    number = int(text if base == 10 else text[2:], base)
-    float(number)
-    return number
-
-
-def real_number(text: str) -> float:
-    """Read a floating-point number of the core schema.
-
-    Examples
-    --------
     >>> [real_number(text) for text in ("4.0e7", "1.e-3", "+.5", "-.inf")]
     [40000000.0, 0.001, 0.5, -inf]
     """
-    return float(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
+    return finite_number(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
 
 
 def _scalar(pattern: re.Pattern[str], read: Any) -> Any:
