@@ -17,7 +17,14 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 import edge_agent.publish
-from edge_agent.publish import Spool, SpoolError, damaged_bytes, spool, spool_records
+from edge_agent.publish import (
+    Spool,
+    SpoolError,
+    damaged_bytes,
+    segment_files,
+    spool,
+    spool_records,
+)
 from tests.state_machines import assert_found, run_long, run_share, steps_in
 
 FOLDER = Path(edge_agent.publish.__file__).parent
@@ -26,8 +33,8 @@ HOW = ("flip", "zero", "noise")
 STEPS = 300
 """Lines of an operation that are not of its segments."""
 STEPS_PER_SEGMENT = 40
-STEPS_PER_BYTE = 2
-"""A scan looks at each place at which three zero bytes stand, of which records have few."""
+STEPS_PER_BYTE = 12
+"""A scan behind damage looks at each place at which three zero bytes stand."""
 
 
 def payload_of(boot, sequence, size):
@@ -94,9 +101,9 @@ class SpoolMachine(RuleBasedStateMachine):
         def refuses(file, size):
             raise OSError(errno.EIO, "Input/output error")
 
-        mended.setattr(spool, "_write_all", full)
+        mended.setattr(spool, "write_all", full)
         if not cut:
-            mended.setattr(spool.os, "ftruncate", refuses)
+            mended.setattr(os, "ftruncate", refuses)
         try:
             with self.bounded(), pytest.raises(SpoolError, match="Make room on the disk"):
                 self.spool.append(sequence, payload)
@@ -141,7 +148,7 @@ class SpoolMachine(RuleBasedStateMachine):
         if orderly:
             self.spool.close()
         else:  # killed: the system closes its files, nothing else is done
-            spool._unlock(self.spool._guard)
+            segment_files.unlock(self.spool._guard)
             if self.spool._file is not None:
                 os.close(self.spool._file)
             self.spool._guard = self.spool._file = None

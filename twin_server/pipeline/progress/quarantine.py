@@ -91,7 +91,7 @@ def listed(rows: Iterable[AsideRow]) -> list[dict[str, Any]]:
     """Return rows as REST shows them, the newest first."""
     return [
         {
-            "number": row.number,
+            "number": row.ordinal,
             "id": row.twin,
             "boot": row.boot,
             "sequence": row.sequence,
