@@ -10,6 +10,11 @@ import re
 MOST_CHARACTERS = 400
 """Length of a reason [1]; libraries quote what they met, which is as long as a file likes."""
 
+_FAULTS = (
+    ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError,
+)  # fmt: skip
+"""What libraries raise where they had not thought of a file; the text speaks of their code."""
+
 _INTERNALS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
     (re.compile(pattern, re.DOTALL), plain)
     for pattern, plain in (
@@ -26,6 +31,7 @@ _INTERNALS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             r"a number has more than \1 digits",
         ),
         (r"maximum recursion depth exceeded[^.\n]*", "it is nested too deep"),
+        (r"<urlopen error (.*?)>", r"\1"),
         (r"\[(?:Errno|WinError) -?\d+\] ", ""),
         (r"int too large to convert to float", "a number is larger than 1.8e308"),
     )
@@ -54,11 +60,15 @@ def reason_of(error: BaseException) -> str:
     'a.json: No such file or directory.'
     >>> reason_of(MemoryError())
     'It takes more memory than is allowed.'
+    >>> reason_of(UnboundLocalError("cannot access local variable 'data'"))
+    'Its parts contradict each other, or one is missing.'
     """
     if isinstance(error, MemoryError):
         return "It takes more memory than is allowed."
     if isinstance(error, RecursionError):
         return "It is nested too deep."
+    if isinstance(error, _FAULTS):
+        return "Its parts contradict each other, or one is missing."
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if isinstance(error.filename, str) else ""
         text = f"{where}{error.strerror}"

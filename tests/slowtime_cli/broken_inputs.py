@@ -19,7 +19,7 @@ from slowtime_cli.shared.options import OutFile
 INTERNALS = re.compile(
     r"Traceback \(most recent|<frozen |<class '|\bobject at 0x|\bat 0x[0-9a-f]{6}|"
     r"File \"[^\"]*\.py\"|site-packages|<unknown>|sys\.set_int_max_str_digits|"
-    r"maximum recursion depth|Internal error in slowtime|\[Errno \d|<module|"
+    r"maximum recursion depth|<urlopen|Internal error in slowtime|\[Errno \d|<module|"
     r"slowtime_(?:cli|services|schemas)\.\w|twin_server\.\w|Warning: |DeprecationWarning"
 )
 """What no message to a user shows."""
@@ -49,7 +49,7 @@ BROKEN: dict[str, Callable[[Path], object]] = {
     "surrogate": lambda path: path.write_text('{"slowtime_model": "\\ud800"}'),
     "mcap": lambda path: path.write_bytes(b"\x89MCAP0\r\n" + b"\x01" * 200 + b"\x89MCAP0\r\n"),
 }
-ENDINGS = ("", ".csv", ".json", ".yaml", ".toml", ".mcap", ".npz", ".npy", ".mat", ".h5", ".uff", ".inp", ".bdf", ".py", ".sqlite")  # fmt: skip
+ENDINGS = ("", ".csv", ".json", ".yaml", ".toml", ".mcap", ".npz", ".mat", ".sqlite")
 
 
 def verbs() -> Iterator[tuple[tuple[str, ...], click.Command]]:
@@ -91,11 +91,14 @@ def plausible(param: click.Parameter) -> str:
     if isinstance(kind, click.Choice):
         return str(kind.choices[0])
     name = type(kind).__name__
-    return {
-        "Name": "lab.beam" if getattr(kind, "_pattern", re.compile("")).pattern.count("a-z0-9") > 2 else "lab",
-        "IntRange": "2", "IntParamType": "2", "FloatRange": "0.5", "Number": "0.5",
-        "Path": "other", "Database": "other", "Instant": "2022-07-19T22:55:00Z",
-    }.get(name, "x")  # fmt: skip
+    if name == "Name":
+        parts = getattr(kind, "_pattern", re.compile("")).pattern.count("a-z0-9][")
+        return "lab.beam" if parts > 1 else "lab"
+    if name in ("IntRange", "IntParamType"):
+        return "2"
+    if name in ("FloatRange", "Number"):
+        return "0.5"
+    return "2022-07-19T22:55:00Z" if name == "Instant" else "x"
 
 
 def arguments(command: click.Command, param: click.Parameter, file: str) -> list[str]:

@@ -81,14 +81,15 @@ def admit(
         for run in line.unfinished:
             run.gone = run.gone or run.boot not in held_still
     for boot, holding in later:
-        run = line.waiting.pop(boot, None)
-        if run is None and _is_admitted(line, boot):
+        if boot in line.waiting:
+            run = line.waiting.pop(boot)
+        elif _is_admitted(line, boot):
             continue  # listed twice
-        if run is None and not has_room(line, boot, limits, change):
-            break
-        if run is None:
+        elif has_room(line, boot, limits, change):
             run = Run(line.site, line.asset, boot, since_s=now_s)
             line.add(run)
+        else:
+            break
         _let_in(line, run, holding, bool(listing), limits, change)
         if run.missing() is not None:
             run.worried = False

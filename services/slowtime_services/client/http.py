@@ -11,6 +11,7 @@ from typing import cast
 from urllib.parse import urlencode, urlsplit
 
 from slowtime_services.documents.json_documents import read_json
+from slowtime_services.reasons import reason_of
 
 
 class AnswerError(Exception):
@@ -118,8 +119,8 @@ class HttpConnection:
         if isinstance(error, UnreachableError):
             return error
         return UnreachableError(
-            f"{self.url} did not answer: {error}. Give the address of a running twin server, "
-            "such as http://127.0.0.1:8000, or start one with `slowtime twin`."
+            f"{self.url} did not answer: {reason_of(error)} Give the address of a running twin "
+            "server, such as http://127.0.0.1:8000, or start one with `slowtime twin`."
         )
 
 

@@ -19,7 +19,7 @@ from slowtime_services.files.times.stamps import DateOrder, read_stamps
 from slowtime_services.files.times.zones import stated_zone
 
 from .delimited.column_names import read_heading
-from .delimited.dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
+from .delimited.dialect import HEAD_LINES, LONGEST_LINE, Dialect, Kind, Layout, find_layout
 from .delimited.encoding import decode
 from .delimited.oscilloscopes import plain_table
 
@@ -72,6 +72,7 @@ def read_lines(
     """Read the lines of a file called `name`, as `read_text` does."""
     if not any(line.strip() for line in lines):
         raise RecordError(f"{name} is empty. Give a file with at least two rows of numbers.")
+    _refuse_long_lines(lines[:HEAD_LINES], name)
     if skip_lines is None:
         for form in FORMATS:
             if form.reader.recognise(lines[:HEAD_LINES]):
@@ -79,6 +80,16 @@ def read_lines(
     return _read_table(
         _without_monitor_prefixes(plain_table(lines)), name, skip_lines, date_order
     )
+
+
+def _refuse_long_lines(head: Sequence[str], name: str) -> None:
+    """Refuse a text of lines that no layout is looked for in, before any of them is parted."""
+    long = sum(len(line) > LONGEST_LINE for line in head)
+    if 2 * long > len(head):
+        raise RecordError(
+            f"{name} has lines of more than {LONGEST_LINE:,} characters. Give a row for each "
+            "sample, or save the table as NumPy."
+        )
 
 
 def _without_monitor_prefixes(lines: list[str]) -> list[str]:

@@ -13,7 +13,7 @@ MOST_WRITTEN_OUT = 500_000
 that a model of 3,000,000 degrees of freedom needs, and takes 50 MB."""
 
 MOST_EMPTY_ROWS = 2_000_000
-"""Rows without an entry of a sparse matrix [1]: each takes some ten bytes. Matrices of one group
+"""Rows without an entry of a sparse matrix [1]: each takes some ten bytes. Matrices of a group
 of elements are empty elsewhere; whole models have a million rows."""
 
 _BLOCK_BYTES = 1 << 20

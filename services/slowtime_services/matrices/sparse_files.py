@@ -90,7 +90,7 @@ def read_matrix(
         raise MatrixFileError(
             f"{path.name} holds complex numbers. Give real stiffness, mass or damping."
         )
-    if sparse.issparse(found):
+    if not isinstance(found, np.ndarray):
         refuse_empty_rows(path.name, found.shape, found.nnz)
     whole = sparse.csr_array(found, dtype=np.float64)
     return mirrored(whole) if square else whole

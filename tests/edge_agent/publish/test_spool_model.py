@@ -33,8 +33,8 @@ HOW = ("flip", "zero", "noise")
 STEPS = 300
 """Lines of an operation that are not of its segments."""
 STEPS_PER_SEGMENT = 40
-STEPS_PER_BYTE = 2
-"""A scan looks at each place at which three zero bytes stand, of which records have few."""
+STEPS_PER_BYTE = 12
+"""A scan behind damage looks at each place at which three zero bytes stand."""
 
 
 def payload_of(boot, sequence, size):

@@ -35,7 +35,7 @@ LIES: dict[str, str] = {
     "infinity": "a: 1e400\n",
     "values": "a: [" + "1," * 1_900_000 + "1]\n",
     "lists": "a: [" + "[]," * 1_000_000 + "[]]\n",
-    "keys": "{" + ", ".join(f"k{n}: 1" for n in range(300_000)) + "}",
+    "keys": "{" + ", ".join(f"k{n}: 1" for n in range(600_000)) + "}",
     "key_twice": "{" + ", ".join(f"k{n}: 1" for n in range(90_000)) + ", k1: 2}",
     "long_text": "a: " + "x" * 4_000_000 + "\n",
     "anchors": "".join(f"a{n}: &b{n} 1\n" for n in range(100_000)),
@@ -173,7 +173,7 @@ ENDDATA
 ABAQUS = {
     "generated_range": MESH.replace("*NSET, NSET=ENDS\n1", "*NSET, NSET=ENDS, GENERATE\n1, 2000000000"),
     "wide_range": MESH.replace("*NSET, NSET=ENDS\n1", f"*NSET, NSET=ENDS, GENERATE\n1, {'9' * 300}"),
-    "sets_within_sets": MESH.replace("*NSET, NSET=ENDS\n1", "*NSET, NSET=ENDS\n1\n" + "ENDS, ENDS, ENDS\n" * 30),
+    "sets_within_sets": MESH.replace("*NSET, NSET=ENDS\n1", "*NSET, NSET=ENDS\n1\n" + "*NSET, NSET=ENDS\nENDS, ENDS, ENDS\n" * 30),
     "long_keyword": "*NODE,\n" + "a,\n" * 1_000_000,
     "many_terms": MESH + "*EQUATION\n2000000000\n1, 1, 1.\n",
     "many_directions": MESH.replace("ENDS, ENCASTRE", "1, 1, 2000000000"),
@@ -205,9 +205,8 @@ def _meshes() -> list[Case]:
 
 
 def stiffness() -> sparse.coo_array:
-    middle = np.full(ROWS, 2.0)
-    side = np.full(ROWS - 1, -1.0)
-    return sparse.coo_array(sparse.diags_array([side, middle, side], offsets=[-1, 0, 1]))
+    chain = 2.0 * np.eye(ROWS) - np.eye(ROWS, k=1) - np.eye(ROWS, k=-1)
+    return sparse.coo_array(chain)
 
 
 MATRICES = """slowtime_model: 2

@@ -40,9 +40,7 @@ def quickly():
 @pytest.mark.parametrize("name", [n for n in models.LIES if n not in ("long_text", "anchors")])
 def test_a_lying_yaml_text_is_refused_with_its_line(name):
     with pytest.raises(YamlError) as refused:
-        values, _ = read_with_lines(models.LIES[name])
-        assert values.keys() == {"a"}, "an honest text with one key"
-        raise YamlError(1, "not a model")
+        read_with_lines(models.LIES[name])
     assert refused.value.line >= 1
     assert not INTERNALS.search(str(refused.value))
 
@@ -62,7 +60,7 @@ def test_a_key_that_stands_twice_names_both_lines():
         ("[1, 1e400]", "`1e400` is not a valid number"),
         ('{"a": 1, "b": 2, "a": 3}', "`a` stands twice"),
         ("[" + "1," * 600_000 + "1]", "600,001 values or lines. Allowed: 500,000"),
-        ('{"' * 20_000, "This is not JSON"),
+        ('{"' * 20_000, "10,000 levels deep"),
         ('"' + "\\" * 300_001, "This is not JSON"),
         ("nul", "This is not JSON: Expecting value, line 1, column 1"),
         (b"\xff\xfe\xff", "not text"),

@@ -48,6 +48,7 @@ from twin_server.collect import (
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.pipeline.progress import Phase
 from twin_server.registration.twin import Registration
@@ -160,9 +161,13 @@ class Pipeline:
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
-            every_s = settings.ledger.every_s
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, every_s, self._publisher.say
+                store,
+                self._clock,
+                signer,
+                settings.ledger,
+                self._publisher.say,
+                HeadWitnesses(settings.ledger),
             )
         self._load()
 
@@ -366,6 +371,9 @@ class Pipeline:
             "held_bytes": account.held_bytes,
             "boots": account.boots,
             "inbox": self.waiting,
+            "ledger_refused": int(
+                self.ledger_signer is not None and self.ledger_signer.refused
+            ),
             "aside": self.setting_aside.quarantine.gauge(),
         }
 
@@ -374,6 +382,7 @@ class Pipeline:
         return {
             "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
+            "witness_failures": self.ledger_signer.missed if self.ledger_signer else 0,
         }
 
     def _later(self, call: Callable[[], None]) -> bool:
@@ -476,13 +485,15 @@ class Pipeline:
         return not self._calls
 
     def _sign_ledger(self, *, at_once: bool = False) -> None:
-        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        """Sign a head of the ledger where it is due; tell the twins that cannot be proven."""
         if self.ledger_signer is None or self._stale:
             return
         if at_once:
-            self.ledger_signer.sign(self._clock.now_ns())
+            self.ledger_signer.close()
         else:
             self.ledger_signer.step()
+        for twin_id, message in self.ledger_signer.take_unsaid().items():
+            self._note(twin_id, "ledger_refused", "alarm", message, {})
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""
@@ -583,11 +594,12 @@ class Pipeline:
         if len(samples) == 1 and aside.refuses(samples[0], now_ns):
             return 0
         noted = aside.attempts.noted(sample.payload for sample in samples)
-        with self._progress.doing(Phase.STEP), noted:
+        with self._progress.doing(Phase.STORE), noted:
             return self._take_noted(samples)
 
     def _take_noted(self, samples: Sequence[Sample]) -> int:
-        received = self._reception.read(samples, self._clock.now_ns())
+        with self._progress.doing(Phase.STEP):
+            received = self._reception.read(samples, self._clock.now_ns())
         # What a replay holds comes once: one part that fails must not cost the others.
         self._run_each(
             functools.partial(self._take_features, received),

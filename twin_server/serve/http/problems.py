@@ -1,6 +1,7 @@
 """Errors as problem documents (RFC 9457): the value given, the values allowed, advice."""
 
 import logging
+import reprlib
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -12,12 +13,19 @@ from pydantic_core import to_json
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
+from slowtime_services.reasons import without_internals
+
 logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 
 MOST_ERRORS = 20
 """Faults of one request that are listed; all are counted."""
+
+_SHORT = reprlib.Repr()
+"""Quotes what was given only as deep and as far as it is shown."""
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 4, 80, 80
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 20
 
 RETRY_AFTER_S = 5
 """When a caller is to come back whom the database did not answer [s]; a restart takes about so
@@ -72,7 +80,7 @@ def problem(
         "type": f"urn:slowtime:problem:{slug}",
         "title": title,
         "status": status,
-        "detail": detail,
+        "detail": without_internals(detail),
         "instance": instance,
         **more,
     }
@@ -177,12 +185,12 @@ async def _left(request: Request, error: Exception) -> Response:
 async def _fault(request: Request, error: Exception) -> Response:
     logger.error("%s %s failed.", request.method, request.url.path, exc_info=error)
     detail = (
-        f"{request.method} {request.url.path:.200} failed: {type(error).__name__}. This is a "
-        "fault of the server, not of the request; its log says more. Try again, and report it."
+        f"{request.method} {request.url.path:.200} failed. This is a fault of the server, not "
+        "of the request; its log says more. Try again, and report it."
     )
     return respond(request, 500, "fault-of-ours", detail)
 
 
 def _short(given: Any) -> str:
-    text = repr(given)
+    text = _SHORT.repr(given)
     return text if len(text) <= 80 else text[:77] + "..."

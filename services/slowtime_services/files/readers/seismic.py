@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from slowtime_services.files.binary.numpy_arrays import refuse_above
+from slowtime_services.files.record import RecordError
 
 from .found import Figure, Found, Series
 
@@ -15,6 +16,9 @@ MIN_SEAMS = 3
 """Seams between records from which their starts tell a rate [1]."""
 SEAM_TOLERANCE = 0.01
 """Relative difference of seams that are alike [1]."""
+MOST_A_BYTE = 2
+"""Samples that a byte holds at most [1]: seven in four bytes, by the compression Steim 2 (SEED
+manual 2.4, appendix B)."""
 _SINGLE = 1.2e-7
 """Relative step of numbers of single precision."""
 _SAC_BYTES, _SAC_VERSION_AT = 632, 304
@@ -31,6 +35,11 @@ def read(path: Path, max_bytes: int) -> Found:
     stream = obspy.read(path, headonly=True)
     spans = [trace.stats.npts for trace in stream]
     refuse_above(path, 8 * sum(spans), max_bytes)
+    if sum(spans) > MOST_A_BYTE * path.stat().st_size:
+        raise RecordError(
+            f"{path.name} has {path.stat().st_size:,} bytes and states {sum(spans):,} samples, "
+            "more than can be in it: it is cut short or damaged. Get the original again."
+        )
     stream = obspy.read(path)
     notes = _unread(stream)
     figures = (*_of_starts(stream), *_of_sac(path))
