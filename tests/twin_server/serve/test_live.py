@@ -149,7 +149,7 @@ def test_a_client_that_does_not_read_is_cut_off_and_others_go_on(monkeypatch, ca
         async def connected():
             await asyncio.Event().wait()
 
-        answers = [LiveResponse(hub, joined(hub), knowledge, "0-0") for _ in range(2)]
+        answers = [LiveResponse(hub, joined(hub), knowledge, ":0-0") for _ in range(2)]
         tasks = [
             asyncio.create_task(answer({"type": "http"}, connected, send))
             for answer, send in zip(answers, (never, gladly), strict=True)

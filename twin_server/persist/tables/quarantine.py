@@ -14,7 +14,7 @@ class AsideRow(NamedTuple):
     Parameters
     ----------
     number
-        Key of the row, 0 before it is kept; people see its `count`.
+        Key of the row, 0 before it is kept; people see its `ordinal`.
     boot, sequence
         Of the message.
     set_ns
@@ -43,7 +43,7 @@ class AsideRow(NamedTuple):
     message: bytes
 
     @property
-    def count(self) -> int:
+    def ordinal(self) -> int:
         """Number of the message among those of its twin."""
         return count_of(self.number)
 

@@ -87,7 +87,7 @@ def listed(rows: Iterable[AsideRow]) -> list[dict[str, Any]]:
     """Return rows as REST shows them, the newest first."""
     return [
         {
-            "number": row.count,
+            "number": row.ordinal,
             "id": row.twin,
             "boot": row.boot,
             "sequence": row.sequence,

@@ -51,9 +51,9 @@ PATIENCE_S = 120.0
 class Passing(Hub):
     """Live streams that end once they have begun, so that a request has an end."""
 
-    def join(self, twin_id: str, caller: str | None = None) -> Any:
+    def join(self, twin_id: str) -> Any:
         """Watch, and no longer."""
-        client = super().join(twin_id, caller)
+        client = super().join(twin_id)
         if client is not None:
             client.end()
         return client

@@ -120,7 +120,8 @@ def _twins(t: Tenant) -> Iterator[None]:
     for path in (
         "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
         "/forecast", "/plan", "/risk", "/events", "/events/recorded", "/gap", "/fatigue",
-        "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships", "/diagnoses",
+        "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships",
+        "/diagnoses",
     ):  # fmt: skip
         t.get(twin + path)
     yield
