@@ -695,7 +695,7 @@ class Pipeline:
             logger.exception("Features could not be processed.")
             features = arrivals[0].features
             if event := self.setting_aside.failed(arrivals[0], error, self._clock.now_ns()):
-                self._keep(event)
+                self._keep([event])
             self.refusals.refuse(
                 "failed",
                 f"{features.twin_id}: sequence {features.sequence} made the server fail: "
