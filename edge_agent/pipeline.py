@@ -104,11 +104,11 @@ class WorkTime:
     @contextlib.contextmanager
     def spent(self) -> Iterator[None]:
         """Count the time within."""
-        began_ns = self._clock.now_ns()
+        began_ns = self._clock.elapsed_ns()
         try:
             yield
         finally:
-            took_ns = max(0, self._clock.now_ns() - began_ns)
+            took_ns = self._clock.elapsed_ns() - began_ns
             self._total_ns += took_ns
             self._window_ns += took_ns
             self._put("busy", self._total_ns)
@@ -117,16 +117,16 @@ class WorkTime:
         """Share the time spent among the windows that have been sent now."""
         if not windows:
             return
-        now_ns = self._clock.now_ns()
+        elapsed_ns = self._clock.elapsed_ns()
         each_ns, self._window_ns = self._window_ns // len(windows), 0
         self._dearest_ns = max(self._dearest_ns, each_ns)
         self._put("window_busy", each_ns)
         self._put("window_busy_max", self._dearest_ns)
         if self._last_ns is not None:
-            self._put("window_period", (now_ns - self._last_ns) // len(windows))
+            self._put("window_period", (elapsed_ns - self._last_ns) // len(windows))
         if windows[-1].time_base == "live":
-            self._put("behind", now_ns - windows[-1].t_ns)
-        self._last_ns = now_ns
+            self._put("behind", self._clock.now_ns() - windows[-1].t_ns)
+        self._last_ns = elapsed_ns
 
     def _put(self, what: str, ns: int) -> None:
         self._publisher.put(f"{what}_ms", max(0, ns) // 10**6)

@@ -53,6 +53,10 @@ VERBS = {
         "twins.alarms:alarms",
         "Send a test alarm of a twin, and show deliveries of alarms.",
     ),
+    "quarantine": Verb(
+        "twins.quarantine:quarantine",
+        "List, release and drop messages that the server set aside.",
+    ),
     "holdings": Verb(
         "twins.holdings:holdings",
         "Show what a server has under way for your sites, and end it.",

@@ -319,7 +319,7 @@ def _monitor(pipeline: Pipeline, *, end: bool) -> ProgressMonitor:
 
 
 def _open_store(settings: TwinSettings, stop: threading.Event) -> Store | None:
-    """Open the database; a standby waits while another server has it, None once it is stopped."""
+    """Open the database; a standby waits for it, and gives None once it is stopped."""
     said = False
     while True:
         try:

@@ -93,7 +93,7 @@ class ProgressSettings(Frozen):
     """Budget of the work on messages, and how long the server may stand still."""
 
     step_s: Positive = 5.0
-    """Processor time of one step on messages [s]; ten times what the slowest known one takes."""
+    """Processor time of one step on messages [s]; ten times what the slowest known takes."""
     step_s_per_message: NotNegative = 0.5
     """Added for each message of the step [s]; twice what one of a twin of elements takes."""
     silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0
@@ -276,6 +276,9 @@ class AccessSettings(Frozen):
         return self.tokens is not None or self.openid is not None
 
 
+HttpUrlText = Annotated[str, Field(pattern=r"^https?://[^/\s]+(/\S*)?$", max_length=2_000)]
+
+
 class LedgerSettings(Frozen):
     """How accepted rows are signed."""
 
@@ -284,6 +287,25 @@ class LedgerSettings(Frozen):
     all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""
+    audit_every_s: Annotated[float, Field(ge=0)] = 86_400.0
+    """The running server compares its whole database with the ledger so often; 0 for never. A
+    server that starts does so in any case, before it signs."""
+    witness_file: Path | None = None
+    """Each head is appended to this file too, one JSON object a line; it belongs where the
+    server can append but not overwrite. A server that starts compares its last line with the
+    database."""
+    witness_url: HttpUrlText | None = None
+    """Each head is sent there too, by POST, as JSON."""
+    timestamp_url: HttpUrlText | None = None
+    """Authority that stamps heads (RFC 3161); needs `slowtime[timestamps]`."""
+    timestamp_every_s: Positive = 3_600.0
+    """A head is stamped at most so often."""
+    timestamp_folder: Path = Path("timestamps")
+    """Where stamped heads (`head-7.json`) and their time stamps (`head-7.tsr`) are kept."""
+    continue_after_head: Annotated[int, Field(ge=1)] | None = None
+    """Sign again although the database does not prove consistent with this head, its last one.
+    All rows are chained anew as they stand, and every later audit against this head or one
+    before says so."""
 
 
 class ShardSettings(Frozen):

@@ -25,7 +25,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -159,10 +159,8 @@ class Site:
     async def simulation(self) -> Answer:
         """Order a simulation of nearly the largest size."""
         self._number += 1
-        order = {
-            "on": "base", "load": {"kind": "white", "density": 1e-3}, "rate_hz": 100.0,
-            "duration_s": 100.0, "draws": 2000, "seed": self._number,
-        }  # fmt: skip
+        load = {"kind": "white", "psd": 1e-3}
+        order = {"load": load, "rate_hz": 100.0, "duration_s": 190.0, "seed": self._number}
         return await self.ask("POST", f"{self.twin}/simulate", json.dumps(order).encode())
 
     async def export(self) -> Answer:
@@ -203,7 +201,6 @@ WORK: dict[str, Callable[[Site], Awaitable[Answer]]] = {
 
 def recording(path: Path, site: str, count: int) -> bytes:
     """Write a recording of features; its bytes."""
-    path.unlink(missing_ok=True)
     rng = np.random.default_rng(0)
     with RecordingWriter(path) as writer:
         for sequence in range(count):
@@ -271,11 +268,8 @@ class Crowd:
                 self.statuses.update(pipe.recv())
 
 
-async def prepare(site: Site, history: bytes) -> None:
-    """Give a site its recordings and its twin a history."""
-    for name, content in (("history.mcap", history), ("long.mcap", site.recording)):
-        given = await site.ask("PUT", f"{V1}/recordings/{name}", content)
-        assert given.status == 201, given
+async def prepare(site: Site) -> None:
+    """Give the twin of a site a history."""
     await site.ask("POST", f"{V1}/recordings/history.mcap/replay", b"{}")
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
@@ -284,6 +278,39 @@ async def prepare(site: Site, history: bytes) -> None:
             return
         await asyncio.sleep(0.1)
     raise TimeoutError(f"The history of {site.name} was not replayed in {PATIENCE_S:g} s.")
+
+
+@contextlib.contextmanager
+def running(home: Path, names: list[str]) -> Iterator[list[Site]]:
+    """Run a server with a twin, its history and two recordings of each site."""
+    tokens, day = TokenFile(home / "tokens.json"), datetime.timedelta(days=1)
+    words = {name: tokens.add(name, "admin", [name], day) for name in names}
+    settings = {
+        "port": 0, "database": home / "twin.sqlite", "synchronous": "NORMAL",
+        "diagnose": {"recordings": home / "recordings"},
+        "access": {"tokens": tokens.path, "requests_per_s": 1000.0, "burst": 10_000},
+        "gap": {"every_s": 0},
+    }  # fmt: skip
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    server = context.Process(target=serve, args=(settings, theirs))
+    server.start()
+    try:
+        port = int(ours.recv().rpartition(":")[2])
+        sites = []
+        for name in names:
+            folder = home / "recordings" / name  # where those of its site are kept
+            folder.mkdir(parents=True)
+            recording(folder / "history.mcap", name, HISTORY)
+            content = recording(folder / "long.mcap", name, LONG)
+            sites.append(Site(name, words[name], port, content))
+            asyncio.run(prepare(sites[-1]))
+        yield sites
+    finally:
+        with contextlib.suppress(OSError):
+            ours.send("stop")
+        server.join(30.0)
+        server.kill()
 
 
 def timed(site: Site, work: str) -> float:
@@ -322,51 +349,24 @@ def main(given: list[str]) -> int:
     parser.add_argument("--times", type=int, default=5)
     parser.add_argument("--what", nargs="+", default=list(WORK), choices=list(WORK))
     asked = parser.parse_args(given)
+    names = [MODEST, *GREEDY[: max(asked.greedy)]]
     fails = 0
-    with tempfile.TemporaryDirectory() as home_name:
-        home = Path(home_name)
-        tokens = TokenFile(home / "tokens.json")
-        day = datetime.timedelta(days=1)
-        names = [MODEST, *GREEDY[: max(asked.greedy)]]
-        words = {name: tokens.add(name, "admin", [name], day) for name in names}
-        settings = {
-            "port": 0, "database": home / "twin.sqlite", "synchronous": "NORMAL",
-            "diagnose": {"recordings": home / "recordings"},
-            "access": {"tokens": tokens.path, "requests_per_s": 1000.0, "burst": 10_000},
-            "gap": {"every_s": 0},
-        }  # fmt: skip
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        server = context.Process(target=serve, args=(settings, theirs))
-        server.start()
-        try:
-            port = int(ours.recv().rpartition(":")[2])
-            sites = []
-            for name in names:
-                content = recording(home / "long.mcap", name, LONG)
-                site = Site(name, words[name], port, content)
-                asyncio.run(prepare(site, recording(home / "history.mcap", name, HISTORY)))
-                sites.append(site)
-            for work in asked.what:
-                timed(sites[0], work)  # what is loaded and compiled once
-            crowd = Crowd(sites[1:])
-            for greedy in asked.greedy:
-                told = measured(sites[0], crowd, greedy, asked.what, asked.times)
-                for work, (alone, beside) in told.items():
-                    once, then = statistics.median(alone), statistics.median(beside)
-                    fails += then / once > greedy + SLACK
-                    print(
-                        f"{then / once:6.2f}  {work} beside {greedy} greedy: {once:.2f} s alone"
-                        f" ({min(alone):.2f} to {max(alone):.2f}), {then:.2f} s beside them "
-                        f"({min(beside):.2f} to {max(beside):.2f}); at most {greedy + SLACK}",
-                        flush=True,
-                    )
-            print(f"answers to the greedy, by status: {dict(sorted(crowd.statuses.items()))}")
-        finally:
-            with contextlib.suppress(OSError):
-                ours.send("stop")
-            server.join(30.0)
-            server.kill()
+    with tempfile.TemporaryDirectory() as home, running(Path(home), names) as sites:
+        for work in asked.what:
+            timed(sites[0], work)  # what is loaded and compiled once
+        crowd = Crowd(sites[1:])
+        for greedy in asked.greedy:
+            told = measured(sites[0], crowd, greedy, asked.what, asked.times)
+            for work, (alone, beside) in told.items():
+                once, then = statistics.median(alone), statistics.median(beside)
+                fails += then / once > greedy + SLACK
+                print(
+                    f"{then / once:6.2f}  {work} beside {greedy} greedy: {once:.2f} s alone "
+                    f"({min(alone):.2f} to {max(alone):.2f}), {then:.2f} s beside them "
+                    f"({min(beside):.2f} to {max(beside):.2f}); at most {greedy + SLACK}",
+                    flush=True,
+                )
+        print(f"answers to the greedy, by status: {dict(sorted(crowd.statuses.items()))}")
     return int(fails > 0)
 
 

@@ -46,7 +46,7 @@ class Pacer:
 
     def __init__(self, clock: Clock, stop: threading.Event) -> None:
         self._clock, self._stop = clock, stop
-        self._began_ns = clock.now_ns()
+        self._began_ns = clock.elapsed_ns()
 
     def wait_until(self, seconds: float) -> bool:
         """Return once `seconds` have passed since the start; False if stopped before.
@@ -57,7 +57,7 @@ class Pacer:
             Time since the start [s].
         """
         while not self._stop.is_set():
-            left = seconds - (self._clock.now_ns() - self._began_ns) / 1e9
+            left = seconds - (self._clock.elapsed_ns() - self._began_ns) / 1e9
             if left <= 0:
                 return True
             self._clock.sleep(min(left, 0.1))

@@ -2,6 +2,7 @@
 
 from .publisher import Publisher, raw_message
 from .ring import Ring
-from .spool import Held, Spool, SpoolError
+from .segment_files import SpoolError
+from .spool import Held, Spool
 
 __all__ = ["Held", "Publisher", "Ring", "Spool", "SpoolError", "raw_message"]

@@ -103,5 +103,5 @@ class DamagedBytes:
 
 
 def _shared(one: Damage, other: Damage) -> int:
-    """Number of sequences that were in both."""
+    """Return the number of sequences that were in both."""
     return max(0, min(one.last, other.last) - max(one.first, other.first) + 1)

@@ -48,7 +48,8 @@ from slowtime_services.tracing import Made, Traces
 from .digests import DigestCheck
 from .fatigue_store import FatigueStore
 from .ring import Ring
-from .spool import Spool, SpoolError
+from .segment_files import SpoolError
+from .spool import Spool
 
 logger = logging.getLogger(__name__)
 
@@ -102,7 +103,7 @@ class Publisher:
         self._acknowledged = -1
         self._agreement = DigestCheck()
         self._cumulative = FatigueStore(spool.folder, origin.boot)
-        self._began_ns = clock.now_ns()
+        self._began_ns = clock.elapsed_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
 
@@ -183,7 +184,7 @@ class Publisher:
                 last_sequence=self._last_features,
                 first_held=held.first if held else -1,
                 dropped=self._spool.dropped,
-                uptime_s=max(0.0, (self._clock.now_ns() - self._began_ns) / 1e9),
+                uptime_s=(self._clock.elapsed_ns() - self._began_ns) / 1e9,
                 counters=self.counters | {ACK_VERSION: Acknowledgement.VERSION},
             ),
         )

@@ -22,9 +22,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from slowtime_services.operating_system import lock_file, sync_folder
+from slowtime_services.operating_system import same_file, sync_folder
 
 from .damaged_bytes import DamagedBytes
+from .segment_files import LOCK, NEW, SpoolError, lock_folder, unlock, write_all, written_again
 from .spool_records import LARGEST_SEQUENCE, MARK, Damage, Sound, pack, scan
 
 logger = logging.getLogger(__name__)
@@ -34,11 +35,6 @@ DROPPED = "dropped.json"
 WITHHELD = "withheld.json"
 MOST_DROPPED = 1_000
 """Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
-
-
-class SpoolError(OSError):
-    """The spool cannot be used; the text says what to do."""
 
 
 class Held(NamedTuple):
@@ -96,7 +92,7 @@ class Spool:
         self._dropped = 0
         self._last = -1
         folder.mkdir(parents=True, exist_ok=True)
-        self._guard = _lock_folder(folder)
+        self._guard = lock_folder(folder)
         self._damaged = DamagedBytes(folder)
         self._gone = _read_dropped(folder / DROPPED)
         self._withheld = _read_dropped(folder / WITHHELD)
@@ -109,7 +105,7 @@ class Spool:
         ]
         self._size = sum(segment.size for segment in self._segments)
         if any(segment.boot == boot for segment in self._segments):
-            _unlock(self._guard)
+            unlock(self._guard)
             raise SpoolError(
                 f"{folder} already holds features of boot {boot!r}. Give each run its own boot "
                 "id, or none, so that one is made."
@@ -166,13 +162,15 @@ class Spool:
                     f"Sequence {sequence} was given after {self._last}. Sequences must grow."
                 )
             record = pack(sequence, payload)
+            self._keep_in_place()
             segment = self._room_for(sequence)
             try:
-                _write_all(self._descriptor(), record)
+                write_all(self._descriptor(), record)
                 if self._fsync == "always":
                     os.fsync(self._descriptor())
             except OSError as error:
                 self._cut_back(segment)
+                self._drop_oldest()  # beyond the limit, by torn records say, it frees room
                 raise SpoolError(
                     f"The spool {self.folder} does not take sequence {sequence}: {error}. "
                     "Make room on the disk, or lower spool.max_bytes."
@@ -199,7 +197,8 @@ class Spool:
         for path, size, begins, ends in wanted:
             try:
                 data = path.read_bytes()[:size]
-            except FileNotFoundError:  # acknowledged or dropped since
+            except FileNotFoundError:  # acknowledged or dropped since, or taken away
+                self._note_damage(path, boot, b"", Damage(0, 0, begins, ends))
                 continue
             due = begins
             for part in scan(data, begins, ends + 1):
@@ -251,7 +250,7 @@ class Spool:
         with self._lock:
             self._finish_segment()
             if self._guard is not None:
-                _unlock(self._guard)
+                unlock(self._guard)
                 self._guard = None
 
     def _note_damage(self, path: Path, boot: str, data: bytes, damage: Damage) -> None:
@@ -281,11 +280,37 @@ class Spool:
         self._size += segment.size
         return segment
 
+    def _keep_in_place(self) -> None:
+        """Write the current segment again where its file was moved, deleted or replaced."""
+        if self._file is None or same_file(self._file, self._segments[-1].path):
+            return
+        segment = self._segments[-1]
+        logger.error(
+            "%s was moved, deleted or replaced while the agent used it. It is written again, "
+            "with all that is not acknowledged. Leave the folder of a spool alone while its "
+            "agent runs.", segment.path,
+        )  # fmt: skip
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            file = written_again(self._file, segment.path, segment.size)
+        except OSError as error:
+            raise SpoolError(
+                f"The spool cannot write {segment.path} again: {error}. Make room on the disk, "
+                "or point spool.folder elsewhere."
+            ) from error
+        os.close(self._file)
+        self._file = file
+        if self._guard is not None and not same_file(self._guard, self.folder / LOCK):
+            unlock(self._guard)
+            self._guard = None  # where another agent has the new one
+            self._guard = lock_folder(self.folder)
+
     def _begin(self, path: Path) -> int:
         """Make a segment file; where the disk does not even take its mark, none is left."""
-        file = os.open(path, _NEW, 0o644)
+        self.folder.mkdir(parents=True, exist_ok=True)  # it may have been taken away
+        file = os.open(path, NEW, 0o644)
         try:
-            _write_all(file, MARK)
+            write_all(file, MARK)
             if self._fsync == "always":
                 sync_folder(self.folder)
         except OSError:
@@ -398,28 +423,3 @@ def _read_dropped(path: Path) -> dict[str, int]:
     except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         logger.warning("%s cannot be read and is started again: %r", path, error)
         return {}
-
-
-def _write_all(file: int, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        view = view[os.write(file, view) :]
-
-
-def _lock_folder(folder: Path) -> int | None:
-    """Keep a second agent out of the folder; the lock dies with the process."""
-    file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        lock_file(file, wait=False)
-    except OSError as error:
-        os.close(file)
-        raise SpoolError(
-            f"The spool {folder} is in use by another edge agent. Stop that one, or give this "
-            "one its own spool.folder."
-        ) from error
-    return file
-
-
-def _unlock(file: int | None) -> None:
-    if file is not None:
-        os.close(file)

@@ -159,6 +159,12 @@ def _ledger_1(payload: Payload) -> Payload:
     return payload
 
 
+@MIGRATIONS.step("ledger", from_version=2)
+def _ledger_2(payload: Payload) -> Payload:
+    """Come from a server that chained no rows besides features and reports."""
+    return {"tree": None} | payload
+
+
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:
     """`payload_dict` at the current version of `message_name`; see `Migrations.migrate`."""
     return MIGRATIONS.migrate(message_name, payload_dict)

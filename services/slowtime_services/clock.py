@@ -16,6 +16,10 @@ class Clock(Protocol):
         """Return once `seconds` have passed on this clock."""
         ...
 
+    def elapsed_ns(self) -> int:
+        """Return the time since some instant, which no setting of the clock changes [ns]."""
+        ...
+
 
 class SystemClock:
     """The machine's clock."""
@@ -28,12 +32,16 @@ class SystemClock:
         """Block the calling thread for `seconds`."""
         time.sleep(max(seconds, 0.0))
 
+    def elapsed_ns(self) -> int:
+        """Return the time of the system's monotonic clock [ns]."""
+        return time.monotonic_ns()
+
 
 class HandClock:
     """A clock that moves only when it is set or slept on: for tests and for replay."""
 
     def __init__(self, start_ns: int = 0) -> None:
-        self._now_ns = start_ns
+        self._now_ns, self._elapsed_ns = start_ns, 0
 
     def now_ns(self) -> int:
         """Time that was set."""
@@ -42,6 +50,11 @@ class HandClock:
     def sleep(self, seconds: float) -> None:
         """Move the hand forward by `seconds`, at once."""
         self._now_ns += round(max(seconds, 0.0) * 1e9)
+        self._elapsed_ns += round(max(seconds, 0.0) * 1e9)
+
+    def elapsed_ns(self) -> int:
+        """Return the time that was slept [ns]; setting the clock does not change it."""
+        return self._elapsed_ns
 
     def set_ns(self, now_ns: int) -> None:
         """Set the time to `now_ns`, forwards or backwards."""

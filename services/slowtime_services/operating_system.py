@@ -108,6 +108,16 @@ def lower_priority(steps: int) -> None:
         os.nice(steps)
 
 
+def same_file(descriptor: int, path: Path) -> bool:
+    """Whether a path leads to the file that is open: it may have been moved or replaced."""
+    held = os.fstat(descriptor)
+    try:
+        found = os.stat(path)
+    except OSError:
+        return False
+    return (found.st_dev, found.st_ino) == (held.st_dev, held.st_ino)
+
+
 def pause_process(pid: int, *, group: bool = False) -> None:
     """Stop a process for a while; it goes on working where the system cannot do that.
 

@@ -1,4 +1,4 @@
-"""Shutdown of a process: Ctrl-C and SIGTERM set an event, and nothing outlasts their grace time."""
+"""Shutdown of a process: Ctrl-C and SIGTERM set an event; what outlasts it is ended."""
 
 import contextlib
 import faulthandler
@@ -53,5 +53,6 @@ def end_later(grace_s: float) -> None:
 
     The timer is a thread of the C library, so that it needs no lock of the interpreter.
     """
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        faulthandler.dump_traceback_later(grace_s, exit=True, file=sys.__stderr__)
+    if sys.__stderr__ is not None:
+        with contextlib.suppress(OSError, ValueError):  # it is no file
+            faulthandler.dump_traceback_later(grace_s, exit=True, file=sys.__stderr__)

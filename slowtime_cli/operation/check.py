@@ -26,7 +26,7 @@ def check(database: Path, *, ledger: bool, key: str | None, head: Path | None) -
     if ledger:
         print_audit(
             database_errors_told(lambda: audit_file(database, public=public, kept=kept)),
-            database,
+            str(database),
             key,
         )
 

@@ -2,19 +2,25 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from slowtime_cli.shared.terminal import plural
 from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
+from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.documents.document_files import read_json_file
-from slowtime_services.ledger import Head
+from slowtime_services.ledger import Head, last_head
 from slowtime_services.replay import RecordingError, verdicts
 
 if TYPE_CHECKING:
     from twin_server.persist import Audit
+
+SQLITE = b"SQLite format 3\0"
+"""First bytes of a database file."""
+URLS = ("postgresql://", "postgres://")
+"""How the URL of a database begins."""
 
 
 def key(out: Path) -> None:
@@ -45,11 +51,65 @@ def head(server: str, out: Path) -> None:
     click.echo(f"{out} has head {found[-1]['number']}. Keep it where the server cannot write.")
 
 
-def verify(recording: Path, key: str | None) -> None:
-    """Compare the features of a recording with the signed ledger."""
+def verify(
+    recording: str,
+    key: str | None,
+    head: Path | None,
+    timestamp: Path | None,
+    authority: Path | None,
+) -> None:
+    """Compare a recording or a database with the signed ledger, and a head with its stamp."""
     known = None if key is None else public_key_of(key)
+    kept = None if head is None else kept_head(head)
+    if timestamp is not None or authority is not None:
+        _verify_timestamp(kept, timestamp, authority)
+    if recording.startswith(URLS):
+        from twin_server.persist import without_secret
+
+        print_audit(database_audit(recording, known, kept), without_secret(recording), key)
+        return
+    path = Path(recording)
+    if not path.is_file():
+        raise click.UsageError(f"There is no file {path}. Give a recording or a database.")
+    with path.open("rb") as file:
+        if file.read(len(SQLITE)) == SQLITE:
+            print_audit(database_audit(path, known, kept), str(path), key)
+            return
+    _verify_recording(path, key, known, kept)
+
+
+def database_audit(database: Path | str, public: str | None, kept: Head | None) -> "Audit":
+    """Compare a database with its ledger; an error of the store becomes one of the command."""
+    from twin_server.persist import WrongStoreError, audit_file, audit_url
+
     try:
-        found = verdicts(recording, known)
+        if isinstance(database, str):
+            return audit_url(database, public=public, kept=kept)
+        return audit_file(database, public=public, kept=kept)
+    except WrongStoreError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _verify_timestamp(
+    kept: Head | None, timestamp: Path | None, authority: Path | None
+) -> None:
+    if kept is None or timestamp is None or authority is None:
+        raise click.UsageError(
+            "--timestamp is verified with the head that it stamps and the certificate of its "
+            "authority: give --head, --timestamp and --authority together."
+        )
+    try:
+        found = stamped(kept.hashed, timestamp.read_bytes(), authority)
+    except TimestampError as error:
+        raise click.ClickException(str(error)) from error
+    click.echo(f"Head {kept.number} existed at {found.t:%Y-%m-%d %H:%M:%S} UTC ({timestamp}).")
+
+
+def _verify_recording(
+    recording: Path, key: str | None, known: str | None, kept: Head | None
+) -> None:
+    try:
+        found = verdicts(recording, known, kept)
     except RecordingError as error:
         raise click.ClickException(str(error)) from error
     if not any(one.heads or one.wrong for one in found.values()):
@@ -67,10 +127,15 @@ def verify(recording: Path, key: str | None) -> None:
         wrong += [f"{asset}: {what}" for what in one.wrong]
     if wrong:
         raise click.ClickException(f"{recording} has been changed: {'; '.join(wrong[:5])}.")
+    if kept is not None and not any(one.has_kept for one in found.values()):
+        raise click.ClickException(
+            f"{recording} does not have head {kept.number}, which was kept elsewhere. Give a "
+            "head of the time of the recording."
+        )
     click.echo(f"{recording} is unchanged since it was accepted{_by(key)}.")
 
 
-def print_audit(found: "Audit", database: Path, key: str | None) -> None:
+def print_audit(found: "Audit", database: str, key: str | None) -> None:
     """Print the result of comparing a database with its ledger."""
     for note in found.notes:
         click.echo(f"  {note}")
@@ -78,13 +143,13 @@ def print_audit(found: "Audit", database: Path, key: str | None) -> None:
         raise click.ClickException(
             f"{database} differs from what was accepted: {'; '.join(found.wrong[:5])}."
         )
-    if found.last is None:
+    if found.against is None:
         click.echo(f"{database} agrees with its hash chains, but no signed head covers them.")
         return
     click.echo(
         f"{database} is as it was accepted{_by(key)}: "
-        f"{plural(found.vouched, 'accepted row')} up to head {found.last.number}; "
-        f"{found.waiting:,} since then, not yet covered by a signed head."
+        f"{found.vouched:,} ledger entries up to head {found.against.number}; "
+        f"{found.waiting:,} since then, not covered by this head."
     )
 
 
@@ -96,10 +161,18 @@ def public_key_of(key: str) -> str:
         raise click.UsageError(str(error)) from error
 
 
+def _last_document(path: Path) -> Any:
+    """Read a JSON file, or the last line of one that has a document on each line."""
+    try:
+        return read_json_file(path)
+    except ValueError:
+        return last_head(path)._asdict()
+
+
 def kept_head(path: Path) -> Head:
     """Read a head that was kept."""
     try:
-        return Head.of(read_json_file(path))
+        return Head.of(_last_document(path))
     except (ValueError, TypeError) as error:
         raise click.UsageError(
             f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."

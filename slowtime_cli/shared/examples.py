@@ -11,6 +11,8 @@ EXAMPLES: dict[str, str] = {
     "router": "slowtime router",
     "keys": "slowtime keys make lab --asset beam && slowtime keys list",
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
+    "quarantine": "slowtime demo --duration 60 & sleep 25; "
+    "slowtime quarantine list demo.tower; kill %1",
     "alarms": "slowtime demo --duration 60 & sleep 25; "
     "slowtime alarms deliveries demo.tower; kill %1",
     "holdings": "slowtime demo --duration 60 & sleep 25; slowtime holdings list; kill %1",

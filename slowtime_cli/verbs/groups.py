@@ -18,8 +18,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evolve", "forecast", "separate", "whatif", "risk", "plan",
     ),
     "Operate": (
-        "doctor", "status", "alarms", "holdings", "keys", "tokens", "check", "ledger", "backup",
-        "restore", "plugins", "completion",
+        "doctor", "status", "alarms", "holdings", "quarantine", "keys", "tokens", "check",
+        "ledger", "backup", "restore", "plugins", "completion",
     ),
     "Data": (
         "import", "export", "record", "replay", "recover", "layout",

@@ -50,6 +50,10 @@ class SkewedClock:
         """Sleep as usual."""
         time.sleep(max(seconds, 0.0))
 
+    def elapsed_ns(self) -> int:
+        """Time that no dial changes."""
+        return time.monotonic_ns()
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class FaultySource:

@@ -60,7 +60,7 @@ def fleet(home: Path, settings: dict[str, Any], quick: bool = True) -> None:
         if quick:
             made = multiprocessing.get_context("forkserver")
             made.set_forkserver_preload(["tests.faults.processes"])
-            self._context = made  # type: ignore[assignment]
+            self._context = made
 
     supervising.Supervisor.__init__ = quickly  # type: ignore[method-assign]
     dials = [Dial(home / f"shard-{index}.pid") for index in range(given.shards.count)]

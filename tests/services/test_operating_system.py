@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 import types
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,8 @@ from slowtime_services.operating_system import (
     access_of_others,
     lock_file,
     lower_priority,
+    pause_process,
+    resume_process,
     sync_folder,
 )
 
@@ -119,3 +122,48 @@ def test_priority_is_lowered_where_there_is_one(monkeypatch):
     assert lowered == [5]
     monkeypatch.delattr(os, "nice")
     lower_priority(5)
+
+
+CHILD = (
+    "import sys, time\n"
+    "from slowtime_services.operating_system import end_with_parent\n"
+    "end_with_parent()\n"
+    "print('begun', flush=True)\n"
+    "time.sleep(600)\n"
+)
+PARENT = (
+    "import subprocess, sys, time\n"
+    "child = subprocess.Popen([sys.executable, '-c', sys.argv[1]], stdout=subprocess.PIPE)\n"
+    "child.stdout.readline()\n"
+    "print(child.pid, flush=True)\n"
+    "time.sleep(600)\n"
+)
+
+
+def state_of(pid):
+    """Letter by which Linux tells the state of a process; empty where there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return ""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_a_process_that_is_paused_goes_on_or_ends_with_its_parent():
+    command = [sys.executable, "-c", PARENT, CHILD]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        try:
+            assert parent.stdout is not None
+            pid = int(parent.stdout.readline())
+            pause_process(pid)
+            assert state_of(pid) == "T"
+            resume_process(pid)
+            assert state_of(pid) != "T"
+            pause_process(pid)
+        finally:
+            parent.kill()
+    until_s = time.monotonic() + 60.0
+    while state_of(pid) not in ("", "Z") and time.monotonic() < until_s:
+        time.sleep(0.05)
+    assert state_of(pid) in ("", "Z")
+    pause_process(pid)  # one that has ended is left alone

@@ -34,6 +34,8 @@ class House:
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self.environments: dict[str, dict[str, str]] = {}
+        """Variables of processes, by their names."""
 
     def start(self, name: str, *arguments: str) -> None:
         log = (self.home / f"{name}.log").open("ab")
@@ -43,7 +45,7 @@ class House:
             stdout=log,
             stderr=subprocess.STDOUT,
             cwd=self.home,
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"} | self.environments.get(name, {}),
         )
         log.close()
 

@@ -23,7 +23,10 @@ def spin() -> None:
 
 
 def hold() -> None:
-    ctypes.PyDLL(None).pause()
+    # A lock of the C library that is taken twice: no signal ends the second call.
+    lock, library = ctypes.create_string_buffer(256), ctypes.PyDLL(None)
+    library.pthread_mutex_lock(lock)
+    library.pthread_mutex_lock(lock)
 
 
 def wait() -> None:
@@ -37,11 +40,11 @@ def install(how: str, asset: str, sequence: int) -> None:
     """Let the estimation of one message hang."""
     as_usual = isolation.estimate
 
-    def estimate(twins: Any, features: Any, owners: Any, missing: Any) -> Any:
+    def estimate(twins: Any, features: Any, *rest: Any) -> Any:
         if any(f.asset == asset and f.sequence == sequence for f in features):
             os.write(2, f"HANGS among {len(features)}\n".encode())
             HOW[how]()
-        return as_usual(twins, features, owners, missing)
+        return as_usual(twins, features, *rest)
 
     isolation.estimate = estimate  # type: ignore[assignment]
 

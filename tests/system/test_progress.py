@@ -16,12 +16,11 @@ import pytest
 from slowtime_schemas.codec import decode_sample
 from slowtime_schemas.streams import ACK
 from slowtime_services.bus import ZenohBus
-
 from tests.twin_server.conftest import Edge, _features
 
 from .conftest import PATIENCE_S, House, free_port
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.system, pytest.mark.long]
 
 POISON = 7
 """Sequence of the message at which the estimation hangs."""

@@ -251,6 +251,7 @@ class Account:
             Whether all questions were answered without error.
         """
         line = self._line(want.site, want.asset)
+        boots_before = len(line.known) - len(line.waiting)
         line.busy = False
         self._asked.pop((want.site, want.asset), None)
         self._uneasy[want.site, want.asset] = line
@@ -268,6 +269,9 @@ class Account:
                 run, want, listing or (), told, line.spooled, now_s, self._settings, change
             )
         close_finished(line, change)
+        fruitful = len(line.known) - len(line.waiting) > boots_before
+        fruitful |= run is not None and run.last >= want.first and bool(want.boot)
+        line.note_answer(fruitful, now_s, self._settings)
 
     def still_missing(self, want: EdgeQuery) -> bool:
         """Whether the first requested feature is still missing."""
@@ -283,7 +287,8 @@ class Account:
         was read straight into the pipeline.
         """
         for line in self._lines.values():
-            admit(line, (), self._limits, 0.0, change)
+            while line.waiting:
+                admit(line, (), self._limits, 0.0, change)
             for run in line.unfinished:
                 run.flows = True
                 release_held(run, change)

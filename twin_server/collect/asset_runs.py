@@ -14,6 +14,10 @@ MOST_ASKED_BOOTS = 8
 """Boots, the oldest that are not whole, that are looked at for what is missing: those after
 them wait for these anyway, and a look at thousands would hold up other assets."""
 
+PATIENT_QUESTIONS = 8
+"""Questions in a row that bring nothing new before an edge is asked more and more rarely: an
+honest one gives what it lists, and one that does not would keep the server asking."""
+
 
 @dataclasses.dataclass(slots=True, eq=False)
 class AssetRuns:
@@ -47,6 +51,10 @@ class AssetRuns:
         Of the acknowledgements that the agent that spoke last reads.
     foreign_acks
         How many acknowledgements its agent took for another's, as far as it said.
+    barren
+        Questions in a row that brought nothing new.
+    rest_s
+        Until when nothing is asked after these.
     """
 
     site: str
@@ -64,6 +72,8 @@ class AssetRuns:
     busy: bool = False
     ack_version: int = 1
     foreign_acks: int = 0
+    barren: int = 0
+    rest_s: float = 0.0
     inquired_s: float = 0.0
     due_s: float = 0.0
     tries: int = 0
@@ -99,6 +109,12 @@ class AssetRuns:
         """Ask at the next occasion, with new patience."""
         self.due_s, self.tries, self.delays = 0.0, 0, 0
 
+    def note_answer(self, fruitful: bool, now_s: float, settings: BackfillSettings) -> None:
+        """Rest after many questions that brought nothing new."""
+        self.barren = 0 if fruitful else self.barren + 1
+        if self.barren > PATIENT_QUESTIONS:
+            self.rest_s = now_s + delay_s(self.barren - PATIENT_QUESTIONS, settings)
+
     def put_off(self, now_s: float, settings: BackfillSettings) -> None:
         """Ask again later."""
         self.due_s = now_s + delay_s(self.delays, settings)
@@ -115,7 +131,7 @@ class AssetRuns:
     def want(self, now_s: float, settings: BackfillSettings) -> tuple[EdgeQuery | None, bool]:
         """Return the query to make now, and whether there is one now or later."""
         uneasy = len(self.unfinished) > MOST_ASKED_BOOTS
-        if self.busy:
+        if self.busy or now_s < self.rest_s:
             return None, True
         if self.waiting or self.inquire:
             if now_s >= self.due_s:

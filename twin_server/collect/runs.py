@@ -159,7 +159,7 @@ class Run:
     @property
     def asked_ahead(self) -> bool:
         """Whether features far ahead are asked for, as evidence that they exist."""
-        return self.vouched is not None and self.vouched[0] > self.next
+        return not self.held and self.vouched is not None and self.vouched[0] > self.next
 
     def missing(self) -> Range | None:
         """First and last sequence of the first hole; None if there is no hole."""

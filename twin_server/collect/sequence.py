@@ -179,7 +179,7 @@ def lose_damaged(run: Run, holding: Holding, change: Change) -> None:
     for begin, end in joined(holding.damaged):
         while (hole := run.missing()) is not None and begin <= hole[0] <= end:
             if run.asked_ahead or (not run.held and run.is_implausible):
-                return
+                return  # the end that it has stated is not believed
             lose(run, hole[0], min(end, hole[1]), DAMAGED, change)
             release_held(run, change)
         if hole is None or begin > hole[0]:
@@ -196,7 +196,7 @@ def pass_over(run: Run, hole: Range, why: str, change: Change) -> None:
 
 def skip(run: Run, hole: Range, why: str, change: Change) -> None:
     """Count a hole as lost, unless only an implausible number says that there is one."""
-    if not run.held and (run.asked_ahead or run.is_implausible):
+    if run.asked_ahead or (not run.held and run.is_implausible):
         withdraw(run, change)
     else:
         lose(run, *hole, why, change)

@@ -106,8 +106,8 @@ _OURS = {
         "evidence: nothing is learnt from it, and no forecast uses it."
     ),
     SET_ASIDE: (
-        "The estimation of this epoch exceeded its budget of work or failed, and its message was "
-        "set aside. Look at it with `slowtime quarantine`, and release or drop it."
+        "The estimation of this epoch exceeded its budget of work or failed, and its message "
+        "was set aside. Look at it with `slowtime quarantine`, and release or drop it."
     ),
 }
 

@@ -8,6 +8,9 @@ import random
 
 from twin_server.events.receivers import AlarmSettings
 
+LONGEST_WAIT_S = 3_600.0
+"""Longest wait that a receiver may ask for [s]."""
+
 
 def retry_delay_s(settings: AlarmSettings, delivery_id: str, tries: int) -> float:
     """Return the delay after so many failed attempts [s].

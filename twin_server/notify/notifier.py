@@ -15,7 +15,7 @@ from slowtime_services.clock import Clock
 from twin_server.events.deliveries import Delivery, happened_ns, subject
 from twin_server.events.receivers import AlarmSettings
 
-from .backoff import retry_delay_s
+from .backoff import LONGEST_WAIT_S, retry_delay_s
 from .receiver_queue import Outcome, ReceiverQueue
 from .senders import Sender
 
@@ -46,6 +46,10 @@ class DeliveryStore(Protocol):
 
     def late(self, limit: int) -> Sequence[Delivery]:
         """Deliveries of readings that were old on arrival, those that came last."""
+        ...
+
+    def waiting(self, limit: int) -> Sequence[Delivery]:
+        """Deliveries that wait for their time, those that were begun last."""
         ...
 
     def unsendable(self, receivers: Sequence[str], before_ns: int) -> Sequence[Delivery]:
@@ -228,9 +232,17 @@ class Notifier:
                 self._store.settle([self._ended(one, "No newer reading has come.")])
             else:
                 seen.add(about)
+        self._bring_forward(now_ns)
         for one in self._store.unsendable(list(self._queues), oldest_ns):
             why = f"No receiver is called {one.receiver} any more."
             self._store.give_up(one._replace(state="failed", ended_ns=now_ns, error=why))
+
+    def _bring_forward(self, now_ns: int) -> None:
+        """Try now what would wait longer than any pause, because the clock was set back."""
+        for one in self._store.waiting(_LATE):
+            pause_s = max(self._settings.max_backoff_s, one.remind_s or 0.0, LONGEST_WAIT_S)
+            if one.due_ns > now_ns + round(pause_s * 1e9):
+                self._store.settle([one._replace(due_ns=now_ns)])
 
     def _ended(self, one: Delivery, why: str) -> Delivery:
         return one._replace(state="dropped", ended_ns=self._now_ns(), error=why)

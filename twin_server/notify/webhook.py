@@ -17,12 +17,10 @@ from urllib.parse import urlsplit
 from slowtime_services.outbound.connections import PlainConnection, SecureConnection
 from twin_server.events.receivers import WebhookReceiver
 
+from .backoff import LONGEST_WAIT_S
 from .deadlines import DEADLINES
 from .message import Message, NotDeliveredError, connection_error_text, reading_error_text
 from .webhook_signature import SHORTEST, signature
-
-_LONGEST_WAIT_S = 3_600.0
-"""Longest wait that a receiver may ask for [s]."""
 
 
 class Webhook:
@@ -133,4 +131,4 @@ def _socket(
 
 def _wait_s(told: str | None) -> float:
     """Return the wait that a receiver asks for [s]; dates are not read."""
-    return min(float(told), _LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0
+    return min(float(told), LONGEST_WAIT_S) if told is not None and told.isdecimal() else 0.0

@@ -14,7 +14,7 @@ from .backups import backup, restore
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .factory import is_url, note_path, open_store
 from .ledger_audit import Audit, audit
-from .postgres import PostgresStore
+from .postgres import PostgresStore, audit_url, without_secret
 from .sqlite import SqliteStore, audit_file, verify_file
 from .store import History, Store, WriteBatch
 from .tables.composites import CompositeRow
@@ -52,10 +52,12 @@ __all__ = [
     "WrongStoreError",
     "audit",
     "audit_file",
+    "audit_url",
     "backup",
     "is_url",
     "note_path",
     "open_store",
     "restore",
     "verify_file",
+    "without_secret",
 ]

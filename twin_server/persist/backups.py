@@ -10,8 +10,9 @@ from pathlib import Path
 from slowtime_services.operating_system import sync_folder
 
 from .errors import WrongStoreError
+from .ground import guarding
 from .layout import Tell
-from .sqlite import guarding, open_reader, verify_file
+from .sqlite import open_reader, verify_file
 
 _LEFTOVERS = ("-wal", "-shm", "-journal")
 

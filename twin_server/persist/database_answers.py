@@ -1,7 +1,7 @@
 """Bounds the time for which the answer of a database server is waited for.
 
 A server that is stopped, or cut off by a firewall, leaves its connections open and answers none
-of them. Limits that the server keeps, such as PostgreSQL's `statement_timeout`, do not help then.
+of them. Limits that the server keeps, such as PostgreSQL's `statement_timeout`, do not help.
 """
 
 import contextlib
@@ -19,8 +19,8 @@ LOOK_S = 0.5
 """How often is looked whether an answer is overdue [s]; small beside the time it may take."""
 
 AWAY_S = 2.0
-"""How long nothing is asked of a database that did not answer [s], so that those who ask are told
-at once instead of each waiting as long as the first."""
+"""How long nothing is asked of a database that did not answer [s], so that callers are told at
+once instead of each waiting as long as the first."""
 
 
 class Away:

@@ -1,7 +1,7 @@
 """Compares the files of an open SQLite database with what is at their paths.
 
-A file that is moved, deleted or replaced stays open to whoever uses it. Commits then succeed, and
-the next start finds none of them. So nothing is acknowledged while a path leads elsewhere.
+A file that is moved, deleted or replaced stays open to whoever uses it. Commits then succeed,
+and the next start finds none of them. So nothing is acknowledged while a path leads elsewhere.
 """
 
 import contextlib
@@ -9,8 +9,13 @@ import enum
 import logging
 import os
 import sqlite3
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from slowtime_services.operating_system import lock_file
+
+from .errors import StoreInUseError, WrongStoreError
 
 logger = logging.getLogger(__name__)
 
@@ -52,8 +57,8 @@ class Ground:
 
     Notes
     -----
-    The file is open here once more, for the number of its names and for its header. It has to be
-    closed after all connections of the process: closing it ends their locks (POSIX `fcntl`).
+    The file is open here once more, for the number of its names and for its header. It has to
+    be closed after all connections of the process: closing it ends their locks (POSIX `fcntl`).
     """
 
     def __init__(self, path: Path) -> None:
@@ -151,17 +156,17 @@ class Ground:
 
     def _text_of_side_file(self, path: Path) -> str:
         return (
-            f"{path} was removed or replaced while the server used it. Nothing is acknowledged; "
-            f"edge agents keep what they send. What was acknowledged is in {self._path}. End "
-            "the server and start it again."
+            f"{path} was removed or replaced while the server used it. Nothing is "
+            "acknowledged; edge agents keep what they send. What was acknowledged is in "
+            f"{self._path}. End the server and start it again."
         )
 
     def _text_of_overwritten(self) -> str:
         return (
             f"Another program has written into {self._path}, or cut its log, while the server "
-            "used it: a copy over it, or an SQL shell. Nothing is acknowledged or answered from "
-            "it. End the server, restore the last backup with `slowtime restore` if you did "
-            "not, and start the server: it verifies all rows, and requests what is missing "
+            "used it: a copy over it, or an SQL shell. Nothing is acknowledged, or answered "
+            "from it. End the server, restore the last backup with `slowtime restore` if you "
+            "did not, and start the server: it verifies all rows, and requests what is missing "
             "from the edge agents."
         )
 
@@ -175,10 +180,42 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def same_file(descriptor: int, path: Path) -> bool:
-    """Whether a path leads to the file that is open."""
-    held = os.fstat(descriptor)
-    return _identity(path) == (held.st_dev, held.st_ino)
+@contextlib.contextmanager
+def guarding(path: Path) -> Iterator[None]:
+    """Keep servers off a file for a while; refused where one uses it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    guard = take_lock(path)
+    try:
+        yield
+    finally:
+        if guard is not None:
+            os.close(guard)
+
+
+def lock_of(path: Path) -> Path:
+    """Return the file whose lock keeps a second server off a database."""
+    return path.with_name(path.name + ".lock")
+
+
+def take_lock(path: Path) -> int | None:
+    """Keep a second server off the file; the lock dies with the process."""
+    lock = lock_of(path)
+    try:
+        file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise WrongStoreError(
+            f"{lock} cannot be written: {error.strerror}. Make room on the disk and let this "
+            "user write there, or give another --database."
+        ) from error
+    try:
+        lock_file(file, wait=False)
+    except OSError as error:
+        os.close(file)
+        raise StoreInUseError(
+            f"{path} is in use by another twin server. End that one, or give this one another "
+            "--database."
+        ) from error
+    return file
 
 
 def rescue(writer: sqlite3.Connection, path: Path) -> None:

@@ -4,6 +4,9 @@ import contextlib
 import threading
 from collections.abc import Iterator, Sequence
 
+from .chains import Journal
+from .chains.journal import of_key
+from .tables.checksums import DIGESTS
 from .tables.digests import HashedRow, RollingHash, insert_digests, rolled
 from .tables.levels import GrownBoot
 from .tables.rows import DetailRow, FeatureRow
@@ -90,6 +93,7 @@ class HistoryHashes:
         details: Sequence[DetailRow],
         written: Sequence[WrittenBoot],
         news: dict[str, RollingHash | None],
+        journal: Journal,
     ) -> None:
         """Roll on the hashes of the histories that new features make longer, and keep some.
 
@@ -118,10 +122,12 @@ class HistoryHashes:
             for span in spans or whole(writer, twin_id):
                 # What follows a row that was put before it has another hash now.
                 since = max(span.first, rows[0].key)
-                writer.execute(
-                    "delete from digests where id between ? and ?", (since, span.last)
-                )
+                where, asked = "where id between ? and ?", (since, span.last)
+                gone = writer.execute(f"select id from digests {where}", asked).fetchall()
+                writer.execute(f"delete from digests {where}", asked)
+                journal.remove(DIGESTS, (of_key(DIGESTS, id=row[0]) for row in gone))
         insert_digests(writer, kept)
+        journal.put(DIGESTS, kept)
 
 
 def _has_rows_before(spans: Sequence[Span], grown: GrownBoot) -> bool:

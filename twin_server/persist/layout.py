@@ -12,6 +12,8 @@ from typing import Any
 
 from twin_server.history.states import LAYOUT
 
+from .chains import Journal
+from .chains.basis import renew
 from .errors import DamagedStoreError
 from .tables.checksums import (
     ACKNOWLEDGEMENTS,
@@ -32,16 +34,18 @@ from .tables.checksums import (
     Table,
 )
 from .tables.digests import HistoryHasher, RollingHash
-from .tables.ledger import build_ledger
+from .tables.ledger import ChainEnds, build_ledger
 from .tables.levels import build
 from .tables.statements import insert
 
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 11
+VERSION = 256 * LAYOUT + 12
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_CHAINED_ROWS = 256 * LAYOUT + 11
+"""The version whose ledger covers registrations, features and reports only."""
 WITHOUT_QUARANTINE = 256 * LAYOUT + 10
 WITHOUT_COMPOSITES = 256 * LAYOUT + 9
 WITHOUT_FATIGUE = 256 * LAYOUT + 8
@@ -55,6 +59,7 @@ _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
 _LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
+    WITHOUT_CHAINED_ROWS: (),
     WITHOUT_QUARANTINE: (QUARANTINE,),
     WITHOUT_COMPOSITES: (COMPOSITES, QUARANTINE),
     WITHOUT_FATIGUE: (FATIGUE, COMPOSITES, QUARANTINE),
@@ -222,6 +227,7 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
         _number_as_before(writer, names)
         build_levels(writer)
         build_ledger(writer)
+        chain_rows(writer)
         for name in names:
             writer.execute(f"drop table old_{name}")
         writer.execute(f"pragma user_version={VERSION}")
@@ -242,6 +248,14 @@ def build_levels(writer: Any) -> None:
         build(writer, number)
 
 
+def chain_rows(writer: Any) -> None:
+    """Chain all rows of an older version as they stand: what came before is not covered."""
+    journal, ends = Journal(writer), ChainEnds()
+    renew(writer, journal)
+    for owner, entries in journal.entries.items():
+        ends.append(writer, owner, entries)
+
+
 def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
     """Add the tables that an older version lacks, in one transaction."""
     tables = LACKING[version]
@@ -256,6 +270,7 @@ def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
             build_levels(writer)
         if LEDGER in tables:
             build_ledger(writer)
+        chain_rows(writer)
         writer.execute(f"pragma user_version={VERSION}")
         writer.execute("commit")
     except BaseException:

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+from slowtime_services.ledger import Head
+
 from .attempts import RowNote
 from .database_answers import AWAY_S, Away, Deadlines
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
@@ -20,9 +22,11 @@ from .layout import (
     VERSION,
     all_rows,
     build_levels,
+    chain_rows,
     postgres_lacking,
     postgres_schema,
 )
+from .ledger_audit import Audit, audit
 from .sql import SqlStore
 from .tables.checksums import FEATURES, LEDGER, LEVELS, TABLES
 from .tables.digests import HistoryHasher
@@ -162,6 +166,7 @@ class PostgresStore(SqlStore):
                     build_levels(writer)
                 if LEDGER in LACKING[version]:
                     build_ledger(writer)
+                chain_rows(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:
@@ -293,6 +298,37 @@ class PostgresStore(SqlStore):
             "backup into another schema or database. Edges send again what they still hold; "
             "what they do not is reported as lost."
         )
+
+
+def audit_url(url: str, *, public: str | None = None, kept: Head | None = None) -> Audit:
+    """Compare a database that a server may be writing with its ledger.
+
+    Raises
+    ------
+    WrongStoreError
+        If it cannot be read, or is no database of this version.
+    """
+    psycopg, name = driver(), without_secret(url)
+    try:
+        with contextlib.closing(
+            psycopg.connect(url, autocommit=True, connect_timeout=10)
+        ) as raw:
+            # Of a large table the answer takes minutes.
+            reader = _Connection(raw, Deadlines(Away(), name), math.inf)
+            reader.execute("begin isolation level repeatable read read only")
+            version = reader.execute("select max(version) from layouts").fetchone()[0]
+            if version != VERSION:
+                raise WrongStoreError(
+                    f"{name} is not a database of this version of slowtime. Start the twin "
+                    "server on it once, which brings an older one up to date."
+                )
+            return audit(reader, public=public, kept=kept)
+    except psycopg.Error as error:
+        said = str(error).replace(url, name).strip()
+        raise WrongStoreError(
+            f"{name} cannot be read: {said}. Start the database, or correct the URL, "
+            "PGPASSFILE and the like."
+        ) from error
 
 
 def _at_rest(connection: _Connection) -> bool:

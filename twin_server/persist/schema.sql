@@ -1,4 +1,4 @@
--- Version 11. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 12. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (

@@ -5,10 +5,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from slowtime_services.ledger import Entry, Link
 from slowtime_services.ledger import chain as kinds
-from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.persist.tables.rows import (
     DetailRow,
     EventRow,
@@ -18,48 +15,33 @@ from twin_server.persist.tables.rows import (
     TwinRow,
 )
 
-from .history_hashes import HistoryHashes
+from .chains import Journal
+from .chains.journal import of_key
 from .history_queries import select_boots, select_history, select_neighbours, select_thinned
-from .quarantine import QuarantineTable
+from .records import SqlRecords
 from .store import History, ThinnedHistory, WriteBatch
-from .tables import (
-    asset_events as asset_events_table,
-)
-from .tables import (
-    composites as composites_table,
-)
-from .tables import (
-    deliveries as deliveries_table,
-)
-from .tables import (
-    diagnoses as diagnoses_table,
-)
-from .tables import (
-    fatigue as fatigue_table,
-)
-from .tables import (
-    ledger as ledger_table,
-)
-from .tables import (
-    quarantine as quarantine_table,
-)
+from .tables import asset_events as asset_events_table
+from .tables import deliveries as deliveries_table
+from .tables import ledger as ledger_table
+from .tables import quarantine as quarantine_table
 from .tables.checksums import (
+    ACKNOWLEDGEMENTS,
+    ASSET_EVENTS,
+    DELIVERIES,
     EVENTS,
     FEATURES,
     HELD,
+    QUARANTINE,
     RUNS,
     TWINS,
-    Table,
     seal,
 )
-from .tables.composites import CompositeRow
 from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
-from .tables.diagnoses import DiagnosisRow
 from .tables.digests import HashedRow, RollingHash
 from .tables.levels import build, delete_levels, extend
 from .tables.search import SHIFT, Span, whole
-from .tables.statements import Connection, insert, last_number, note_number, select
+from .tables.statements import Connection, absent, insert, last_number, note_number, select
 from .tables.twins import WrittenBoot, insert_events, write_runs, write_twins
 
 _SEQUENCE = (1 << SHIFT) - 1
@@ -68,12 +50,8 @@ _ROWS_AT_ONCE = 1_000
 """Rows of a history that are rewritten by one statement."""
 
 
-class SqlStore(QuarantineTable):
+class SqlStore(SqlRecords):
     """All of a store but its connections."""
-
-    def __init__(self) -> None:
-        self._hashes = HistoryHashes()
-        self._ends = ledger_table.ChainEnds()
 
     def twins(self) -> list[TwinRow]:
         """All twins, in the order of their registration."""
@@ -106,21 +84,25 @@ class SqlStore(QuarantineTable):
         """Make `cut` durable; give the numbers of its events."""
         news: dict[str, RollingHash | None] = {}
         try:
-            with self._writing() as writer:
-                numbers = self._write(writer, cut, news)
+            with self._chaining() as (writer, journal):
+                numbers = self._write(writer, journal, cut, news)
         except BaseException:
             self._hashes.settle({twin_id: None for twin_id, one in news.items() if one is None})
-            self._ends.forget()
             raise
         self._hashes.settle(news)
         return numbers
 
     def _write(
-        self, writer: Connection, cut: WriteBatch, news: dict[str, RollingHash | None]
+        self,
+        writer: Connection,
+        journal: Journal,
+        cut: WriteBatch,
+        news: dict[str, RollingHash | None],
     ) -> list[int]:
         """Write all of a cut; the new hashes of its histories are put into `news`."""
-        registered = write_twins(writer, cut.twins)
-        written = write_runs(writer, cut.runs, cut.features)
+        registered, twins = write_twins(writer, cut.twins)
+        written, runs = write_runs(writer, cut.runs, cut.features)
+        journal.know_boots({one.grown.number: one.twin_id for one in written})
         insert(
             writer,
             FEATURES,
@@ -128,20 +110,29 @@ class SqlStore(QuarantineTable):
         )
         insert_details(writer, cut.details)
         extend(writer, [grown for _, _, grown in written])
-        self._hashes.roll(writer, cut.features, cut.details, written, news)
-        insert(writer, HELD, cut.held, otherwise="on conflict do nothing")
+        _journal_features(journal, cut, registered, written)
+        journal.put(TWINS, twins)
+        journal.put(RUNS, runs)
+        self._hashes.roll(writer, cut.features, cut.details, written, news, journal)
+        held = absent(writer, HELD, ("number", "sequence"), cut.held)
+        insert(writer, HELD, held)
+        journal.put(HELD, held)
         if cut.released:
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
-        quarantine_table.add(writer, cut.aside)
-        deliveries_table.insert(writer, cut.deliveries)
-        deliveries_table.settle(writer, cut.settled)
-        deliveries_table.acknowledge(writer, cut.acknowledgements)
-        asset_events_table.insert(writer, cut.asset_events)
-        for twin_id, entries in _ledger_entries(cut, registered, written).items():
-            self._ends.append(writer, twin_id, entries)
-        return insert_events(writer, cut.events)
+            journal.remove(
+                HELD, ((number, sequence, None) for number, sequence in cut.released)
+            )
+        journal.put(QUARANTINE, quarantine_table.add(writer, cut.aside))
+        journal.put(DELIVERIES, deliveries_table.insert(writer, cut.deliveries))
+        journal.put(DELIVERIES, deliveries_table.settle(writer, cut.settled))
+        acknowledged = deliveries_table.acknowledge(writer, cut.acknowledgements)
+        journal.put(ACKNOWLEDGEMENTS, acknowledged)
+        journal.put(ASSET_EVENTS, asset_events_table.insert(writer, cut.asset_events))
+        events = insert_events(writer, cut.events)
+        journal.put(EVENTS, events)
+        return [count_of(row[0]) for row in events]
 
     def messages(self, twin_id: str, after: tuple[int, int], limit: int) -> list[FeatureRow]:
         """Read the next features of a twin, in order, after (boot number, sequence)."""
@@ -168,11 +159,11 @@ class SqlStore(QuarantineTable):
         finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
     ) -> None:
         """Replace a twin's states, its registration and its derived events, all at once."""
-        with self._remade(twin_id) as writer:
+        with self._remade(twin_id) as (writer, journal):
             delete_details(writer, twin_id)
             spans = whole(writer, twin_id)
             _delete_derived(writer, spans)
-            self._ends.append(writer, twin_id, [ledger_table.of_act(kinds.ANEW)])
+            journal.add(twin_id, [ledger_table.of_act(kinds.ANEW)])
             rows = iter(states)
             while part := list(itertools.islice(rows, _ROWS_AT_ONCE)):
                 keys = [row.number << SHIFT | row.sequence for row in part]
@@ -187,15 +178,27 @@ class SqlStore(QuarantineTable):
                     writer,
                     [DetailRow(r.number, r.sequence, *r.detail) for r in part if r.detail],
                 )
+                for number, group in itertools.groupby(part, lambda row: row.number):
+                    journal.put_states(
+                        twin_id,
+                        [
+                            (number << SHIFT | r.sequence, r.state, *(r.detail or (b"", b"")))
+                            for r in group
+                        ],
+                    )
             for span in spans:
                 build(writer, span.number)
             twin, events = finish()
-            writer.execute("delete from events where twin = ? and derived = 1", (twin_id,))
+            derived = "twin = ? and derived = 1"
+            gone = writer.execute(f"select number from events where {derived}", (twin_id,))
+            rows_gone = [of_key(EVENTS, number=row[0], twin=twin_id) for row in gone.fetchall()]
+            writer.execute(f"delete from events where {derived}", (twin_id,))
+            journal.remove(EVENTS, rows_gone)
             self.write(WriteBatch(twins=[twin], events=list(events)))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin and all it has seen; False where there is none."""
-        with self._remade(twin_id) as writer:
+        with self._remade(twin_id) as (writer, journal):
             following = self.runs()[1]
             delete_details(writer, twin_id)
             spans = whole(writer, twin_id)
@@ -213,19 +216,14 @@ class SqlStore(QuarantineTable):
             note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
             if existed > 0:
-                self._ends.append(writer, twin_id, [ledger_table.of_act(kinds.DELETED)])
+                journal.add(twin_id, [ledger_table.of_act(kinds.DELETED)])
             return bool(existed > 0)
 
     @contextlib.contextmanager
-    def _remade(self, twin_id: str) -> Iterator[Connection]:
+    def _remade(self, twin_id: str) -> Iterator[tuple[Connection, Journal]]:
         """Hold the writer while a history is rewritten or deleted, in one transaction."""
-        with self._hashes.remade(twin_id):
-            try:
-                with self._writing() as writer:
-                    yield writer
-            except BaseException:
-                self._ends.forget()
-                raise
+        with self._hashes.remade(twin_id), self._chaining() as (writer, journal):
+            yield writer, journal
 
     def history(
         self,
@@ -317,129 +315,12 @@ class SqlStore(QuarantineTable):
         ]
         return found[::-1] if newest else found
 
-    def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
-        """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
-        with self._writing() as writer:
-            number = diagnoses_table.insert(writer, row)
-            diagnoses_table.forget(writer, row.twin, kept)
-            return number
-
-    def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
-        """Store the outcome of a diagnosis."""
-        with self._writing() as writer:
-            diagnoses_table.update(writer, row, page, model)
-
-    def diagnoses(
-        self, twin_id: str | None = None, number: int | None = None
-    ) -> list[DiagnosisRow]:
-        """Read diagnoses in order: of a twin, or of all, or the one of a number of a twin."""
-        with self._reading() as reader:
-            return diagnoses_table.select(reader, twin_id, number)
-
-    def diagnosis_page(self, twin_id: str, number: int) -> bytes | None:
-        """Read the page of a diagnosis; None where it has none."""
-        with self._reading() as reader:
-            return diagnoses_table.page_of(reader, twin_id, number)
-
-    def diagnosis_model(self, twin_id: str, number: int) -> str | None:
-        """Read the augmented model of a diagnosis; None where it has none."""
-        with self._reading() as reader:
-            return diagnoses_table.model_of(reader, twin_id, number)
-
-    def deliveries(
-        self,
-        *,
-        twin: str | None = None,
-        receiver: str | None = None,
-        states: Sequence[State] = (),
-        due_ns: int | None = None,
-        limit: int = 100,
-    ) -> list[Delivery]:
-        """Read deliveries: those due first, or without `due_ns` the newest first."""
-        with self._reading() as reader:
-            return deliveries_table.select(reader, twin, receiver, states, due_ns, limit)
-
-    def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
-        """Store the outcome of open deliveries, and begin others."""
-        with self._writing() as writer:
-            deliveries_table.settle(writer, settled)
-            deliveries_table.insert(writer, begun)
-
-    def tallies(self) -> list[Tally]:
-        """Count deliveries by twin, receiver and state."""
-        with self._reading() as reader:
-            return deliveries_table.tallies(reader)
-
-    def forget_deliveries(self, before_ns: int) -> None:
-        """Drop those that ended before then."""
-        with self._writing() as writer:
-            deliveries_table.forget(writer, before_ns)
-
-    def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
-        """Read the acknowledgements of alarms of a twin."""
-        with self._reading() as reader:
-            return deliveries_table.acknowledged(reader, twin_id)
-
-    def composites(self, composite: str | None = None) -> list[CompositeRow]:
-        """Read the registrations of all composites, or of one, in order."""
-        with self._reading() as reader:
-            return composites_table.read(reader, composite)
-
-    def add_composites(self, rows: Sequence[CompositeRow]) -> None:
-        """Store registrations, all at once, under the next numbers."""
-        with self._writing() as writer:
-            following = (last_number(writer, "composite") or 0) + 1
-            composites_table.insert(writer, rows, following)
-            if rows:
-                note_number(writer, "composite", following + len(rows) - 1)
-
-    def asset_events(self, twin_id: str) -> list[AssetEventRow]:
-        """Read the reported events of an asset, in the order of acceptance."""
-        with self._reading() as reader:
-            return asset_events_table.read(reader, twin_id)
-
-    def ends(self) -> dict[str, Link]:
-        """End of the chain of each twin, of deleted ones as well."""
-        with self._writing() as writer:
-            return self._ends.all(writer)
-
-    def entries(self, twin_id: str, after: int) -> list[Entry]:
-        """Read the entries of a twin's chain behind so many."""
-        with self._reading() as reader:
-            return ledger_table.entries(reader, twin_id, after)
-
-    def add_head(self, row: ledger_table.HeadRow) -> None:
-        """Keep a signed head."""
-        with self._writing() as writer:
-            ledger_table.insert_head(writer, row)
-
-    def heads(
-        self, *, after: int = 0, limit: int = 1000, newest: bool = False
-    ) -> list[ledger_table.HeadRow]:
-        """Read signed heads, in order."""
-        with self._reading() as reader:
-            return ledger_table.heads(reader, after, limit, newest)
-
-    def add_fatigue(self, rows: Sequence[fatigue_table.FatigueRow]) -> None:
-        """Keep fatigue messages; of a boot and hour the newest stays."""
-        with self._writing() as writer:
-            fatigue_table.insert(writer, rows)
-
-    def fatigue(self, twin_id: str) -> list[fatigue_table.FatigueRow]:
-        """Read the fatigue messages of a twin in the order of time."""
-        with self._reading() as reader:
-            return fatigue_table.select(reader, twin_id)
-
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""
         with self._writing() as writer:
             note_number(writer, "check", 1)
         with self._reading() as reader:
             reader.execute("select 1 from features limit 1").fetchone()
-
-    def _all(self, table: Table, where: str = "", parameters: Sequence[Any] = ()) -> list[Any]:
-        with self._reading() as reader:
-            return select(reader, table, where, parameters)
 
 
 def _delete_derived(writer: Connection, spans: Sequence[Span]) -> None:
@@ -449,23 +330,29 @@ def _delete_derived(writer: Connection, spans: Sequence[Span]) -> None:
         writer.execute("delete from digests where id between ? and ?", (span.first, span.last))
 
 
-def _ledger_entries(
+def _journal_features(
+    journal: Journal,
     cut: WriteBatch,
     registered: dict[str, str],
     written: Sequence[WrittenBoot],
-) -> dict[str, list[Entry]]:
-    """Make the ledger entries of what `cut` accepts, by twin."""
-    entries: dict[str, list[Entry]] = {
-        twin_id: [ledger_table.of_registration(text)] for twin_id, text in registered.items()
-    }
-    of_run: dict[int, list[tuple[int, int, float, bytes]]] = {}
-    for n, s, t_ns, slow, message, _ in cut.features:
-        of_run.setdefault(n, []).append((n << SHIFT | s, t_ns, slow, message))
+) -> None:
+    """Chain the registrations and features that `cut` accepts, and the states of these."""
+    for twin_id, text in registered.items():
+        journal.add(twin_id, [ledger_table.of_registration(text)])
+    details = {(d.number, d.sequence): (d.changes, d.body) for d in cut.details}
+    nothing = (b"", b"")
+    of_run: dict[int, list[FeatureRow]] = {}
+    for row in cut.features:
+        of_run.setdefault(row.number, []).append(row)
     for twin_id, boot, grown in written:
-        found = ledger_table.of_features(of_run.get(grown.number, ()), boot)
-        entries.setdefault(twin_id, []).extend(found)
-    for twin_id, theirs in ledger_table.of_acknowledgements(cut.acknowledgements):
-        entries.setdefault(twin_id, []).extend(theirs)
-    for row in cut.asset_events:
-        entries.setdefault(row.twin, []).append(ledger_table.of_asset_event(row))
-    return entries
+        rows = of_run.get(grown.number, ())
+        first = grown.number << SHIFT
+        accepted = ((first | r.sequence, r.t_ns, r.slow_time, r.message) for r in rows)
+        journal.add(twin_id, ledger_table.of_features(accepted, boot))
+        journal.put_states(
+            twin_id,
+            [
+                (first | r.sequence, r.state, *details.get((r.number, r.sequence), nothing))
+                for r in rows
+            ],
+        )

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from slowtime_services.ledger import Head
-from slowtime_services.operating_system import lock_file
+from slowtime_services.operating_system import same_file
 
 from .attempts import FileNote, note_of
-from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
-from .ground import Fault, Ground, Kind, rescue, same_file
+from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .ground import Fault, Ground, Kind, lock_of, rescue, take_lock
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
@@ -80,7 +80,7 @@ class SqliteStore(SqlStore):
         self._fault: Fault | None = None
         self._rescuer: threading.Thread | None = None
         self._told_log_bytes = LOG_BYTES
-        self._guard = _guard(self.path)
+        self._guard = take_lock(self.path)
         try:
             with _explain_file_errors(self.path):
                 self._writer = sqlite3.connect(
@@ -234,13 +234,13 @@ class SqliteStore(SqlStore):
     def _keep_guard(self) -> None:
         """Lock the file again whose deletion would let a second server in."""
         assert self._guard is not None
-        if same_file(self._guard, _lock_of(self.path)):
+        if same_file(self._guard, lock_of(self.path)):
             return
         try:
-            guard = _guard(self.path)
+            guard = take_lock(self.path)
         except WrongStoreError as error:
             raise StoreError(str(error)) from error
-        logger.warning("%s was removed or replaced, and is locked again.", _lock_of(self.path))
+        logger.warning("%s was removed or replaced, and is locked again.", lock_of(self.path))
         os.close(self._guard)
         self._guard = guard
 
@@ -419,40 +419,3 @@ def _cure(error: sqlite3.Error) -> str:
     if "locked" in str(error):
         return "Another process holds it: end that one, such as a copy tool or an open shell."
     return "Make room on the disk, or give another --database."
-
-
-@contextlib.contextmanager
-def guarding(path: Path) -> Iterator[None]:
-    """Keep servers off a file for a while; refused where one uses it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    guard = _guard(path)
-    try:
-        yield
-    finally:
-        if guard is not None:
-            os.close(guard)
-
-
-def _lock_of(path: Path) -> Path:
-    return path.with_name(path.name + ".lock")
-
-
-def _guard(path: Path) -> int | None:
-    """Keep a second server off the file; the lock dies with the process."""
-    lock = _lock_of(path)
-    try:
-        file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise WrongStoreError(
-            f"{lock} cannot be written: {error.strerror}. Make room on the disk and let this "
-            "user write there, or give another --database."
-        ) from error
-    try:
-        lock_file(file, wait=False)
-    except OSError as error:
-        os.close(file)
-        raise StoreInUseError(
-            f"{path} is in use by another twin server. End that one, or give this one another "
-            "--database."
-        ) from error
-    return file

@@ -4,9 +4,10 @@ One thread writes, in cuts: all that follows from a batch becomes durable togeth
 all. Any thread reads, and sees whole cuts only.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
@@ -266,6 +267,18 @@ class Store(Protocol):
 
     def entries(self, twin_id: str, after: int) -> list[Entry]:
         """Entries of a twin's chain behind so many, which end a block."""
+        ...
+
+    def seal_with(self, seal: Callable[[bytes], bytes] | None) -> None:
+        """Seal what is chained from now on with the server's key; None: do not seal."""
+        ...
+
+    def renew_basis(self) -> None:
+        """Chain all rows as they stand now, in place of what was chained before."""
+        ...
+
+    def snapshot(self) -> contextlib.AbstractContextManager[Any]:
+        """Hold a connection that sees one moment of the database, for an audit."""
         ...
 
     def add_head(self, row: HeadRow) -> None:

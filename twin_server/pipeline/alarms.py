@@ -59,6 +59,10 @@ class Alarms:
         """Deliveries of readings that were old on arrival, those that came last."""
         return self._store.deliveries(states=("late",), limit=limit)
 
+    def waiting(self, limit: int) -> Sequence[Delivery]:
+        """Deliveries that wait for their time, those that were begun last."""
+        return self._store.deliveries(states=("waiting",), limit=limit)
+
     def unsendable(self, receivers: Sequence[str], before_ns: int) -> Sequence[Delivery]:
         """Deliveries to none of these receivers, that have waited since then."""
         named = {

@@ -261,6 +261,10 @@ class TwinKnowledge:
             found.append(str(error))
         return found
 
+    def aside(self, twin_id: str) -> int:
+        """Count the messages of a twin that are set aside."""
+        return self._pipeline.setting_aside.quarantine.count(twin_id)
+
     def stalled(self) -> str:
         """Say that the pipeline stands still; empty while it goes on."""
         return self._pipeline.stalled

@@ -58,7 +58,7 @@ class QuarantineDesk:
         for row in self._store.aside(twin_id, number):
             if not row.dropped:
                 return row
-        there = [row.number for row in self._store.aside(twin_id) if not row.dropped]
+        there = [row.ordinal for row in self._store.aside(twin_id) if not row.dropped]
         raise ProblemError(
             404,
             "no-such-message",

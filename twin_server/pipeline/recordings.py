@@ -23,6 +23,7 @@ from slowtime_services.replay import (
 from twin_server.fairness import OverQuotaError, Processors, Quota, current_holder
 from twin_server.identity.principals import Principal
 from twin_server.serve import ProblemError
+from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.quotas import over_quota
 from twin_server.settings import RecordingSettings
 
@@ -31,6 +32,10 @@ from .replays import Replay, check_duration
 from .uploads import RETRY_AFTER_S, Upload, Uploads, no_room
 
 logger = logging.getLogger(__name__)
+
+CHECKS_AT_ONCE = 8
+"""Recordings that are read through at once, of different sites; each has a process of some
+100 MB, of which as many go on as there are processors."""
 
 
 class _Played(NamedTuple):
@@ -70,7 +75,9 @@ class Recordings:
         self.replays = Quota(
             "replays", settings.max_replays, of_site=1, setting="recordings.max_replays"
         )
-        self._checking: dict[str, threading.Lock] = collections.defaultdict(threading.Lock)
+        # Waited for in the event loop: threads that wait would be missed by all others.
+        self._checking: dict[str, asyncio.Lock] = collections.defaultdict(asyncio.Lock)
+        self._checks = BoundedThreads(CHECKS_AT_ONCE)
         self._lock = threading.Lock()
         self._played: dict[Path, _Played] = {}
 
@@ -103,19 +110,19 @@ class Recordings:
             partial = folder / upload.partial
             try:
                 await self._write(partial, upload, chunks)
-                sites = await asyncio.to_thread(self._check, partial, upload, principal)
+                async with self._checking[upload.holder.site]:
+                    sites = await self._checks.run(
+                        lambda: self._check(partial, upload, principal)
+                    )
                 place = self.folder.place_for(name, sites, principal)
                 await asyncio.to_thread(self._place, partial, place, upload)
             finally:
                 partial.unlink(missing_ok=True)
 
     def _check(self, partial: Path, upload: Upload, principal: Principal) -> set[str]:
-        """Read one through; of each site one at a time. Return its sites."""
-        with self._checking[upload.holder.site]:
-            _check_sound(
-                partial, upload.name, lambda pid: upload.supervised(self._processors, pid)
-            )
-            return _checked_sites(contents(partial), principal)
+        """Read one through, in a process that may be paused. Return its sites."""
+        _check_sound(partial, upload.name, lambda pid: upload.supervised(self._processors, pid))
+        return _checked_sites(contents(partial), principal)
 
     def delete(self, name: str, site: str | None, principal: Principal) -> None:
         """Delete one that is not being played."""

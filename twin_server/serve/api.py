@@ -47,8 +47,8 @@ from .routes import events as event_routes
 from .routes.alarms import AlarmService
 from .routes.asset_events import AssetEventService
 from .routes.diagnoses import DiagnosisService
-from .routes.quarantine import QuarantineService
 from .routes.holdings import routes as holding_routes
+from .routes.quarantine import QuarantineService
 from .routes.recordings import RecordingService
 from .routes.session import session
 from .routes.twin_path import registered_in

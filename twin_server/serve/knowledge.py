@@ -215,6 +215,10 @@ class Knowledge(Protocol):
         """Return sentences on problems of this server; none if all is well."""
         ...
 
+    def aside(self, twin_id: str) -> int:
+        """Count the messages of a twin that are set aside."""
+        ...
+
     def stalled(self) -> str:
         """Say that the work stands still; empty while it goes on."""
         ...

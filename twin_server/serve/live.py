@@ -42,6 +42,9 @@ LAST_ID = re.compile(
 )
 """Id of an event: boot and sequence of the last state, number of the last event."""
 
+FORMER_ID = re.compile(r"\d{1,19}-\d{1,18}")
+"""Id of an event as it was up to version 0.1; what it stands for is not known any more."""
+
 
 class Item(NamedTuple):
     """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged.
@@ -277,13 +280,15 @@ class LiveResponse(Response):
         """Collect events that a client missed; for a new one, the latest state."""
         seen = LAST_ID.fullmatch(self._last_id or "")
         knowledge, twin_id = self._knowledge, self._client.twin_id
-        before: list[Item] = []
+        chapter = knowledge.latest(twin_id, None)
+        newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
+        last_key, last_number = max(chapter.keys, default=0), newest[-1][0] if newest else 0
         key = None if seen is None else self._key_of(seen["boot"], int(seen["sequence"]))
-        if seen is None or key is None:
-            chapter = knowledge.latest(twin_id, None)
-            newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
-            self._number = newest[-1][0] if newest else 0
-            if self._last_id is not None:
+        before: list[Item] = []
+        # Ahead of all there is: the history is another, such as one out of a backup.
+        if seen is None or key is None or key > last_key or int(seen["number"]) > last_number:
+            self._number = last_number
+            if seen is not None or FORMER_ID.fullmatch(self._last_id or ""):
                 before = [RESET]  # of a history that is not there any more
         else:
             self._key, self._boot, self._number = key, seen["boot"], int(seen["number"])

@@ -31,6 +31,7 @@ _COUNTERS = {
     "asked": "Questions put to edges about what is missing.",
     "inbox_dropped": "Messages that found no room in the inbox.",
     "callback_errors": "Failures within callbacks of the bus.",
+    "witness_failures": "Signed heads of the ledger that could not be kept elsewhere.",
 }
 _GAUGES = {
     "twins": "Registered twins.",
@@ -40,6 +41,7 @@ _GAUGES = {
     "held_bytes": "Bytes of the features held out of order now.",
     "boots": "Boots that are remembered, of all assets.",
     "inbox": "Messages that wait to be worked.",
+    "ledger_refused": "Whether the ledger is not signed, because the database is not proven.",
     "aside": "Messages that were set aside and wait to be released or dropped.",
     "live_clients": "Clients of the live stream.",
     "forecasts_due": "Twins whose forecast waits to be learnt again.",
@@ -145,7 +147,7 @@ def _held(holdings: Holdings) -> Iterator[tuple[str, str, str, Sequence[Metric]]
         for kind, site, held, refused in holdings.counts()
     ]
     yield (
-        "held",
+        "under_way",
         "gauge",
         "Uploads, replays, diagnoses, computations, exports and streams under way, by site.",
         [Metric(labels, held) for labels, held, _ in found],

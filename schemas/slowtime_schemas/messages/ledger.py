@@ -17,10 +17,11 @@ class Accepted(Frozen):
     """Entries of an asset's ledger in a row: features of one boot, or anything else."""
 
     kind: Annotated[
-        Literal["f", "r", "a", "v", "e", "d"],
+        Literal["f", "w", "r", "a", "v", "e", "d"],
         Field(
-            description="f features; r a registration; a an acknowledgement; v an event of the "
-            "asset; e estimated anew; d deleted."
+            description="f features; w any other entries, in `entries`; up to version 2: r a "
+            "registration; a an acknowledgement; v an event of the asset; e estimated anew; "
+            "d deleted."
         ),
     ]
     boot: str = ""
@@ -29,6 +30,13 @@ class Accepted(Frozen):
     last: Annotated[int, Field(ge=0)] = 0
     key: Annotated[int, Field(ge=0, description="Of anything else.")] = 0
     digest: Sha256 | None = None
+    entries: Annotated[
+        str,
+        Field(
+            max_length=1_200_000,  # of 20,000 entries
+            description="Of w: entries of 41 bytes each (kind, key, hash), base64.",
+        ),
+    ] = ""
 
 
 class Branch(Frozen):
@@ -54,13 +62,17 @@ class LedgerUpdate(Message):
     """Rows that the twin server accepted for an asset, with a signed head that covers them."""
 
     MESSAGE: ClassVar[str] = "ledger"
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     count: Annotated[int, Field(ge=0, description="Entries of the asset's chain.")]
     link: Annotated[Sha256, Field(description="Hash of all of them in their order.")]
     history_count: Annotated[int, Field(ge=0)]
     history: Annotated[Sha256, Field(description="Of so many features with their states.")]
+    tree: Annotated[
+        Sha256 | None,
+        Field(description="Merkle tree hash of the entries (RFC 9162); none up to version 2."),
+    ] = None
     accepted_after: Annotated[
         int, Field(ge=0, description="How many entries there were before those of `accepted`.")
     ]

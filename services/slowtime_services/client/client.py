@@ -154,6 +154,18 @@ class Client:
         """Forget a twin and its history."""
         self._door.read("DELETE", f"{_V1}/twins/{twin_id}")
 
+    def quarantine(self, twin_id: str) -> list[dict[str, Any]]:
+        """Messages of a twin that the server set aside, the newest first."""
+        return list(self.json("GET", f"/twins/{twin_id}/quarantine")["messages"])
+
+    def release(self, twin_id: str, number: int) -> None:
+        """Try a message that was set aside again; all states are estimated anew with it."""
+        self._door.read("POST", f"{_V1}/twins/{twin_id}/quarantine/{number}/release")
+
+    def drop(self, twin_id: str, number: int) -> None:
+        """Delete a message that was set aside; its place stays without an estimate."""
+        self._door.read("DELETE", f"{_V1}/twins/{twin_id}/quarantine/{number}")
+
     def history(
         self,
         twin_id: str,

@@ -318,9 +318,10 @@ def _check_hosts(hosts: Sequence[str]) -> None:
     longest = max(map(len, hosts), default=0)
     if len(hosts) > MOST_HOSTS or longest > LONGEST_HOST:
         raise ValueError(
-            f"A certificate for {len(hosts)} hosts was asked for, with names of up to {longest} "
-            f"characters. Allowed: {MOST_HOSTS} hosts, of up to {LONGEST_HOST} characters. Give "
-            "the addresses at which this computer is reached, or one name for all of them."
+            f"A certificate for {len(hosts)} hosts was asked for, with names of up to "
+            f"{longest} characters. Allowed: {MOST_HOSTS} hosts, of up to {LONGEST_HOST} "
+            "characters. Give the addresses at which this computer is reached, or one name "
+            "for all of them."
         )
 
 

@@ -1,6 +1,7 @@
 """Tamper-evident ledger: accepted rows in, hash chains and signed Merkle heads out.
 
-Source: section 2.7 of the book, which asks for it; trees as in RFC 6962, signatures RFC 8032.
+Source: section 2.7 of the book, which asks for it; trees and proofs as in RFC 9162, signatures
+RFC 8032.
 """
 
 from .chain import (
@@ -9,30 +10,49 @@ from .chain import (
     beginning,
     features_digest,
     followed,
+    key_of,
     linked,
     packed,
+    row_digest,
+    states_digest,
     unpacked,
     words_digest,
 )
-from .heads import Head, Leaf, follows, headed
+from .consistency import (
+    CompactRange,
+    consistency_proof,
+    inclusion_proof,
+    is_consistent,
+    root_of_inclusion,
+)
+from .heads import Head, Leaf, follows, headed, last_head
 from .merkle_tree import MerkleTree
 from .tree import proven, root
 
 __all__ = [
+    "CompactRange",
     "Entry",
     "Head",
     "Leaf",
     "Link",
     "MerkleTree",
     "beginning",
+    "consistency_proof",
     "features_digest",
     "followed",
     "follows",
     "headed",
+    "inclusion_proof",
+    "is_consistent",
+    "key_of",
+    "last_head",
     "linked",
     "packed",
     "proven",
     "root",
+    "root_of_inclusion",
+    "row_digest",
+    "states_digest",
     "unpacked",
     "words_digest",
 ]

@@ -15,6 +15,14 @@ ANEW = "e"
 """All states were estimated anew: a hash of the history from before is none of it now."""
 DELETED = "d"
 """The twin was deleted with all it had seen; what follows is of one registered anew."""
+STATES = "s"
+"""States of the features of one boot from `key` on, up to the next such entry of the boot."""
+BASIS = "b"
+"""All rows are chained as they stand: what was chained before, features excepted, is void."""
+SEAL = "z"
+"""Authentication code of the server's key over the chain before; others cannot make it."""
+GONE = bytes(hashlib.sha256().digest_size)
+"""Digest of an entry that says that a row was removed."""
 
 
 MOST_TOLD = 20_000
@@ -24,7 +32,9 @@ MOST_TOLD = 20_000
 class Entry(NamedTuple):
     """An accepted row: its kind, its number among these, and the hash of its content.
 
-    Kinds are of one letter: see the constants of this module.
+    Kinds are of one letter: see the constants of this module. Each table of the twin server
+    that is covered has a letter of its own besides; a later entry of the same kind and key
+    replaces an earlier one.
     """
 
     kind: str
@@ -115,3 +125,31 @@ def words_digest(kind: str, *words: str) -> bytes:
     """Hash some words, and where each ends."""
     text = "".join(f"{len(word.encode())}:{word}" for word in words)
     return hashlib.sha256(f"{kind} {text}".encode()).digest()
+
+
+def row_digest(kind: str, row: Iterable[object]) -> bytes:
+    """Hash a row of a table: its columns in their order, without checksums."""
+    return words_digest(kind, *map(_word, row))
+
+
+def key_of(*words: object) -> int:
+    """Return the 7-byte key of a row whose own key is text or has several columns."""
+    text = words_digest("key", *map(str, words)) if len(words) > 1 else str(words[0]).encode()
+    found = text if len(words) > 1 else hashlib.sha256(text).digest()
+    return int.from_bytes(found[:7], "big")
+
+
+def states_digest(rows: Iterable[tuple[int, bytes, bytes, bytes]]) -> bytes:
+    """Hash states: id of the feature, state, and both parts of its detail (empty: none)."""
+    found = hashlib.sha256(b"s\n")
+    for key, state, changes, body in rows:
+        found.update(b"%d %d %d %d\n" % (key, len(state), len(changes), len(body)))
+        found.update(state + changes + body)
+    return found.digest()
+
+
+def _word(value: object) -> str:
+    if isinstance(value, bytes):
+        return "blob " + hashlib.sha256(value).hexdigest()
+    # No text of a row begins with a NUL: PostgreSQL cannot even store one.
+    return "\0none" if value is None else str(value)

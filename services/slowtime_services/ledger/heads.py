@@ -5,7 +5,10 @@ kept elsewhere, therefore proves all heads before it, and reveals a chain that w
 """
 
 import hashlib
+import json
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from slowtime_services.credentials import Signer, is_signed
@@ -13,6 +16,9 @@ from slowtime_services.credentials import Signer, is_signed
 from .chain import Link
 
 _NOTHING = "0" * 64
+
+LONGEST_LINE = 4_096
+"""Longest line of a file of heads [bytes]; a head has some 500."""
 
 
 class Leaf(NamedTuple):
@@ -26,11 +32,14 @@ class Leaf(NamedTuple):
     history_count: int
     history: str
     """SHA-256 of so many rows with the states they led to, as `GET .../history/hash` tells."""
+    tree: str = ""
+    """Merkle tree hash (RFC 9162) of the entries of its chain; empty before version 11 of the
+    database, whose chains covered features, registrations and reports only."""
 
     @property
     def written(self) -> bytes:
         """Bytes that are hashed."""
-        return "\n".join(map(str, self)).encode()
+        return "\n".join(map(str, self if self.tree else self[:5])).encode()
 
     @property
     def end(self) -> Link:
@@ -56,9 +65,14 @@ class Head(NamedTuple):
         return "\n".join(map(str, words)).encode()
 
     @property
+    def hashed(self) -> bytes:
+        """Bytes whose hash is `digest`."""
+        return self.said + self.signature.encode()
+
+    @property
     def digest(self) -> str:
         """Hash by which the next head refers to it."""
-        return hashlib.sha256(self.said + self.signature.encode()).hexdigest()
+        return hashlib.sha256(self.hashed).hexdigest()
 
     @property
     def is_signed(self) -> bool:
@@ -112,3 +126,20 @@ def follows(head: Head, before: Head | None) -> bool:
         and head.previous == before.digest
         and head.t_ns >= before.t_ns
     )
+
+
+def last_head(path: Path) -> Head:
+    """Read the last head of a file of heads, one JSON object a line.
+
+    Raises
+    ------
+    ValueError
+        If it does not end with a head.
+    """
+    with path.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - LONGEST_LINE))
+        lines = file.read().splitlines()
+    if not lines:
+        raise ValueError(f"{path} holds no head.")
+    return Head.of(json.loads(lines[-1]))

@@ -1,4 +1,4 @@
-"""Hashes of a Merkle tree (RFC 6962, section 2.1).
+"""Hashes of a Merkle tree (RFC 9162, section 2.1; as in RFC 6962).
 
 Leaves and branches are hashed with different first bytes, so that no branch passes for a leaf.
 """
@@ -34,15 +34,16 @@ def proven(leaf: bytes, path: Sequence[tuple[str, bytes]]) -> bytes:
     """Compute the root from a leaf and its audit path: the side and hash of each sibling."""
     found = leaf_hash(leaf)
     for side, other in path:
-        found = _branch(other, found) if side == "left" else _branch(found, other)
+        found = branch_hash(other, found) if side == "left" else branch_hash(found, other)
     return found
 
 
 def paired(row: Sequence[bytes]) -> list[bytes]:
     """Hash neighbours together; a single last one is passed up unchanged, as in RFC 6962."""
-    pairs = [_branch(*row[at : at + 2]) for at in range(0, len(row) - 1, 2)]
+    pairs = [branch_hash(*row[at : at + 2]) for at in range(0, len(row) - 1, 2)]
     return pairs + ([row[-1]] if len(row) % 2 else [])
 
 
-def _branch(left: bytes, right: bytes) -> bytes:
+def branch_hash(left: bytes, right: bytes) -> bytes:
+    """Hash two neighbours together."""
     return hashlib.sha256(b"\x01" + left + right).digest()

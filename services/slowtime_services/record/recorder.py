@@ -302,6 +302,8 @@ class Recorder:
             return
         self._writer.flush(sync=True)
         self._flushed = now
+        if not self._writer.in_place(self._paths[-1]):
+            self._go_on_elsewhere()
         self._bytes_on_disk = self._size()
         if not self._stay_within_bound():
             return
@@ -311,6 +313,20 @@ class Recorder:
             self._writer.close()
             self._begin_another()
             self._began = now
+
+    def _go_on_elsewhere(self) -> None:
+        """Begin another file, because the last one was moved, deleted or replaced."""
+        lost = self._paths[-1]
+        self._writer.close()  # wherever it is now, it is whole
+        lost.parent.mkdir(parents=True, exist_ok=True)
+        self._begin_another()
+        if self._paths[-1] == lost:
+            del self._paths[-2]
+        logger.error(
+            "%s was moved, deleted or replaced while it was written: it ends here, wherever it "
+            "is, and the recording goes on in %s. If it was deleted, what was in it is lost, "
+            "except for features that the twin server has.", lost, self._paths[-1],
+        )  # fmt: skip
 
     def _begin_another(self) -> None:
         bounded = self._keep_bytes is not None

@@ -32,7 +32,7 @@ second. What is farther is recorded, but says nothing of what lies between."""
 MOST_GAPS = 256
 """Gaps of a run that are known at once [1]; of more, the oldest are given up."""
 MOST_BOOTS = 16
-"""Runs of an asset that are known at once [1]; of more, those heard longest ago are given up."""
+"""Runs of an asset that are known at once [1]; of more, those heard last are kept."""
 MOST_ASSETS = 100_000
 """Assets that are known at once [1], likewise: ten times what a server is measured with."""
 MOST_AT_ONCE = 4

@@ -13,6 +13,7 @@ from typing import BinaryIO, Self
 from mcap.writer import CompressionType, Writer
 
 from slowtime_schemas.streams import Stream
+from slowtime_services.operating_system import same_file
 
 from .channels import describe
 
@@ -164,6 +165,10 @@ class RecordingWriter:
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add metadata to the recording."""
         self._writer.add_metadata(name, dict(values))
+
+    def in_place(self, path: Path) -> bool:
+        """Whether `path` leads to the file that is written."""
+        return same_file(self._file.fileno(), path)
 
     def close(self) -> None:
         """Write the index and end the file; a second time does nothing."""

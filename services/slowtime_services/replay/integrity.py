@@ -13,20 +13,19 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from slowtime_schemas.streams import parse_key
-from slowtime_services.operating_system import end_with_parent, lower_priority
+from slowtime_services.operating_system import end_with_parent
 
 from .recording_reader import RecordingError, contents, read_recording
 
 TIMEOUT_S = 60.0
-"""Time that the reading process is given [s]."""
+"""Processor time that the reading process is given [s]: what others use is not counted."""
+LONGEST_S = 600.0
+"""Time that it is given by the clock, for what waits instead of computing [s]."""
 ADDRESS_SPACE_BYTES = 2**30
 """Address space of the process [bytes]: its code, one unpacked chunk, and what is made of
 it."""
 MAX_UNPACKED_BYTES = 2**32
 """Size of all messages together [bytes]."""
-
-NICENESS = 10
-"""Of the process, so that requests and features come first."""
 
 REFUSED = 3
 """Exit status of the process where it has said why the file is refused."""
@@ -70,6 +69,8 @@ def check(path: Path, supervise: Supervise = unpaused) -> None:
             raise
     if process.returncode == REFUSED:
         raise RecordingError(said.decode(errors="replace").strip())
+    if process.returncode == -getattr(signal, "SIGXCPU", 0) != 0:
+        raise _too_long(TIMEOUT_S)
     if process.returncode != 0:
         how = (
             signal.Signals(-process.returncode).name
@@ -82,17 +83,20 @@ def check(path: Path, supervise: Supervise = unpaused) -> None:
         )
 
 
+def _too_long(seconds: float) -> RecordingError:
+    return RecordingError(
+        f"It has kept its reader busy for {seconds:g} s. Give a shorter recording."
+    )
+
+
 def _end_of(process: subprocess.Popen[bytes], running_s: Callable[[], float]) -> bytes:
     """Wait for the end of the process; return what it said."""
     while True:
         try:
             return process.communicate(timeout=LOOK_S)[1]
         except subprocess.TimeoutExpired as error:
-            if running_s() > TIMEOUT_S:
-                raise RecordingError(
-                    f"It has kept its reader busy for {TIMEOUT_S:g} s. Give a shorter "
-                    "recording."
-                ) from error
+            if running_s() > LONGEST_S:
+                raise _too_long(LONGEST_S) from error
 
 
 def read_through(path: Path) -> None:
@@ -127,13 +131,13 @@ def _bound() -> None:
         return
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
     seconds = int(TIMEOUT_S)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    # At the second of them it would be killed without a name for the reason.
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
 
 
 def main(path: str) -> int:
     """Read the file through, or report why not."""
     end_with_parent()
-    lower_priority(NICENESS)
     _bound()
     try:
         read_through(Path(path))

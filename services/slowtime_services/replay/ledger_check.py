@@ -1,6 +1,8 @@
 """Compares the features of a recording with the signed ledger messages in it."""
 
+import base64
 import bisect
+import contextlib
 import dataclasses
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -16,10 +18,15 @@ from slowtime_services.ledger import (
     chain,
     features_digest,
     linked,
+    packed,
     proven,
+    unpacked,
 )
 
 from .recording_reader import read_recording
+
+PACKED = "w"
+"""Kind of an item that holds entries of other rows than features."""
 
 
 @dataclasses.dataclass
@@ -37,6 +44,8 @@ class Verdict:
         the last.
     missing
         Features that the server accepted and the recording has not.
+    has_kept
+        Whether the head that was kept elsewhere is in it.
     wrong
         What has been changed, a sentence each; empty if nothing has.
     """
@@ -45,16 +54,21 @@ class Verdict:
     vouched: int = 0
     waiting: int = 0
     missing: int = 0
+    has_kept: bool = False
     wrong: list[str] = dataclasses.field(default_factory=list)
 
 
-def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
+def verdicts(
+    path: Path | str, public: str | None = None, kept: Head | None = None
+) -> dict[str, Verdict]:
     """Compare a recording with the signed heads in it.
 
     Parameters
     ----------
     public
         Key of the server, from elsewhere; None to believe the one in the heads.
+    kept
+        A head that was kept elsewhere; one of its number has to be the same.
 
     Returns
     -------
@@ -82,6 +96,13 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
     found = {}
     for asset in sorted(there.keys() | said.keys()):
         found[asset] = _verdict(there.get(asset, {}), said.get(asset, []), public)
+        for head in {message.head for message in said.get(asset, [])}:
+            if kept is not None and head.number == kept.number:
+                found[asset].has_kept = is_same = Head(**head.model_dump()) == kept
+                if not is_same:
+                    found[asset].wrong.append(
+                        f"head {kept.number} is another than the one that was kept elsewhere"
+                    )
         if public is None and len(keys) > 1:
             found[asset].wrong.append(
                 f"heads are signed with {len(keys)} keys; name the server's own with --key"
@@ -133,7 +154,12 @@ def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
     if not head.is_signed or head.public != (public or head.public):
         return "is not signed with the server's key"
     leaf = Leaf(
-        message.twin_id, message.count, message.link, message.history_count, message.history
+        message.twin_id,
+        message.count,
+        message.link,
+        message.history_count,
+        message.history,
+        message.tree or "",
     )
     path = [(branch.side, bytes.fromhex(branch.hash)) for branch in message.proof]
     if proven(leaf.written, path).hex() != head.root:
@@ -187,7 +213,16 @@ def _follow(
 
 def _count(one: Accepted) -> int:
     """Return the number of rows that an item stands for."""
+    if one.kind == PACKED:
+        return len(_unpacked(one))
     return max(0, one.last - one.first + 1) if one.kind == chain.FEATURES else 1
+
+
+def _unpacked(one: Accepted) -> list[Entry]:
+    """Return the entries of an item of other rows than features; none if it is malformed."""
+    with contextlib.suppress(ValueError):
+        return unpacked(base64.b64decode(one.entries, validate=True))
+    return []
 
 
 def _after(accepted: Iterable[Accepted], count: int) -> Iterator[Accepted]:
@@ -195,8 +230,18 @@ def _after(accepted: Iterable[Accepted], count: int) -> Iterator[Accepted]:
     for one in accepted:
         rows = _count(one)
         if count < rows:
-            yield one.model_copy(update={"first": one.first + count}) if count else one
+            yield _without(one, count)
         count = max(0, count - rows)
+
+
+def _without(one: Accepted, count: int) -> Accepted:
+    """Return an item without the first rows that it stands for."""
+    if not count:
+        return one
+    if one.kind == PACKED:
+        left = base64.b64encode(packed(_unpacked(one)[count:])).decode()
+        return one.model_copy(update={"entries": left})
+    return one.model_copy(update={"first": one.first + count})
 
 
 def _entries(accepted: Iterable[Accepted], there: _Held) -> Iterator[Entry]:
@@ -205,6 +250,8 @@ def _entries(accepted: Iterable[Accepted], there: _Held) -> Iterator[Entry]:
             for sequence in range(one.first, one.last + 1):
                 place = (one.number << 40) + sequence
                 yield Entry(one.kind, place, there.digests[one.boot, sequence])
+        elif one.kind == PACKED:
+            yield from _unpacked(one)
         else:
             yield Entry(one.kind, one.key, bytes.fromhex(one.digest or ""))
 

@@ -1,7 +1,8 @@
 """Signs of life of this process, to a watcher of its own and to systemd.
 
 The watcher is a process (`watcher.py`), because nothing within a process can end it while one
-call holds the interpreter's lock; how it was chosen is written in decision 0049.
+call holds the interpreter's lock. The decision on progress and budgets of work says how it was
+chosen.
 """
 
 import contextlib
@@ -30,6 +31,21 @@ EXTENDED_S = 30
 """What systemd is asked for, again and again, until the process is ready [s]."""
 
 _ALIVE = b"."
+
+_pipes: set[int] = set()
+"""Pipes to watchers of this process."""
+
+
+def _after_fork() -> None:
+    """Keep a forked process from speaking for its parent, by signals that it receives."""
+    if _pipes:
+        signal.set_wakeup_fd(-1)
+        while _pipes:
+            os.close(_pipes.pop())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,6 +127,7 @@ class Heartbeat:
     def _begin(self, watch: Watch) -> None:
         theirs, self._pipe = os.pipe()
         os.set_blocking(self._pipe, False)
+        _pipes.add(self._pipe)
         command = [
             sys.executable, "-I", "-S", str(Path(__file__).with_name("watcher.py")),
             str(os.getpid()), str(watch.silent_s), str(watch.grace_s),
@@ -132,9 +149,7 @@ class Heartbeat:
             with contextlib.suppress(ValueError):  # the main thread has gone elsewhere
                 signal.set_wakeup_fd(self._former_fd)
             self._former_fd = None
-        if self._pipe >= 0:
-            os.close(self._pipe)
-            self._pipe = -1
+        self._close_pipe()
         if self._watcher is not None:
             self._watcher.wait()
             self._watcher = None
@@ -166,5 +181,10 @@ class Heartbeat:
         logger.warning(
             "The watcher of this process has ended: a call that never returns ends nothing."
         )
-        os.close(self._pipe)
-        self._pipe = -1
+        self._close_pipe()
+
+    def _close_pipe(self) -> None:
+        if self._pipe >= 0:
+            _pipes.discard(self._pipe)
+            os.close(self._pipe)
+            self._pipe = -1

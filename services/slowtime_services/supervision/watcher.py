@@ -1,10 +1,11 @@
 """Ends a process that gives no sign of life, or does not end in good time after a signal.
 
 It runs as a process of its own, of the standard library alone, because a process whose
-interpreter is held by one call can do nothing about itself: no thread of it runs, and no handler
-of a signal. Arguments are the process, the limits and, after them, a file to mark. Standard input
-is a pipe from the process: each byte is a sign of life, or the number of a signal, which the
-interpreter writes at the moment of its arrival (`signal.set_wakeup_fd`) and needs no lock for.
+interpreter is held by one call can do nothing about itself: no thread of it runs, and no
+handler of a signal. Arguments are the process, the limits and, after them, a file to mark.
+Standard input is a pipe from the process: each byte is a sign of life, or the number of a
+signal, which the interpreter writes at the moment of its arrival (`signal.set_wakeup_fd`)
+and needs no lock for.
 """
 
 import contextlib

@@ -16,6 +16,7 @@ Examples:
   slowtime ledger head --server http://127.0.0.1:8000 --out head.json
   slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
   slowtime ledger verify house.mcap --key ledger.pem.pub
+  slowtime ledger verify postgresql://twin@db/house --key ledger.pem.pub --head head.json
 
 A server with a key signs, once a minute, one hash over all that it has accepted. Keep the
 public key and now and then a head where the machine of the server cannot write: whoever forges
@@ -53,10 +54,19 @@ def head(**_given: object) -> None:
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:verify", extra="analysis")
-@click.argument("recording", type=EXISTING)
+@click.argument("recording", metavar="RECORDING|DATABASE")
 @key_option
+@click.option(
+    "--head",
+    type=EXISTING,
+    help="A head kept elsewhere: a file of `slowtime ledger head`, or one of `witness_file`.",
+)
+@click.option("--timestamp", type=EXISTING, help="Time stamp of this head (RFC 3161, .tsr).")
+@click.option("--authority", type=EXISTING, help="Root certificate of the authority, PEM.")
 def verify(**_given: object) -> None:
-    """Compare the features of a recording with the signed ledger.
+    """Compare a recording or a database with the signed ledger.
 
-    The exit status is 0 if nothing was changed, and otherwise 2, with a message.
+    DATABASE is a file or the URL of a PostgreSQL database. What lies behind the head is
+    reported as not covered. The exit status is 0 if nothing was changed, and otherwise 2, with
+    a message.
     """

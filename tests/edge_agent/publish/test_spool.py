@@ -2,6 +2,7 @@
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -369,3 +370,39 @@ def test_boots_are_in_the_order_they_ran_in_whatever_the_clock_says(tmp_path):
     spool = Spool(tmp_path, "2027")
     assert [held.boot for held in spool.held()] == ["1999", "2026", "1970", "2025"]
     spool.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="open files cannot be moved there")
+@pytest.mark.parametrize("harm", ["deleted", "moved", "folder deleted", "replaced"])
+def test_a_current_segment_that_is_taken_away_is_written_again_with_all_that_was_in_it(
+    tmp_path, caplog, harm
+):
+    folder = tmp_path / "spool"
+    spool = fill(folder, "b1", range(30))
+    (segment,) = folder.glob("*.spool")
+    if harm == "moved":
+        segment.rename(tmp_path / "elsewhere")
+    elif harm == "folder deleted":
+        shutil.rmtree(folder)
+    else:
+        segment.unlink()
+        if harm == "replaced":
+            segment.write_bytes(b"of somebody else")
+    spool.append(30, payload(30))
+    assert "It is written again" in caplog.text
+    assert list(spool.read("b1")) == [payload(n) for n in range(31)]
+    with pytest.raises(SpoolError, match="in use by another edge agent"):
+        Spool(folder, "b2")
+    spool.close()
+    again = Spool(folder, "b2")
+    assert list(again.read("b1")) == [payload(n) for n in range(31)]
+
+
+def test_of_a_full_segment_that_is_taken_away_the_features_are_said_to_be_damaged(tmp_path):
+    spool = fill(tmp_path, "b1", range(500), segment_bytes=4096)
+    first, second, *_ = sorted(tmp_path.glob("*.spool"))
+    first.unlink()
+    missing = int(second.name.split(".")[2])
+    assert list(spool.read("b1")) == [payload(n) for n in range(missing, 500)]
+    assert spool.damaged_ranges("b1") == [(0, missing - 1)]
+    assert spool.damaged == missing

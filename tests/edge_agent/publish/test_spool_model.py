@@ -5,6 +5,7 @@ as it was given; what is gone is told by the account; and no operation takes mor
 the segments and bytes that it is about.
 """
 
+import contextlib
 import errno
 import json
 import os
@@ -17,7 +18,14 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 import edge_agent.publish
-from edge_agent.publish import Spool, SpoolError, damaged_bytes, spool, spool_records
+from edge_agent.publish import (
+    Spool,
+    SpoolError,
+    damaged_bytes,
+    segment_files,
+    spool,
+    spool_records,
+)
 from tests.state_machines import assert_found, run_long, run_share, steps_in
 
 FOLDER = Path(edge_agent.publish.__file__).parent
@@ -26,8 +34,8 @@ HOW = ("flip", "zero", "noise")
 STEPS = 300
 """Lines of an operation that are not of its segments."""
 STEPS_PER_SEGMENT = 40
-STEPS_PER_BYTE = 2
-"""A scan looks at each place at which three zero bytes stand, of which records have few."""
+STEPS_PER_BYTE = 12
+"""A scan behind damage looks at each place at which three zero bytes stand."""
 
 
 def payload_of(boot, sequence, size):
@@ -94,9 +102,9 @@ class SpoolMachine(RuleBasedStateMachine):
         def refuses(file, size):
             raise OSError(errno.EIO, "Input/output error")
 
-        mended.setattr(spool, "_write_all", full)
+        mended.setattr(spool, "write_all", full)
         if not cut:
-            mended.setattr(spool.os, "ftruncate", refuses)
+            mended.setattr(os, "ftruncate", refuses)
         try:
             with self.bounded(), pytest.raises(SpoolError, match="Make room on the disk"):
                 self.spool.append(sequence, payload)
@@ -141,7 +149,7 @@ class SpoolMachine(RuleBasedStateMachine):
         if orderly:
             self.spool.close()
         else:  # killed: the system closes its files, nothing else is done
-            spool._unlock(self.spool._guard)
+            segment_files.unlock(self.spool._guard)
             if self.spool._file is not None:
                 os.close(self.spool._file)
             self.spool._guard = self.spool._file = None
@@ -270,6 +278,34 @@ def test_whatever_happens_to_a_spool_no_unacknowledged_feature_is_lost():
 @pytest.mark.long
 def test_a_spool_holds_for_as_long_as_is_asked():
     assert run_long(SpoolMachine) > 0
+
+
+def test_a_spool_beyond_its_limit_drops_its_oldest_though_the_disk_takes_nothing(
+    tmp_path, monkeypatch
+):
+    """Found by the machine: torn records had filled it, and nothing made room."""
+    with contextlib.closing(Spool(tmp_path, "b1", max_bytes=9_000, segment_bytes=300)) as one:
+        for sequence in range(20):
+            one.append(sequence, payload_of("b1", sequence, 200))
+
+    def full(file, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with contextlib.closing(Spool(tmp_path, "b2", max_bytes=2_000)) as one:
+        one.append(0, b"{}")
+        assert one.size <= 2_000
+    with contextlib.closing(Spool(tmp_path, "b3", max_bytes=1_000)) as one:
+        begin = one._begin
+
+        def begins_and_is_full(path):
+            file = begin(path)
+            monkeypatch.setattr(spool, "_write_all", full)
+            return file
+
+        monkeypatch.setattr(one, "_begin", begins_and_is_full)
+        with pytest.raises(SpoolError):
+            one.append(0, b"{}")
+        assert one.size <= 1_000
 
 
 def _delete_what_has_begun(self, boot, sequence):

@@ -150,3 +150,12 @@ def test_an_edge_notices_that_it_was_given_anothers_certificate(tmp_path):
     ):
         with pytest.raises(CredentialsError, match=f"edge agent of {site}.{asset}"):
             own.check_is_of_edge(site, asset)
+
+
+@pytest.mark.parametrize("hosts", [["10.0.0.1"] * 65, ["a" * 254]])
+def test_hosts_without_end_are_refused_before_anything_is_made(tmp_path, hosts):
+    authority = Authority.open(tmp_path, "lab")
+    with pytest.raises(ValueError, match="Allowed: 64 hosts, of up to 253 characters"):
+        authority.issue("router", hosts=hosts)
+    assert not authority.issued
+    assert authority.issue("router", hosts=["10.0.0.1"] * 64).is_dir()

@@ -4,6 +4,7 @@ import io
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -244,3 +245,31 @@ def test_a_recorder_killed_loses_at_most_a_second(tmp_path, endpoint, features_o
     lost = sent[sequences[-1] + 1 :]
     assert all(when > killed_ns - 1e9 - late_ns for when in lost)
     assert len(kept) > 20
+
+
+@pytest.mark.skipif(os.name == "nt", reason="open files cannot be moved there")
+@pytest.mark.parametrize("harm", ["moved", "deleted", "folder deleted"])
+def test_a_recording_whose_file_is_taken_away_goes_on_in_another_and_says_so(
+    tmp_path, eventually, caplog, harm
+):
+    bus, path = MemoryBus(), tmp_path / "recordings" / "a.mcap"
+    path.parent.mkdir()
+    with Recorder(bus, path, flush_s=0.02) as recorder:
+        bus.publish(KEY, b"before", encoding="x")
+        assert eventually(lambda: recorder.recording.bytes_written > 0)
+        written = path.stat().st_size
+        assert eventually(lambda: recorder.recording.bytes_written == written)
+        if harm == "moved":
+            path.rename(tmp_path / "elsewhere.mcap")
+        elif harm == "deleted":
+            path.unlink()
+        else:
+            shutil.rmtree(path.parent)
+        assert eventually(path.exists)
+        bus.publish(KEY, b"after", encoding="x")
+    assert "the recording goes on in" in caplog.text
+    assert recorder.recording.paths == (path,)
+    assert [message.payload for message in read_recording(path)] == [b"after"]
+    if harm == "moved":
+        whole = read_recording(tmp_path / "elsewhere.mcap")
+        assert [message.payload for message in whole] == [b"before"]

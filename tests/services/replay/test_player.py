@@ -209,7 +209,7 @@ def test_a_message_that_cannot_be_read_is_played_as_it_is(tmp_path):
 )
 def test_a_pace_that_cannot_be_is_refused(house, wrong):
     path, _ = house(20)
-    with pytest.raises(ValueError, match="Give a speed of at least 0.001"):
+    with pytest.raises(ValueError, match=r"Give a speed of at least 0\.001"):
         replay(path, MemoryBus(), **wrong)
 
 

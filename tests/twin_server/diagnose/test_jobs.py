@@ -3,6 +3,7 @@
 import re
 import sys
 import threading
+from typing import Any
 
 import pytest
 
@@ -167,13 +168,13 @@ def test_a_server_that_ends_ends_its_processes_and_says_nothing_of_them(
 
 
 def test_a_site_that_orders_many_keeps_no_other_one_waiting(jobs, eventually, tmp_path):
-    queue = jobs(SLEEPS, max_queued=3)
+    queue = jobs(SLEEPS, max_queued=4)
     with acting_for(Holder("greedy", "t")):
-        held = [queue.reserve("a diagnosis") for _ in range(3)]
+        held = [queue.reserve("a diagnosis") for _ in range(4)]
         for number, holding in enumerate(held, 1):
             (tmp_path / f"job-{number}").mkdir()
             queue.submit(JobId("greedy.beam", number), tmp_path / f"job-{number}", holding)
-        with pytest.raises(OverQuotaError, match=r"3 diagnoses of your token"):
+        with pytest.raises(OverQuotaError, match=r"4 diagnoses of your token"):
             queue.reserve("one more")
     with acting_for(Holder("modest", "t")):
         queue.give(9)
@@ -198,7 +199,7 @@ def test_one_is_paused_for_a_site_that_has_used_less_and_goes_on_after_it(tmp_pa
     processors = Processors(1)
     processors.usage.add(Holder("greedy", "t"), 1_000.0)
     command = [sys.executable, str(tmp_path / "work.py")]
-    queue = Told(command, DiagnoseSettings(), tmp_path, processors)
+    queue: Any = Told(command, DiagnoseSettings(), tmp_path, processors)
     queue.start()
 
     def ticks(number):

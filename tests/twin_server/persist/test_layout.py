@@ -68,7 +68,8 @@ def told(store):
     newest = store.history("lab.beam", t_ns=(500, 2000), newest=True, limit=20)
     return (
         store.twins(), store.runs(), store.held(), store.events(), store.diagnoses(),
-        store.diagnosis_page(1), store.diagnosis_model(1), store.digest("lab.beam"),
+        store.diagnosis_page("lab.beam", 1), store.diagnosis_model("lab.beam", 1),
+        store.digest("lab.beam"),
         store.count("lab.beam"), history.states.tobytes(), history.bodies, history.boots,
         newest.states.tobytes(), store.messages("lab.beam", (1, 40), 100),
     )  # fmt: skip

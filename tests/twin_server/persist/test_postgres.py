@@ -19,6 +19,7 @@ from twin_server.persist import (
     StoreError,
     WriteBatch,
     WrongStoreError,
+    database_answers,
     postgres,
 )
 
@@ -157,9 +158,9 @@ def test_a_database_that_stands_still_is_waited_for_once_and_answers_when_it_goe
     for _ in range(50):
         with pytest.raises(StoreError, match="has not answered a statement in good time"):
             store.twins()
-    assert time.monotonic() - begun < postgres.AWAY_S
+    assert time.monotonic() - begun < database_answers.AWAY_S
     go_on()
-    time.sleep(postgres.AWAY_S)
+    time.sleep(database_answers.AWAY_S)
     before = len(store.events())  # the statement that was not answered may be durable
     store.write(WriteBatch(events=[EVENT]))
     assert len(store.events()) == before + 1

@@ -252,6 +252,27 @@ def test_what_cannot_be_delivered_is_given_up_with_an_event_that_others_are_told
     assert {told["kind"] for told in broken.told} == {"alarm"}
 
 
+class OffClock(SystemClock):
+    """The machine's clock, so many seconds off."""
+
+    off_s = 0.0
+
+    def now_ns(self):
+        return super().now_ns() + round(self.off_s * 1e9)
+
+
+def test_an_alarm_that_waits_is_sent_soon_although_the_clock_is_set_back(telling):
+    clock = OffClock()
+    clock.off_s = 2.0 * HOUR_S
+    flaky = Hook(lambda n: 500 if clock.off_s else 204)
+    house = telling(routes=[{"receiver": "flaky"}], hooks={"flaky": flaky})
+    house.notifier._clock = clock
+    house.hear(0.0, 0.2)
+    house.until(lambda: len(flaky.requests) >= 2)  # the next attempt is due in two hours
+    clock.off_s = 0.0
+    house.until(lambda: len(flaky.accepted) == 1)
+
+
 @pytest.mark.long
 def test_of_an_alarm_that_stays_is_reminded_until_somebody_has_seen_it(telling):
     house = telling(routes=[{"receiver": "ops", "remind_s": 1.0}])

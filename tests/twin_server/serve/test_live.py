@@ -79,9 +79,9 @@ def test_a_client_that_comes_back_is_told_what_it_missed(own, ageing, eventually
     ]
 
 
-def test_nonsense_as_the_last_id_is_a_new_client(own):
-    ((_, kind, data),) = read(own, 1, last_id="'; drop table features")
-    assert (kind, data["sequence"]) == ("state", 29)
+def test_nonsense_as_the_last_id_is_a_new_client_after_a_reset(own):
+    (_, reset, _), (_, kind, data) = read(own, 2, last_id="'; drop table features")
+    assert (reset, kind, data["sequence"]) == ("reset", "state", 29)
 
 
 def test_registering_anew_resets_those_who_watch(own):
@@ -115,8 +115,9 @@ def test_more_clients_than_allowed_are_told_to_come_later(serving, ageing, event
 
 def nothing_missed() -> Any:
     """Knowledge of a twin whose client has seen everything."""
+    nothing = HistoryPart(blank(0), [], [], [])
     return SimpleNamespace(
-        since=lambda *_: HistoryPart(blank(0), [], [], []), events=lambda *_, **__: []
+        latest=lambda *_: nothing, since=lambda *_: nothing, events=lambda *_, **__: []
     )
 
 
@@ -149,7 +150,7 @@ def test_a_client_that_does_not_read_is_cut_off_and_others_go_on(monkeypatch, ca
         async def connected():
             await asyncio.Event().wait()
 
-        answers = [LiveResponse(hub, joined(hub), knowledge, "0-0") for _ in range(2)]
+        answers = [LiveResponse(hub, joined(hub), knowledge, ":0-0") for _ in range(2)]
         tasks = [
             asyncio.create_task(answer({"type": "http"}, connected, send))
             for answer, send in zip(answers, (never, gladly), strict=True)
@@ -240,3 +241,22 @@ def test_the_page_knows_every_kind_of_event_of_the_stream():
     script = (files("twin_server.serve") / "web/twin.js").read_text()
     for kind in ("state", "event", "reset"):
         assert f'stream.addEventListener("{kind}"' in script
+
+
+@pytest.mark.parametrize("ahead", ["{boot}:999999999999-0", "{boot}:29-" + "9" * 18])
+def test_a_last_id_ahead_of_all_there_is_resets_and_what_follows_is_told(own, ageing, ahead):
+    """After a backup was restored, clients have seen what the server has not."""
+    ((last_id, _, _),) = read(own, 1)
+    started = threading.Event()
+
+    def feed():
+        started.wait(60)
+        own.feed(ageing(3, first=30))
+
+    thread = threading.Thread(target=feed)
+    thread.start()
+    last_id = ahead.format(boot=last_id.partition(":")[0])
+    found = read(own, 5, last_id=last_id, started=started)
+    thread.join()
+    assert [kind for _, kind, _ in found] == ["reset"] + ["state"] * 4
+    assert [data["sequence"] for _, _, data in found[1:]] == [29, 30, 31, 32]

@@ -1,23 +1,20 @@
 """The table of events of assets."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from twin_server.events.asset_events import AssetEventRow
 
 from .checksums import ASSET_EVENTS, opened
+from .statements import absent
+from .statements import insert as insert_rows
 
 
-def insert(writer: Any, rows: Iterable[AssetEventRow]) -> None:
-    """Store reported events; of several with the same id of a twin the first is kept."""
-    sealed = [ASSET_EVENTS.sealed(row) for row in rows]
-    if sealed:
-        names = ASSET_EVENTS.all_columns
-        writer.executemany(
-            f"insert into asset_events ({', '.join(names)}) "
-            f"values ({','.join('?' * len(names))}) on conflict do nothing",
-            sealed,
-        )
+def insert(writer: Any, rows: Iterable[AssetEventRow]) -> list[Sequence[Any]]:
+    """Store reported events, and return them; of several of one id of a twin the first."""
+    new = absent(writer, ASSET_EVENTS, ("twin", "event"), rows)
+    insert_rows(writer, ASSET_EVENTS, new)
+    return new
 
 
 def read(reader: Any, twin_id: str) -> list[AssetEventRow]:

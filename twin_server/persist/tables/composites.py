@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from .checksums import COMPOSITES, opened
+from .statements import insert as insert_rows
 
 
 class CompositeRow(NamedTuple):
@@ -28,18 +29,11 @@ class CompositeRow(NamedTuple):
     body: str
 
 
-def insert(writer: Any, rows: Sequence[CompositeRow], following: int) -> None:
-    """Keep rows under the numbers from `following` on."""
-    names = COMPOSITES.all_columns
-    sealed = [
-        COMPOSITES.sealed(row._replace(number=following + at)) for at, row in enumerate(rows)
-    ]
-    if sealed:
-        writer.executemany(
-            f"insert into composites ({', '.join(names)}) "
-            f"values ({','.join('?' * len(names))})",
-            sealed,
-        )
+def insert(writer: Any, rows: Sequence[CompositeRow], following: int) -> Sequence[CompositeRow]:
+    """Keep rows under the numbers from `following` on, and return them so."""
+    numbered = [row._replace(number=following + at) for at, row in enumerate(rows)]
+    insert_rows(writer, COMPOSITES, numbered)
+    return numbered
 
 
 def read(reader: Any, composite: str | None) -> list[CompositeRow]:

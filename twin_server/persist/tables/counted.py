@@ -3,7 +3,7 @@
 People see the number of an event or a diagnosis. Counted over all twins, the numbers of one
 site would tell how much happens at the others. A key is therefore the place of a twin, which
 nobody sees, and below it the count of its rows. Rows from before this was so have the place 0
-and a count over all twins; the count of their twin goes on behind the last of them.
+and a count over all twins; the counts of twins that have such rows go on behind the last one.
 """
 
 from collections.abc import Mapping
@@ -15,6 +15,12 @@ BITS = 32
 """Bits of the count; the place is above them."""
 
 _COUNT = (1 << BITS) - 1
+
+NUMBERED = f"(number & {_COUNT}) = ?"
+"""Condition on the number of a row, to be asked beside its twin."""
+
+_OVER_ALL_TWINS = {"events": "event", "diagnoses": "diagnosis", "quarantine": "quarantine"}
+"""What the last number over all twins was kept as, by table."""
 
 
 def count_of(key: int) -> int:
@@ -74,16 +80,17 @@ def _last_keys(writer: Connection, table: Table, twins: list[str]) -> dict[str, 
 
 
 def _counts_of_before(writer: Connection, table: Table, twins: list[str]) -> dict[str, int]:
+    """Return where the counts of twins go on that have rows with a number over all twins."""
+    last = last_number(writer, _OVER_ALL_TWINS[table.name]) or 0
     found: dict[str, int] = {}
     for first in range(0, len(twins), KEYS_PER_QUERY):
         asked = twins[first : first + KEYS_PER_QUERY]
-        found |= dict(
-            writer.execute(
-                f"select twin, max(number) from {table.name} "
-                f"where twin in ({','.join('?' * len(asked))}) group by twin",
-                asked,
-            ).fetchall()
-        )
+        rows = writer.execute(
+            f"select twin, max(number) from {table.name} "
+            f"where twin in ({','.join('?' * len(asked))}) group by twin",
+            asked,
+        ).fetchall()
+        found |= {twin: max(number, last) for twin, number in rows}
     return found
 
 

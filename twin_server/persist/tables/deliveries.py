@@ -6,29 +6,32 @@ from typing import Any
 from twin_server.events.deliveries import OPEN, Acknowledgement, Delivery, State, Tally
 
 from .checksums import ACKNOWLEDGEMENTS, DELIVERIES, Table, opened
+from .statements import absent
+from .statements import insert as insert_rows
+
+Row = Sequence[Any]
 
 
-def insert(writer: Any, rows: Iterable[Delivery]) -> None:
-    """Insert deliveries; one that exists already is left unchanged."""
-    _put(writer, DELIVERIES, rows, "do nothing")
+def insert(writer: Any, rows: Iterable[Delivery]) -> list[Row]:
+    """Insert deliveries, and return them; one that exists already is left unchanged."""
+    return _insert_absent(writer, DELIVERIES, "id", rows)
 
 
-def settle(writer: Any, rows: Iterable[Delivery]) -> None:
-    """Store outcomes of deliveries that are open, except of deleted twins."""
-    sealed = [DELIVERIES.sealed(row) for row in rows]
-    if not sealed:
-        return
+def settle(writer: Any, rows: Iterable[Delivery]) -> list[Row]:
+    """Store outcomes of deliveries that are open, except of deleted twins; return those."""
     assigned = ", ".join(f"{name} = ?" for name in DELIVERIES.all_columns)
     where = f"id = ? and state in ({','.join('?' * len(OPEN))})"
-    writer.executemany(
-        f"update deliveries set {assigned} where {where}",
-        [(*row, row[0], *OPEN) for row in sealed],
-    )
+    question = f"update deliveries set {assigned} where {where}"
+    return [
+        row
+        for row in rows
+        if writer.execute(question, (*DELIVERIES.sealed(row), row[0], *OPEN)).rowcount
+    ]
 
 
-def acknowledge(writer: Any, rows: Iterable[Acknowledgement]) -> None:
-    """Store acknowledgements of alarms; the first of each is kept."""
-    _put(writer, ACKNOWLEDGEMENTS, rows, "do nothing")
+def acknowledge(writer: Any, rows: Iterable[Acknowledgement]) -> list[Row]:
+    """Store acknowledgements of alarms, and return them; the first of each is kept."""
+    return _insert_absent(writer, ACKNOWLEDGEMENTS, "event", rows)
 
 
 def select(
@@ -69,9 +72,12 @@ def tallies(reader: Any) -> list[Tally]:
     return [Tally(*row) for row in rows]
 
 
-def forget(writer: Any, before_ns: int) -> None:
-    """Drop deliveries that ended before then."""
-    writer.execute("delete from deliveries where ended_ns > 0 and ended_ns < ?", (before_ns,))
+def forget(writer: Any, before_ns: int) -> list[tuple[str, str]]:
+    """Drop deliveries that ended before then; return the id and the twin of each."""
+    where = "where ended_ns > 0 and ended_ns < ?"
+    gone = writer.execute(f"select id, twin from deliveries {where}", (before_ns,)).fetchall()
+    writer.execute(f"delete from deliveries {where}", (before_ns,))
+    return [(row[0], row[1]) for row in gone]
 
 
 def acknowledged(reader: Any, twin_id: str) -> dict[str, Acknowledgement]:
@@ -84,12 +90,7 @@ def acknowledged(reader: Any, twin_id: str) -> dict[str, Acknowledgement]:
     return {row[0]: Acknowledgement(*row) for row in opened(ACKNOWLEDGEMENTS, rows)}
 
 
-def _put(writer: Any, table: Table, rows: Iterable[Sequence[object]], otherwise: str) -> None:
-    sealed = [table.sealed(row) for row in rows]
-    if sealed:
-        names = table.all_columns
-        writer.executemany(
-            f"insert into {table.name} ({', '.join(names)}) "
-            f"values ({','.join('?' * len(names))}) on conflict {otherwise}",
-            sealed,
-        )
+def _insert_absent(writer: Any, table: Table, key: str, rows: Iterable[Row]) -> list[Row]:
+    new = absent(writer, table, (key,), rows)
+    insert_rows(writer, table, new)
+    return new

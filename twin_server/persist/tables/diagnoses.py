@@ -4,9 +4,9 @@ import zlib
 from typing import Any, NamedTuple
 
 from .checksums import DIAGNOSES, Table, damaged, opened, seal
-from .counted import BITS, count_of, next_keys
+from .counted import NUMBERED, count_of, next_keys
+from .statements import insert as insert_rows
 
-_NUMBERED = f"(number & {(1 << BITS) - 1}) = ?"
 _BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
 
@@ -29,41 +29,42 @@ class DiagnosisRow(NamedTuple):
     report: str | None = None
 
 
-def insert(writer: Any, row: DiagnosisRow) -> int:
-    """Keep one more under the next number of its twin, and give this."""
+def insert(writer: Any, row: DiagnosisRow) -> tuple[Any, ...]:
+    """Keep one more under the next number of its twin, and return all its columns."""
     [key] = next_keys(writer, DIAGNOSES, {row.twin: 1})[row.twin]
-    sealed = DIAGNOSES.sealed((key, *row[1:], None, None))
-    names = DIAGNOSES.all_columns
-    writer.execute(
-        f"insert into diagnoses ({', '.join(names)}) values ({','.join('?' * len(names))})",
-        sealed,
-    )
-    return count_of(key)
+    whole = (key, *row[1:], None, None)
+    insert_rows(writer, DIAGNOSES, [whole])
+    return whole
 
 
-def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> None:
-    """Store the outcome of a diagnosis; page and model only if not empty."""
+def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> list[tuple[Any, ...]]:
+    """Store the outcome of a diagnosis, page and model only if not empty; return its row.
+
+    There is none where its twin was deleted meanwhile.
+    """
     key = _key_of(writer, row.twin, row.number)
     if key is None:
-        return  # its twin was deleted meanwhile
-    files = zlib.compress(page) if page else None, model or None
-    kept = DIAGNOSES.sealed((key, *row[1:], *files))
+        return []
+    whole = (key, *row[1:], zlib.compress(page) if page else None, model or None)
     assigned = ", ".join(f"{name} = ?" for name in DIAGNOSES.all_columns)
-    writer.execute(f"update diagnoses set {assigned} where number = ?", (*kept, key))
+    question = f"update diagnoses set {assigned} where number = ?"
+    writer.execute(question, (*DIAGNOSES.sealed(whole), key))
+    return [whole]
 
 
-def forget(writer: Any, twin_id: str, kept: int) -> None:
-    """Drop all of a twin but the last `kept`."""
-    writer.execute(
-        "delete from diagnoses where twin = ? and number not in "
-        "(select number from diagnoses where twin = ? order by number desc limit ?)",
-        (twin_id, twin_id, kept),
-    )
+def forget(writer: Any, twin_id: str, kept: int) -> list[int]:
+    """Drop all of a twin but the last `kept`; return their numbers."""
+    rows = writer.execute(
+        "select number from diagnoses where twin = ? order by number desc", (twin_id,)
+    ).fetchall()
+    gone = [row[0] for row in rows[kept:]]
+    writer.executemany("delete from diagnoses where number = ?", [(one,) for one in gone])
+    return gone
 
 
 def select(reader: Any, twin_id: str | None, number: int | None) -> list[DiagnosisRow]:
     """Read those of a twin, or of all, or the one of a number of a twin."""
-    asked = {"twin = ?": twin_id, _NUMBERED: number}
+    asked = {"twin = ?": twin_id, NUMBERED: number}
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = reader.execute(
@@ -86,7 +87,7 @@ def model_of(reader: Any, twin_id: str, number: int) -> str | None:
 
 def _files(reader: Any, twin_id: str, number: int) -> tuple[bytes | None, str | None]:
     question = (
-        f"select number, page, model, files_crc from diagnoses where twin = ? and {_NUMBERED}"
+        f"select number, page, model, files_crc from diagnoses where twin = ? and {NUMBERED}"
     )
     row = reader.execute(question, (twin_id, number)).fetchone()
     if row is None:
@@ -97,6 +98,6 @@ def _files(reader: Any, twin_id: str, number: int) -> tuple[bytes | None, str | 
 
 
 def _key_of(reader: Any, twin_id: str, number: int) -> int | None:
-    question = f"select number from diagnoses where twin = ? and {_NUMBERED}"
+    question = f"select number from diagnoses where twin = ? and {NUMBERED}"
     row = reader.execute(question, (twin_id, number)).fetchone()
     return None if row is None else int(row[0])

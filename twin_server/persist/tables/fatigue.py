@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from .checksums import FATIGUE, opened
+from .statements import insert as insert_rows
 
 HOUR_NS = 3_600 * 10**9
 """One hour [ns]."""
@@ -20,9 +21,9 @@ class FatigueRow(NamedTuple):
     message: bytes
 
 
-def insert(writer: Any, rows: Iterable[FatigueRow]) -> None:
-    """Keep messages, each in the place of an earlier one of its boot and hour."""
-    names = FATIGUE.all_columns
+def insert(writer: Any, rows: Iterable[FatigueRow]) -> list[FatigueRow]:
+    """Keep messages, each in the place of an earlier one of its boot and hour; return them."""
+    new = []
     for row in rows:
         kept = writer.execute(
             "select sequence from fatigue where twin = ? and boot = ? and hour = ?", row[:3]
@@ -33,10 +34,9 @@ def insert(writer: Any, rows: Iterable[FatigueRow]) -> None:
             writer.execute(
                 "delete from fatigue where twin = ? and boot = ? and hour = ?", row[:3]
             )
-        writer.execute(
-            f"insert into fatigue ({', '.join(names)}) values ({','.join('?' * len(names))})",
-            FATIGUE.sealed(row),
-        )
+        insert_rows(writer, FATIGUE, [row])
+        new.append(row)
+    return new
 
 
 def select(reader: Any, twin_id: str) -> list[FatigueRow]:

@@ -21,17 +21,15 @@ from slowtime_services.ledger import (
 )
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import words_digest
-from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement
 
-from .checksums import ACKNOWLEDGEMENTS, FEATURES, HEADS, LEDGER, TWINS, opened
+from .checksums import FEATURES, HEADS, LEDGER, TWINS, opened
 from .search import SHIFT, whole
 
 logger = logging.getLogger(__name__)
 
 _LOW = (1 << SHIFT) - 1
 _AT_ONCE = 2_000
-"""Rows that are chained at once while a ledger is built."""
+"""Entries of one block at most, and rows that are chained at once while a ledger is built."""
 
 _NOTHING = hashlib.sha256().digest()
 
@@ -50,6 +48,8 @@ class ChainEnds:
     def __init__(self) -> None:
         self._known: dict[str, Link] = {}
         self._whole = False
+        self.seal: Callable[[bytes], bytes] | None = None
+        """Authentication code of the server's key, where it has one that may sign."""
 
     def forget(self) -> None:
         """Drop all ends: the last write may not have become durable."""
@@ -61,8 +61,14 @@ class ChainEnds:
         if not entries:
             return
         end = self._known.get(twin_id) or _end(writer, twin_id)
-        end = self._known[twin_id] = linked(end, entries)
-        insert_blocks(writer, [(twin_id, end.length, packed(entries), end.digest)])
+        for first in range(0, len(entries), _AT_ONCE):
+            part = entries[first : first + _AT_ONCE]
+            block, end = packed(part), linked(end, part)
+            if self.seal is not None:
+                seal = [Entry(kinds.SEAL, 0, self.seal(end.digest))]
+                block, end = block + packed(seal), linked(end, seal)
+            insert_blocks(writer, [(twin_id, end.length, block, end.digest)])
+        self._known[twin_id] = end
 
     def all(self, reader: Any) -> dict[str, Link]:
         """Return the ends of all chains, those of deleted twins among them."""
@@ -84,29 +90,9 @@ def of_registration(registration: str) -> Entry:
     return Entry(kinds.REGISTRATION, 0, words_digest("r", registration))
 
 
-def of_acknowledgement(row: Sequence[object]) -> Entry:
-    """Return the entry of an acknowledgement as it is kept."""
-    event = hashlib.sha256(str(row[0]).encode()).digest()
-    digest = words_digest("a", *map(str, row))
-    return Entry(kinds.ACKNOWLEDGEMENT, int.from_bytes(event[:7], "big"), digest)
-
-
-def of_asset_event(row: AssetEventRow) -> Entry:
-    """Return the entry of an event of an asset as it is kept."""
-    event = hashlib.sha256(row.event.encode()).digest()
-    digest = words_digest("v", *map(str, row))
-    return Entry(kinds.ASSET_EVENT, int.from_bytes(event[:7], "big"), digest)
-
-
 def of_act(kind: str) -> Entry:
     """Return the entry of an operation on all of a twin."""
     return Entry(kind, 0, _NOTHING)
-
-
-def of_acknowledgements(rows: Iterable[Acknowledgement]) -> Iterator[tuple[str, list[Entry]]]:
-    """Return the entries of acknowledgements, by twin."""
-    for row in rows:
-        yield row.twin, [of_acknowledgement(row)]
 
 
 def insert_blocks(writer: Any, rows: Iterable[tuple[str, int, bytes, bytes]]) -> None:
@@ -167,13 +153,6 @@ def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None
             while part := opened(FEATURES, itertools.islice(rows, _AT_ONCE)):
                 entries = list(of_features((row[:4] for row in part), span.boot))
                 ends.append(writer, twin_id, entries)
-        acknowledged = writer.execute(
-            f"select {', '.join(ACKNOWLEDGEMENTS.all_columns)} from acknowledgements "
-            "where twin = ? order by t_ns, event",
-            (twin_id,),
-        )
-        entries = [of_acknowledgement(one) for one in opened(ACKNOWLEDGEMENTS, acknowledged)]
-        ends.append(writer, twin_id, entries)
 
 
 def _end(reader: Any, twin_id: str) -> Link:

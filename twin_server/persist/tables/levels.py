@@ -224,3 +224,71 @@ def _cover(reader: Any, first: int, last: int, end: int, level: int) -> list[Buc
         _read(reader, level, begin, past - 1),
         *_cover(reader, past, last, end, level - 1),
     ]
+
+
+def wrong_buckets(reader: Any, number: int, last: int) -> tuple[list[str], int]:
+    """Compute the buckets of a boot again; return which differ, and how many there are.
+
+    Levels are compared from the finest on, so that each is computed out of sound ones.
+
+    Parameters
+    ----------
+    last
+        Last sequence of the boot, lost ones included.
+    """
+    first = number << SHIFT
+    newest = reader.execute(
+        "select max(id) from features where id between ? and ?", (first, first + _LOW)
+    ).fetchone()[0]
+    kept = _kept(reader, number)
+    count, wrong = len(kept), list[str]()
+    one = GrownBoot(number, -1, last)
+    for level in range(1, TOP + 1):
+        begin, end = _filled(one, level)
+        if begin >= end or wrong:
+            break
+        for start, body in _computed(reader, level, first | begin, first | end - 1):
+            there = kept.pop((level, start), None)
+            # Without its last features, which are lost, a bucket is not made by `build`.
+            may_lack = newest is None or start + (1 << BITS * level) - 1 > newest
+            if not (may_lack if there is None else _agree(there, body)):
+                what = "is not there" if there is None else "does not follow from its states"
+                wrong.append(f"the bucket of level {level} at feature {start & _LOW} {what}")
+    if not wrong:
+        wrong = [
+            f"the bucket of level {level} at feature {start & _LOW} follows from no states"
+            for level, start in kept
+        ]
+    return wrong, count
+
+
+def _computed(reader: Any, level: int, first: int, last: int) -> Iterator[tuple[int, bytes]]:
+    bits = BITS * level
+    for buckets in _below(reader, level, [(first, last)]):
+        if len(buckets):
+            starts = (buckets.head["first"] >> bits << bits).tolist()
+            yield from zip(starts, buckets.to_bytes(), strict=True)
+
+
+def _agree(one: bytes, other: bytes) -> bool:
+    """Whether two buckets say the same; parameters that one lacks are of no state there."""
+    if one == other:
+        return True
+    try:
+        both = Buckets.joined([Buckets.from_bytes([one]), Buckets.from_bytes([other])])
+    except ValueError:
+        return False
+    first, second = both.to_bytes()
+    return first == second
+
+
+def _kept(reader: Any, number: int) -> dict[tuple[int, int], bytes]:
+    first = number << SHIFT
+    found = dict[tuple[int, int], bytes]()
+    for level in range(1, TOP + 1):
+        rows = reader.execute(
+            "select id, bucket from levels where level = ? and id between ? and ?",
+            (level, first, first + _LOW),
+        )
+        found |= {(level, key): body for key, body in rows}
+    return found

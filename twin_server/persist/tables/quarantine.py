@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from .checksums import QUARANTINE
-from .statements import Connection, insert, last_number, note_number, select
+from .counted import NUMBERED, count_of, next_keys
+from .statements import Connection, insert, select
 
 
 class AsideRow(NamedTuple):
@@ -13,7 +14,7 @@ class AsideRow(NamedTuple):
     Parameters
     ----------
     number
-        Counts all of a store, 0 before it is kept.
+        Key of the row, 0 before it is kept; people see its `ordinal`.
     boot, sequence
         Of the message.
     set_ns
@@ -41,9 +42,15 @@ class AsideRow(NamedTuple):
     dropped: bool
     message: bytes
 
+    @property
+    def ordinal(self) -> int:
+        """Number of the message among those of its twin."""
+        return count_of(self.number)
 
-def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
-    """Keep rows under the next numbers; what is kept already is not kept again."""
+
+def add(writer: Connection, rows: Sequence[AsideRow]) -> list[tuple[object, ...]]:
+    """Keep rows under the next numbers, and return them; what is kept is not kept again."""
+    new = []
     for row in rows:
         known = writer.execute(
             "select number from quarantine where twin = ? and boot = ? and sequence = ? "
@@ -52,31 +59,35 @@ def add(writer: Connection, rows: Sequence[AsideRow]) -> None:
         ).fetchone()
         if known is not None:
             continue
-        number = (last_number(writer, "quarantine") or 0) + 1
-        note_number(writer, "quarantine", number)
-        kept = row._replace(number=number)
-        insert(writer, QUARANTINE, [_stored(kept)])
+        [key] = next_keys(writer, QUARANTINE, {row.twin: 1})[row.twin]
+        new.append(_stored(row._replace(number=key)))
+        insert(writer, QUARANTINE, new[-1:])
+    return new
 
 
 def read(reader: Connection, twin_id: str | None, number: int | None) -> list[AsideRow]:
-    """Read the rows of a twin, of a number, or all, in order."""
-    asked: dict[str, Any] = {"twin = ?": twin_id, "number = ?": number}
+    """Read the rows of a twin, the one of a number of a twin, or all, in order."""
+    asked: dict[str, Any] = {"twin = ?": twin_id, NUMBERED: number}
     given = {clause: value for clause, value in asked.items() if value is not None}
     where = f"where {' and '.join(given)}" if given else ""
     rows = select(reader, QUARANTINE, where, tuple(given.values()))
-    return [AsideRow(*row[:7], bool(row[7]), bool(row[8]), bytes(row[9])) for row in rows]
+    return [
+        AsideRow(*row)._replace(accepted=bool(row[7]), dropped=bool(row[8])) for row in rows
+    ]
 
 
-def remove(writer: Connection, number: int) -> None:
-    """Delete a row."""
+def remove(writer: Connection, number: int) -> list[tuple[Any, ...]]:
+    """Delete a row; return it, or nothing if there is none."""
+    rows = select(writer, QUARANTINE, "where number = ?", (number,))
     writer.execute("delete from quarantine where number = ?", (number,))
+    return rows
 
 
-def drop(writer: Connection, row: AsideRow) -> None:
-    """Delete the message of a row; the row of an accepted one stays, without its bytes."""
-    remove(writer, row.number)
-    if row.accepted:
-        insert(writer, QUARANTINE, [_stored(row._replace(dropped=True, message=b""))])
+def keep_place(writer: Connection, row: AsideRow) -> list[tuple[object, ...]]:
+    """Keep the place of an accepted message that was dropped, without its bytes; return it."""
+    rows = [_stored(row._replace(dropped=True, message=b""))] if row.accepted else []
+    insert(writer, QUARANTINE, rows)
+    return rows
 
 
 def _stored(row: AsideRow) -> tuple[object, ...]:

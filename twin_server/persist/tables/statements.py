@@ -59,6 +59,22 @@ def insert(
         )
 
 
+def absent(
+    reader: Connection, table: Table, keys: Sequence[str], rows: Iterable[Sequence[Any]]
+) -> list[Sequence[Any]]:
+    """Return the rows whose key is not there yet; of several of one key the first."""
+    at = [table.columns.index(name) for name in keys]
+    where = " and ".join(f"{name} = ?" for name in keys)
+    found: dict[tuple[Any, ...], Sequence[Any]] = {}
+    for row in rows:
+        key = tuple(row[place] for place in at)
+        if key not in found and not (
+            reader.execute(f"select 1 from {table.name} where {where}", key).fetchone()
+        ):
+            found[key] = row
+    return list(found.values())
+
+
 def upsert(writer: Connection, table: Table, rows: Iterable[Sequence[object]]) -> None:
     """Insert rows whose first column is their key, or replace those of the same key."""
     key, *others = table.all_columns

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from .checksums import EVENTS, RUNS, TWINS
-from .counted import count_of, next_keys
+from .counted import next_keys
 from .levels import GrownBoot
 from .rows import EventRow, FeatureRow, RunRow, TwinRow
 from .statements import Connection, insert, rows_by_key, upsert
@@ -20,10 +20,12 @@ class WrittenBoot(NamedTuple):
     grown: GrownBoot
 
 
-def write_twins(writer: Connection, twins: Sequence[TwinRow]) -> dict[str, str]:
-    """Store twins; return the registrations that have changed, by twin."""
+def write_twins(
+    writer: Connection, twins: Sequence[TwinRow]
+) -> tuple[dict[str, str], list[tuple[object, ...]]]:
+    """Store twins; return the registrations that have changed, by twin, and all rows."""
     if not twins:
-        return {}
+        return {}, []
     newest = {twin.id: twin for twin in twins}
     known = rows_by_key(writer, TWINS, list(newest))
     places = {key: row[1] for key, row in known.items()}
@@ -31,29 +33,31 @@ def write_twins(writer: Connection, twins: Sequence[TwinRow]) -> dict[str, str]:
         last = writer.execute("select coalesce(max(place), 0) from twins").fetchone()[0]
         following = itertools.count(last + 1)
         places |= {key: next(following) for key in newest if key not in places}
-    upsert(writer, TWINS, [(key, places[key], *twin) for key, twin in newest.items()])
-    return {
+    rows: list[tuple[object, ...]] = [(key, places[key], *twin) for key, twin in newest.items()]
+    upsert(writer, TWINS, rows)
+    changed = {
         key: twin.registration
         for key, twin in newest.items()
         if key not in known or known[key][4] != twin.registration
     }
+    return changed, rows
 
 
 def write_runs(
     writer: Connection, runs: Sequence[RunRow], features: Sequence[FeatureRow]
-) -> list[WrittenBoot]:
+) -> tuple[list[WrittenBoot], list[tuple[object, ...]]]:
     """Keep accounts, and of each boot whether slow time always rose: so it can be searched.
 
     Returns
     -------
-    The boots in order, and how each has grown.
+    The boots in order, and how each has grown; and their rows.
     """
     times: dict[int, list[float]] = {}
     for feature in features:
         times.setdefault(feature.number, []).append(float(feature.slow_time))
     given = {run.number: run for run in runs}
     known = rows_by_key(writer, RUNS, list(given.keys() | times.keys()))
-    rows, written = [], []
+    rows, written = list[tuple[object, ...]](), []
     for number in sorted(given.keys() | times.keys()):
         before = known.get(number)
         last, rises = before[12:14] if before is not None else (None, 1)
@@ -68,28 +72,35 @@ def write_runs(
         grown = GrownBoot(number, -1 if before is None else before[6], run.last)
         written.append(WrittenBoot(twin_id, run.boot, grown))
     upsert(writer, RUNS, rows)
-    return written
+    return written, rows
 
 
 def _rise(times: Sequence[float]) -> bool:
     return all(a <= b for a, b in itertools.pairwise(times))
 
 
-def insert_events(writer: Connection, events: Sequence[EventRow]) -> list[int]:
-    """Keep events under the next numbers of their twins, and give these."""
+def insert_events(
+    writer: Connection, events: Sequence[EventRow]
+) -> list[tuple[int, str, str, str, int, float | None, int, str]]:
+    """Keep events under the next numbers of their twins, and return their rows."""
     if not events:
         return []
     twins = [f"{event.site}.{event.asset}" for event in events]
     following = {
         twin: iter(keys) for twin, keys in next_keys(writer, EVENTS, Counter(twins)).items()
     }
-    keys = [next(following[twin]) for twin in twins]
-    insert(
-        writer,
-        EVENTS,
+    rows = [
         (
-            (key, twin, e.site, e.asset, e.t_ns, e.slow_time, int(e.derived), e.body)
-            for key, twin, e in zip(keys, twins, events, strict=True)
-        ),
-    )
-    return [count_of(key) for key in keys]
+            next(following[twin]),
+            twin,
+            e.site,
+            e.asset,
+            e.t_ns,
+            e.slow_time,
+            int(e.derived),
+            e.body,
+        )
+        for twin, e in zip(twins, events, strict=True)
+    ]
+    insert(writer, EVENTS, rows)
+    return rows

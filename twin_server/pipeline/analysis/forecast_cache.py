@@ -36,6 +36,7 @@ from twin_server.estimate.forecast.known_events import (
     known_of,
 )
 from twin_server.events.asset_events import TOLD, effective
+from twin_server.fairness import ALONE, Holder, acting_for, current_holder
 from twin_server.history.states import States
 from twin_server.persist import History, Store
 from twin_server.pipeline.analysis.learning_input import (
@@ -97,6 +98,7 @@ class _Kept:
     answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
     sound: bool = False
     asked: bool = False
+    holder: Holder = ALONE
 
 
 class _ToldEvents(NamedTuple):
@@ -268,7 +270,7 @@ class ForecastCache:
             return None
         kept = self._known(twin_id)
         with kept.lock:
-            kept.asked = True
+            kept.asked, kept.holder = True, current_holder()
             self._absorb(kept, twin)
             ready = kept.sound and kept.prospect is not None
             due = not kept.sound or kept.learnt_from != self._learning_input(kept, twin)
@@ -434,7 +436,8 @@ class ForecastCache:
             asked = kept.asked
         # A twin without requests since it was learnt is not learnt again.
         if asked:
-            self._renew(twin_id, kept)
+            with acting_for(kept.holder):
+                self._renew(twin_id, kept)
 
     def _work(self) -> None:
         self._warm()

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -45,6 +45,14 @@ RETRY_AFTER_S = 30
 
 DIED = "The server ended while it was at it. Ask for it again."
 _FOLLOWED = ("temperature", "load")
+
+
+class Because(NamedTuple):
+    """Kind, message and details of the event that says why a registration has changed."""
+
+    kind: str
+    message: str
+    details: Mapping[str, Any]
 
 
 class Diagnoses:
@@ -197,7 +205,8 @@ class Diagnoses:
         given = registration.to_dict() | changed
         given["adopted"] = [*given["adopted"], one.model_dump(mode="json")]
         message = f"Adopted diagnosis {number}: {one.sentence}"
-        self._register(twin_id, given, "adopted", message, {"diagnosis": number})
+        because = Because("adopted", message, {"diagnosis": number})
+        self._register(twin_id, registration, given, because)
 
     def undo(self, twin_id: str, registration: Registration, number: int) -> None:
         """Undo the latest adoption."""
@@ -218,11 +227,13 @@ class Diagnoses:
         else:
             given["covariates"] = last.covariates_before
         message = f"Undone: diagnosis {number} is no part of the twin any more."
-        self._register(twin_id, given, "undone", message, {"diagnosis": number})
+        because = Because("undone", message, {"diagnosis": number})
+        self._register(twin_id, registration, given, because)
 
     def _register(
-        self, twin_id: str, given: dict[str, Any], kind: str, message: str, details: Any
+        self, twin_id: str, before: Registration, given: dict[str, Any], because: Because
     ) -> None:
+        """Register a twin anew, unless it was registered by somebody else meanwhile."""
         try:
             registration = Registration.model_validate(given)
         except ValidationError as error:
@@ -233,7 +244,19 @@ class Diagnoses:
                 "With this diagnosis, the registration of the twin would not be valid: "
                 f"{fault} Correct the registration first.",
             ) from error
-        self._pipeline.register(twin_id, registration, kind, message, details)
+
+        def register() -> None:
+            twin = self._pipeline.twin(twin_id)
+            if twin is None or twin.registration != before:
+                raise ProblemError(
+                    409,
+                    "changed-meanwhile",
+                    f"The registration of {twin_id} was changed meanwhile, and with it what "
+                    "this would be added to or taken from. Look at it, and ask again.",
+                )
+            self._pipeline.register(twin_id, registration, *because)
+
+        self._pipeline.call(register)
 
     def _report(self, twin_id: str, number: int) -> dict[str, Any]:
         rows = self._store.diagnoses(twin_id, number)

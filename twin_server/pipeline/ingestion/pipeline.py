@@ -48,6 +48,7 @@ from twin_server.collect import (
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.pipeline.progress import Phase
 from twin_server.registration.twin import Registration
@@ -64,6 +65,7 @@ from .estimation import (
     reestimate,
     registration_event,
 )
+from .failure_log import FailureLog
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
 from .repeated_windows import WindowNotices
@@ -147,6 +149,7 @@ class Pipeline:
         )
         self.failing, self.stalled = "", ""
         self._failing_since_s: float | None = None
+        self._failure_log = FailureLog()
         # A pipeline without a bus reads recordings, whose events are not delivered.
         self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
@@ -158,9 +161,13 @@ class Pipeline:
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
-            every_s = settings.ledger.every_s
             self.ledger_signer = LedgerSigner(
-                store, self._clock, signer, every_s, self._publisher.say
+                store,
+                self._clock,
+                signer,
+                settings.ledger,
+                self._publisher.say,
+                HeadWitnesses(settings.ledger),
             )
         self._load()
 
@@ -364,6 +371,9 @@ class Pipeline:
             "held_bytes": account.held_bytes,
             "boots": account.boots,
             "inbox": self.waiting,
+            "ledger_refused": int(
+                self.ledger_signer is not None and self.ledger_signer.refused
+            ),
             "aside": self.setting_aside.quarantine.gauge(),
         }
 
@@ -372,6 +382,7 @@ class Pipeline:
         return {
             "asked": self._backfill.asked if self._backfill else 0,
             "inbox_dropped": self._inbox.dropped,
+            "witness_failures": self.ledger_signer.missed if self.ledger_signer else 0,
         }
 
     def _later(self, call: Callable[[], None]) -> bool:
@@ -474,18 +485,22 @@ class Pipeline:
         return not self._calls
 
     def _sign_ledger(self, *, at_once: bool = False) -> None:
-        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        """Sign a head of the ledger where it is due; tell the twins that cannot be proven."""
         if self.ledger_signer is None or self._stale:
             return
         if at_once:
-            self.ledger_signer.sign(self._clock.now_ns())
+            self.ledger_signer.close()
         else:
             self.ledger_signer.step()
+        for twin_id, message in self.ledger_signer.take_unsaid().items():
+            self._note(twin_id, "ledger_refused", "alarm", message, {})
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""
         try:
             function()
+        except StoreError as error:
+            self._failure_log.say(str(error))
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
@@ -504,6 +519,7 @@ class Pipeline:
             self.setting_aside.budget.run(lambda: function(change), messages)
             self._conclude(change)
             self.failing = ""
+            self._failure_log.clear()
         except Exception as error:
             self.counts["failed_batches"] += 1
             self.failing = f"{type(error).__name__}: {error}"
@@ -578,11 +594,12 @@ class Pipeline:
         if len(samples) == 1 and aside.refuses(samples[0], now_ns):
             return 0
         noted = aside.attempts.noted(sample.payload for sample in samples)
-        with self._progress.doing(Phase.STEP), noted:
+        with self._progress.doing(Phase.STORE), noted:
             return self._take_noted(samples)
 
     def _take_noted(self, samples: Sequence[Sample]) -> int:
-        received = self._reception.read(samples, self._clock.now_ns())
+        with self._progress.doing(Phase.STEP):
+            received = self._reception.read(samples, self._clock.now_ns())
         # What a replay holds comes once: one part that fails must not cost the others.
         self._run_each(
             functools.partial(self._take_features, received),
@@ -743,8 +760,8 @@ class Pipeline:
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         with self._progress.doing(Phase.STORE):
             numbers = self.store.write(cut)
-        if cut.aside:
-            aside.quarantine.load()
+        for row in cut.aside:
+            aside.quarantine.note(row)
         self._publisher.owe(change.touched)
         self._twins.update(changed)
         self._count(change, cut)

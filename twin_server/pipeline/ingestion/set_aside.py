@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from slowtime_schemas.streams import parse_key
+from slowtime_schemas.streams import FEATURES, parse_key
 from slowtime_services.bus import Sample
 from twin_server.collect import Arrival, Ordered, Refusals
 from twin_server.persist import AsideRow, EventRow, Store
@@ -43,8 +43,9 @@ class SettingAside:
 
     def __init__(self, store: Store, settings: ProgressSettings, refusals: Refusals) -> None:
         self._store, self._refusals = store, refusals
-        self.progress, self.budget = Progress(), WorkBudget(settings)
-        self.attempts = Attempts(store.attempts)
+        self.progress = Progress()
+        self.budget = WorkBudget(settings, self.progress)
+        self.attempts = Attempts(store.attempts, self.progress)
         self.quarantine = Quarantine(store, settings)
 
     def divided(self, samples: Sequence[Sample]) -> tuple[Sequence[Sample], list[Sample]]:
@@ -66,7 +67,7 @@ class SettingAside:
             stream, site, asset = parse_key(sample.key)
         except ValueError:
             return True  # of no asset, so nobody misses it
-        features = stream.name == "features"
+        features = stream is FEATURES
         if features and self.attempts.suspicion(sample.payload) < Suspicion.REFUSED:
             return False  # it gets its place in the history, without an estimate
         twin_id = f"{site}.{asset}"
@@ -135,7 +136,7 @@ class SettingAside:
         rows, events = [], []
         for place, why in fresh.failed.items():
             features, payload = ordered[place].features, ordered[place].payload
-            twin_id, key = features.twin_id, f"{features.site}/{features.asset}/features"
+            twin_id, key = features.twin_id, FEATURES.key(features.site, features.asset)
             if not self.quarantine.has_room(twin_id, len(payload)):
                 self._refuse(twin_id)
                 raise QuarantineFullError(f"Nothing more of {twin_id} can be set aside.")
@@ -154,14 +155,15 @@ class SettingAside:
         return rows, events
 
     def failed(self, arrival: Arrival, error: Exception, now_ns: int) -> EventRow | None:
-        """Set features aside that could not even be given a place; their event, if there is room."""
+        """Set features aside that cannot be given a place; return their event, if any."""
         features = arrival.features
         twin_id = features.twin_id
         if not self.quarantine.has_room(twin_id, len(arrival.payload)):
             return None
         row = AsideRow(
             0, twin_id, features.boot, features.sequence, now_ns,
-            f"{features.site}/{features.asset}/features", f"the server failed on it: {error!r:.300}",
+            FEATURES.key(features.site, features.asset),
+            f"the server failed on it: {error!r:.300}",
             False, False, arrival.payload,
         )  # fmt: skip
         self._store.set_aside([row])
@@ -174,6 +176,6 @@ class SettingAside:
     def _refuse(self, twin_id: str) -> None:
         self._refusals.refuse(
             "quarantine_full",
-            f"{twin_id} has as many messages aside as are allowed, and no more of it is taken in. "
-            "Its edge agent keeps them. Release or drop some: slowtime quarantine list.",
+            f"{twin_id} has as many messages aside as are allowed, and no more of it is taken "
+            "in. Its edge agent keeps them. Release or drop some: slowtime quarantine list.",
         )

@@ -1,4 +1,4 @@
-"""Steps of messages → finished within a budget, or set aside; a server that stands still ends."""
+"""Steps on messages → finished within a budget, or set aside; signs of standing still."""
 
 from .attempts import Attempts, Suspicion
 from .budget import OverBudgetError, WorkBudget

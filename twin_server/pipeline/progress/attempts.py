@@ -14,7 +14,9 @@ import struct
 import threading
 from collections.abc import Iterable, Iterator
 
-from twin_server.persist import MARKED, AttemptNote
+from twin_server.persist import MARKED, AttemptNote, StoreError
+
+from .phases import Phase, Progress
 
 logger = logging.getLogger(__name__)
 
@@ -52,10 +54,13 @@ class Attempts:
     ----------
     note
         Of the store.
+    progress
+        Told that the note is being written.
     """
 
-    def __init__(self, note: AttemptNote) -> None:
+    def __init__(self, note: AttemptNote, progress: Progress | None = None) -> None:
         self._note, self._lock = note, threading.Lock()
+        self._progress, self._told = progress or Progress(), False
         self._suspected: dict[bytes, int] = {}
         self._current: dict[bytes, None] = {}
         self._load()
@@ -124,8 +129,16 @@ class Attempts:
             for digest, level in self._suspected.items()
             if digest not in self._current
         ]
-        with self._lock:
-            self._note.write(_HEADER.pack(_UNMARKED, _MAGIC, len(entries)) + b"".join(entries))
+        note = _HEADER.pack(_UNMARKED, _MAGIC, len(entries)) + b"".join(entries)
+        try:
+            with self._lock, self._progress.doing(Phase.STORE):
+                self._note.write(note)
+            self._told = False
+        except StoreError as error:
+            # The batch goes on: what it leads to is stored as well, or fails there.
+            if not self._told:
+                logger.warning("What is being worked cannot be noted: %s", error)
+            self._told = True
 
     def _load(self) -> None:
         """Read the last note; what was being worked then becomes more suspect."""

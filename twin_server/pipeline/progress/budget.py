@@ -4,7 +4,7 @@ A step runs in the thread of the pipeline. Another thread reads the processor ti
 used, and raises an exception in it beyond the budget (`PyThreadState_SetAsyncExc`). Processor
 time, not time by the clock: a busy computer makes no message guilty. Only arithmetic is run
 like this, which holds no lock and no transaction; what else a message leads to is watched
-(`monitor`), and not interrupted. Decision 0049 says why.
+(`monitor`), and not interrupted. The decision on progress and budgets of work says why.
 """
 
 import ctypes
@@ -15,8 +15,13 @@ from typing import TypeVar
 
 from twin_server.settings import ProgressSettings
 
+from .phases import Phase, Progress
+
 LOOK_S = 0.1
 """How often a running step is looked at [s]; small beside any budget."""
+
+IDLE_S = 5.0
+"""After which the thread that looks at steps ends, until there is a step again [s]."""
 
 AGAIN_S = 2.0
 """After which the exception is raised again in a step that caught it [s]."""
@@ -53,10 +58,12 @@ class WorkBudget:
     ----------
     settings
         Of which the budget follows.
+    progress
+        Told that a step is being worked.
     """
 
-    def __init__(self, settings: ProgressSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: ProgressSettings, progress: Progress | None = None) -> None:
+        self._settings, self._progress = settings, progress or Progress()
         self._step: _Step | None = None
         self._lock, self._some = threading.Lock(), threading.Event()
         self._guard: threading.Thread | None = None
@@ -80,15 +87,16 @@ class WorkBudget:
             return step()  # within another step, whose budget is for both
         settings = self._settings
         running = _Step(settings.step_s + settings.step_s_per_message * messages)
-        self._watch(running)
-        try:
+        with self._progress.doing(Phase.STEP):
+            self._watch(running)
             try:
-                return step()
-            finally:
+                try:
+                    return step()
+                finally:
+                    self._release(running)
+            except _Interruption:
                 self._release(running)
-        except _Interruption:
-            self._release(running)
-            raise OverBudgetError(running.why) from None
+                raise OverBudgetError(running.why) from None
 
     def used_s(self) -> float | None:
         """Processor time of the step that runs now [s]; None where there is none."""
@@ -102,11 +110,12 @@ class WorkBudget:
                 self._raise_in(self._step, why)
 
     def _watch(self, running: _Step) -> None:
-        if self._guard is None:
-            self._guard = threading.Thread(target=self._look, name="budget", daemon=True)
-            self._guard.start()
-        self._step = running
-        self._some.set()
+        with self._lock:
+            self._step = running
+            self._some.set()
+            if self._guard is None:
+                self._guard = threading.Thread(target=self._look, name="budget", daemon=True)
+                self._guard.start()
 
     def _release(self, running: _Step) -> None:
         with self._lock:
@@ -118,7 +127,11 @@ class WorkBudget:
     def _look(self) -> None:
         raised_s = 0.0
         while True:
-            self._some.wait()
+            if not self._some.wait(IDLE_S):
+                with self._lock:
+                    if not self._some.is_set():
+                        self._guard = None
+                        return
             time.sleep(LOOK_S)
             with self._lock:
                 step = self._step

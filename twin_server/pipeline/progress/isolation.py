@@ -102,7 +102,7 @@ def estimate_apart(
     *,
     aside: Collection[int] = (),
     alone: Collection[int] = (),
-    noted: Noting = contextlib.nullcontext,
+    noted: Noting = lambda _row: contextlib.nullcontext(),
     advance: Callable[[], None] = lambda: None,
 ) -> Isolated:
     """Estimate the states of twins, as `estimate` does, without the rows that fail.

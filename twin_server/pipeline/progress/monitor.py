@@ -1,4 +1,4 @@
-"""Judges whether the pipeline goes on; where it does not, the server gives up its place and ends.
+"""Judges whether the pipeline goes on; where it does not, the server resigns and ends.
 
 Something waits and nothing is finished: the stacks of all threads are logged, `/readyz` and
 `/healthz` answer 503, the claim to lead is released, and the process ends, so that another
@@ -21,8 +21,8 @@ logger = logging.getLogger(__name__)
 ENDING_S = 2.0
 """From the release of the claim to the end of the process [s]: `/readyz` is asked meanwhile."""
 
-MOVING = 0.05
-"""Share of a core with which a step counts as moving [1], as in `supervision.watcher`."""
+MOVING = 0.01
+"""Share of a core with which a step counts as moving [1]; a busy computer leaves as little."""
 
 EXIT_STATUS = 70
 """Exit status of a server that stood still: EX_SOFTWARE of sysexits.h."""

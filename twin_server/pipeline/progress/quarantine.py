@@ -65,6 +65,10 @@ class Quarantine:
         """Whether a twin that has messages aside may have no more."""
         return twin_id in self._counts and not self.has_room(twin_id, 0)
 
+    def count(self, twin_id: str) -> int:
+        """Return how many messages of a twin are aside."""
+        return self._counts.get(twin_id, 0)
+
     def gauge(self) -> int:
         """Return how many messages are aside."""
         return self._kept
@@ -87,7 +91,7 @@ def listed(rows: Iterable[AsideRow]) -> list[dict[str, Any]]:
     """Return rows as REST shows them, the newest first."""
     return [
         {
-            "number": row.number,
+            "number": row.ordinal,
             "id": row.twin,
             "boot": row.boot,
             "sequence": row.sequence,

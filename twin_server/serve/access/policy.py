@@ -47,7 +47,8 @@ _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "/forecast",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
-    "/memberships", "/quarantine", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
+    "/memberships", "/quarantine",
+    "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),

@@ -1,7 +1,8 @@
 """Streams files while they are made, a few at a time."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterable, AsyncIterator, Iterator, Mapping
+from typing import Any
 
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -12,6 +13,10 @@ from twin_server.serve.http.quotas import over_quota
 
 RETRY_AFTER_S = 10
 """What a client is told to wait where too many files are given [s]."""
+
+BEGUN_PIECES = 2
+"""Pieces that are made before the status is sent: a heading, and the first that needs the
+database, which is answered with 503 where that is away."""
 
 AT_ONCE = 2
 """Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""
@@ -60,7 +65,7 @@ class _File(StreamingResponse):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         # Who takes nothing of it is cut off by `http.connections`, which ends it.
-        self._task = asyncio.ensure_future(super().__call__(scope, receive, send))
+        self._task = asyncio.ensure_future(self._give(scope, receive, send))
         try:
             await asyncio.wait({self._task})
             if not self._task.cancelled():
@@ -74,3 +79,29 @@ class _File(StreamingResponse):
         """Give no more of it, in the event loop: its connection is closed in the middle."""
         if self._task is not None:
             self._task.cancel()
+
+    async def _give(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self.body_iterator = await _begun(self.body_iterator)
+        await super().__call__(scope, receive, send)
+
+
+async def _begun(pieces: AsyncIterable[Any]) -> AsyncIterator[Any]:
+    """Make the first pieces, and return all of them."""
+    rest = aiter(pieces)
+    first = [piece async for piece in _first(rest, BEGUN_PIECES)]
+
+    async def all_pieces() -> AsyncIterator[Any]:
+        for piece in first:
+            yield piece
+        async for piece in rest:
+            yield piece
+
+    return all_pieces()
+
+
+async def _first(pieces: AsyncIterator[Any], count: int) -> AsyncIterator[Any]:
+    for _ in range(count):
+        try:
+            yield await anext(pieces)
+        except StopAsyncIteration:
+            return

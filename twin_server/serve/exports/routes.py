@@ -91,6 +91,7 @@ def routes(
             **problems.answers(
                 {
                     501: "A format that this server was not installed with",
+                    429: "More than your site or token may have under way",
                     503: "Others are being given",
                 }
             ),

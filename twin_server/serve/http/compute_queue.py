@@ -147,8 +147,8 @@ class ComputeQueue:
         Raises
         ------
         ProblemError
-            503 where too many wait already, 429 where too many of one site or token do, 409
-            where it was cancelled.
+            503 where too many wait already or it was cancelled, 429 where too many of one site
+            or token wait.
         ClientDisconnect
             Where the client disconnected.
         """

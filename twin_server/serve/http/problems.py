@@ -103,7 +103,7 @@ def install(app: FastAPI) -> None:
 
 
 def install_unavailable(app: FastAPI, *errors: type[Exception]) -> None:
-    """Answer these errors, of a database that cannot be used, with 503 and when to come back."""
+    """Answer these errors, of a database that cannot be used, with 503 and `Retry-After`."""
     for error in errors:
         app.add_exception_handler(error, _unavailable)
 

@@ -48,5 +48,5 @@ def over_quota(error: OverQuotaError, retry_after_s: int, slug: str = "busy") ->
 def cancelled_error() -> ProblemError:
     """Make the answer to whose request was ended from outside."""
     return ProblemError(
-        409, "cancelled", "It was cancelled by an admin of its site. Ask them, or ask again."
+        503, "cancelled", "It was cancelled by an admin of its site. Ask them, or ask again."
     )

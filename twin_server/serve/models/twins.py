@@ -209,6 +209,9 @@ class TwinModel(OfElements):
         description="When features last came, by this server's clock [ns since 1970-01-01 "
         "UTC]; null where not since it began.",
     )
+    aside: int = Field(
+        0, description="Messages of it that were set aside (`/quarantine`).", examples=[0]
+    )
     sensor: dict[str, int] | None = Field(
         None,
         description="Counters of the live sensor, as its edge agent told last; null for other "

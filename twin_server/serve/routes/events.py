@@ -65,6 +65,9 @@ def routes(
                 "content": {"text/event-stream": {}},
             },
             **_PROBLEMS,
+            **problems.answers(
+                {429: "More than your site or token may have under way", 503: "Too many watch"}
+            ),
         },
     )
     async def live(

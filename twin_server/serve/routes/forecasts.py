@@ -26,6 +26,7 @@ _PROBLEMS = problems.answers(
     {
         404: "No such twin",
         422: "A parameter that is not valid",
+        429: "More than your site or token may have under way",
         503: "Too many wait already; `Retry-After` says when to come back",
     }
 )

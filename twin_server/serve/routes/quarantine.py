@@ -113,7 +113,7 @@ def routes(
     async def drop(
         request: Request, twin_id: TwinId, number: Number, registration: Known
     ) -> Response:
-        """Delete a message that was set aside; its place in the history stays without an estimate."""
+        """Delete a message; its place in the history stays without an estimate."""
         who = principal_of(request.scope).name
         await threads.run(lambda: quarantine_service.drop(twin_id, number, who))
         return Response(status_code=204)

@@ -22,6 +22,7 @@ _PROBLEMS = problems.answers(
         404: "No such twin",
         409: "Not enough is known of the twin yet",
         422: "A body that is not valid, or too much at once",
+        429: "More than your site or token may have under way",
         503: "Others are being run",
     }
 )

@@ -132,6 +132,7 @@ def _described(
         {
             "alive": knowledge.alive(twin_id),
             "heard_ns": knowledge.heard_ns(twin_id),
+            "aside": knowledge.aside(twin_id),
             "sensor": knowledge.sensor(twin_id),
             "raised": knowledge.raised(twin_id),
             "nominal": knowledge.nominal(twin_id),

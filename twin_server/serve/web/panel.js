@@ -60,7 +60,8 @@ export class Panel {
     [this.alarm, this.reasons] = [make("p", "", "alarm"), make("ul", undefined, "reasons")];
     const about = make("p", undefined, "facts");
     this.sensor = make("p", "", "facts sensor");
-    this.sensor.hidden = true;
+    this.aside = make("p", "", "facts aside");
+    this.sensor.hidden = this.aside.hidden = true;
     about.append(this.reading, this.seen);
     this.charts = make("div", undefined, "charts");
     this.watcher = new ResizeObserver(() => twin.touch());
@@ -73,7 +74,7 @@ export class Panel {
     [this.risk, this.plan, this.shapes] = [new Risk(twin), new Plan(twin), new Shapes()];
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
+      about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
       this.whatIf.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
@@ -158,6 +159,8 @@ export class Panel {
     const sensor = sensorOf(latest);
     this.sensor.hidden = !sensor;
     if (sensor) say(this.sensor, sensor.state, sensor.text);
+    this.aside.hidden = !latest.aside;
+    if (latest.aside) say(this.aside, "bad", t("aside.count", { n: latest.aside }));
     const alarm = limitsPassed(latest);
     say(this.alarm, "bad", alarm && `\u25b2 ${alarm}`);
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");

@@ -8,8 +8,8 @@ import { QUANTITIES, sensorOf } from "./words.js";
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 
 /** All by which two states that look alike on the page are alike. */
-const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor }) => (
-  JSON.stringify([boot, sequence, alive, valid, normal, raised, registration, sensorOf({ sensor })])
+const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor, aside }) => (
+  JSON.stringify([boot, sequence, alive, valid, normal, raised, registration, sensorOf({ sensor }), aside])
 );
 
 /** Events that change what is recorded of the asset, and so its forecast. */

@@ -70,7 +70,7 @@ class Mqtt:
     def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
         """Messages of one connection."""
         self._refusal, self._is_subscribed = "", False
-        began_ns = self._clock.now_ns()
+        began_ns = self._clock.elapsed_ns()
         try:
             self._client.connect(*self._address, keepalive=KEEP_ALIVE_S)
             while not stop.is_set():
@@ -83,7 +83,7 @@ class Mqtt:
                     raise ConnectionError(paho.error_string(code))
                 if (
                     not self._is_subscribed
-                    and self._clock.now_ns() - began_ns > CONNECT_S * 1e9
+                    and self._clock.elapsed_ns() - began_ns > CONNECT_S * 1e9
                 ):
                     raise ConnectionError("The broker does not answer.")
                 yield None

@@ -30,7 +30,7 @@ def test_a_file_of_the_version_before_gets_the_table_and_keeps_the_rest(tmp_path
     with sqlite3.connect(path, isolation_level=None) as file:
         file.execute("drop table composites")
         file.execute("delete from tallies where what = 'composites'")
-        file.execute(f"pragma user_version={VERSION - 1}")
+        file.execute(f"pragma user_version={VERSION - 2}")
     file.close()
     store = open_store(path)
     store.add_composites([row()])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slowtime_services.clock import HandClock
+from twin_server.identity.principals import EVERYBODY
 from twin_server.orders import DiagnosisOrder
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import Diagnoses, Pipeline, TwinKnowledge
@@ -51,7 +52,7 @@ def test_what_the_history_follows_is_named_adopted_and_undone(twin, eventually):
     pipeline, store, orders = twin
     knowledge = TwinKnowledge(pipeline, store)
     registration = pipeline.twin(ID).registration
-    number = orders.order(ID, registration, DiagnosisOrder(clock="slow"))
+    number = orders.order(ID, registration, DiagnosisOrder(clock="slow"), EVERYBODY)
     assert eventually(lambda: orders.one(ID, number)["ended_ns"] is not None, 120.0)
     found = orders.one(ID, number)
     assert found["state"] == "done", found["error"]

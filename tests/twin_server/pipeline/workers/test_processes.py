@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from twin_server.fairness import Holder, Processors, acting_for
 from twin_server.pipeline import WorkerProcesses
 from twin_server.pipeline.workers.processes import AbandonedError
 from twin_server.serve import ProblemError
@@ -70,3 +71,33 @@ def test_what_nobody_waits_for_is_ended(workers):
 
 def test_it_computes_after_others(workers):
     assert workers.run(os.nice, 0) >= 10
+
+
+def test_one_is_paused_for_a_site_that_has_used_less_and_pauses_are_not_counted():
+    processors = Processors(1)
+    processors.usage.add(Holder("greedy", "t"), 1_000.0)
+    workers = WorkerProcesses(2, 2.0, processors)
+    before_s = time.monotonic()
+
+    def asked(site, function, *arguments):
+        with acting_for(Holder(site, "t")):
+            return workers.run(function, *arguments)
+
+    with ThreadPoolExecutor(2) as threads:
+        greedy = threads.submit(asked, "greedy", _work_s, 0.5)
+        while not processors._turns:
+            time.sleep(0.01)
+        # Longer than the one that is paused may take.
+        modest = [threads.submit(asked, "modest", time.sleep, 1.5) for _ in range(2)]
+        assert all(one.result(PATIENCE_S) is None for one in modest)
+        assert greedy.result(PATIENCE_S) < PATIENCE_S
+    assert time.monotonic() - before_s > 3.0
+    workers.close()
+
+
+def _work_s(seconds):
+    """Use the processor for so long; seconds by the clock."""
+    began_s, began = time.monotonic(), time.process_time()
+    while time.process_time() - began < seconds:
+        pass
+    return time.monotonic() - began_s

@@ -216,7 +216,7 @@ async def test_a_computation_that_is_cancelled_ends_for_all_who_wait_for_it():
     for one in asked:
         with pytest.raises(ProblemError, match="cancelled by an admin") as ended:
             await one
-        assert ended.value.status == 409
+        assert ended.value.status == 503
     await until(lambda: work.saw == [1] and queue.running == 0)
     assert queue.quota.count == 0
     queue.close()

@@ -2,6 +2,9 @@
 
 import pytest
 
+from slowtime_schemas.codec import encode
+from slowtime_schemas.streams import FEATURES
+from slowtime_services.record import RecordingWriter
 from twin_server.persist import DiagnosisRow, SqliteStore
 from twin_server.serve.models.diagnoses import DiagnosisModel, GapModel
 from twin_server.settings import DiagnoseSettings, GapSettings
@@ -184,9 +187,11 @@ def test_what_was_under_way_when_the_server_died_has_failed(
 
 
 def test_recordings_that_the_server_keeps_may_be_named(
-    serving, pretender, diagnosing, tmp_path
+    serving, pretender, diagnosing, ageing, tmp_path
 ):
-    (tmp_path / "monday.mcap").touch()
+    with RecordingWriter(tmp_path / "monday.mcap") as writer:
+        (message,) = ageing(1, asset="rig")
+        writer.write(FEATURES, "lab", "rig", encode(message), message.t_ns)
     own = serving(
         diagnosis=pretender,
         gap=GapSettings(every_s=0.0),
@@ -202,4 +207,4 @@ def test_recordings_that_the_server_keeps_may_be_named(
     answer = own.client.post(
         "/api/v1/twins/lab.rig/diagnoses", json={"recordings": {"files": ["tuesday.mcap"]}}
     )
-    assert (answer.status_code, "The server has: monday.mcap" in answer.text) == (422, True)
+    assert (answer.status_code, "that you may see: monday.mcap" in answer.text) == (422, True)

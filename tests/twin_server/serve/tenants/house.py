@@ -21,6 +21,7 @@ from slowtime_services.clock import HandClock
 from slowtime_services.record import RecordingWriter
 from tests.twin_server.conftest import ORIGIN_NS, Edge
 from tests.twin_server.serve.conftest import PRETENDS
+from twin_server.fairness import Holdings
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import (
     Alarms,
@@ -29,6 +30,7 @@ from twin_server.pipeline import (
     Diagnoses,
     LiveUpdates,
     Pipeline,
+    QuarantineDesk,
     Recordings,
     TwinKnowledge,
 )
@@ -49,9 +51,9 @@ PATIENCE_S = 120.0
 class Passing(Hub):
     """Live streams that end once they have begun, so that a request has an end."""
 
-    def join(self, twin_id: str, caller: str | None = None) -> Any:
+    def join(self, twin_id: str) -> Any:
         """Watch, and no longer."""
-        client = super().join(twin_id, caller)
+        client = super().join(twin_id)
         if client is not None:
             client.end()
         return client
@@ -104,12 +106,19 @@ class House:
             [sys.executable, str(pretends)], bus=self.bus, clock=self.clock,
             recordings=self.recordings.folder,
         )  # fmt: skip
+        holdings = Holdings()
+        for quota in (
+            self.recordings.uploads.quota, self.recordings.replays, self.orders.quota,
+        ):  # fmt: skip
+            holdings.add(quota)
         app = create_app(
             knowledge, hub, settings.serve, self.orders, self.recordings,
             largest_recording=settings.recordings.max_bytes,
             alarm_service=Alarms(self.pipeline, self.store, self.clock),
             events=AssetEvents(self.pipeline, self.store, self.clock),
             composite_service=CompositeRegistry(self.pipeline, self.store, self.clock),
+            quarantine_service=QuarantineDesk(self.pipeline, self.store, self.clock),
+            holdings=holdings,
         )  # fmt: skip
         self.document: dict[str, Any] = app.openapi()
         self.guard = guarded(settings).around(app)
@@ -147,6 +156,7 @@ class House:
         headers = dict(more.pop("headers", {}))
         if scope is not None:
             headers["Authorization"] = f"Bearer {self.words[site, scope]}"
+        self.client.cookies.clear()  # what `POST /session` leaves would stand in for a token
         whole = (
             path if path.startswith(("/api", "/healthz", "/readyz", "/metrics")) else API + path
         )
@@ -209,13 +219,15 @@ def _settings(home: Path, tokens: Path) -> TwinSettings:
 _CHANGING = (
     (rb'"changed_ns":\d+', b'"changed_ns":0'),
     (rb'"seconds":[0-9.e-]+', b'"seconds":0'),
+    (rb'"id":"[0-9a-f]{16}","kind"', b'"id":"","kind"'),
+    (rb'"since_ns":[0-9]+', b'"since_ns":0'),
     (rb'"until":[0-9.e+]+', b'"until":0'),
     (
         rb'"state":"(playing|stopped)","done":\d+,"total":(\d+),"sentence":"[^"]*"',
         rb'"state":"\1","done":0,"total":\2,"sentence":""',
     ),
 )
-"""Times by the system's clock, and how far a replay has come."""
+"""Times by the system's clock, random ids, and how far a replay has come."""
 
 _TOLD = frozenset(
     "content-type content-disposition retry-after allow location www-authenticate "

@@ -89,6 +89,17 @@ def scenario(tenant: Tenant) -> Iterator[None]:
     yield from _ends(tenant)
 
 
+def brief(t: Tenant) -> Iterator[None]:
+    """Do what is quick: composites, recordings, and what is about all sites."""
+    for asset in ("beam", "mast"):
+        body = {"name": f"{asset} {t.secret}"}
+        t.ask("operator", "PUT", f"/twins/{t.site}.{asset}", json=body)
+    yield
+    yield from _composites(t)
+    yield from _recordings(t)
+    yield from _of_all(t)
+
+
 def _twins(t: Tenant) -> Iterator[None]:
     twin, other = f"/twins/{t.site}.beam", OTHER[t.site]
     t.ask("operator", "PUT", twin, json=registration(t))
@@ -109,7 +120,8 @@ def _twins(t: Tenant) -> Iterator[None]:
     for path in (
         "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
         "/forecast", "/plan", "/risk", "/events", "/events/recorded", "/gap", "/fatigue",
-        "/virtual", "/alarms", "/alarms/deliveries", "/memberships", "/diagnoses",
+        "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships",
+        "/diagnoses",
     ):  # fmt: skip
         t.get(twin + path)
     yield
@@ -213,6 +225,7 @@ def _recordings(t: Tenant) -> Iterator[None]:
     yield
     t.ask("operator", "POST", f"{path}/replay", json={})
     t.ask("admin", "DELETE", path)
+    t.get("/holdings")
     yield
     t.ask("operator", "DELETE", f"{path}/replay")
     t.house.until(lambda: _replay(t)["state"] == "stopped")
@@ -252,14 +265,15 @@ def _diagnoses(t: Tenant) -> Iterator[None]:
     t.ask("operator", "DELETE", f"{twin}/diagnoses/{number}")
     t.get(f"{twin}/diagnoses/{number}/report.json")
     yield
-    for order in (
+    orders: tuple[dict[str, Any], ...] = (
         {"recordings": {"files": ["unknown.mcap"]}},
         {"recordings": {"files": [f"{OTHER[t.site]}.mcap"]}},
         {"recordings": {}},
         {"raw": {"duration_s": 3.0}},
         {"clock": "slow"},
         {"raw": {}, "recordings": {}},
-    ):
+    )
+    for order in orders:
         t.ask("operator", "POST", f"{twin}/diagnoses", json=order)
     t.ask("operator", "POST", f"/twins/{t.site}.beam/diagnoses", json=from_files)
     t.get(f"{twin}/diagnoses/99")
@@ -289,7 +303,7 @@ def _diagnosed(t: Tenant, order: dict[str, Any]) -> int:
 def _of_all(t: Tenant) -> Iterator[None]:
     for path in (
         "/twins", "/fleet/plan", "/dtdl", "/session", "/ledger/heads", "/metrics", "/healthz",
-        "/readyz", "/openapi.json", "/asyncapi.json", "/recordings", "/composites",
+        "/readyz", "/holdings", "/openapi.json", "/asyncapi.json", "/recordings", "/composites",
     ):  # fmt: skip
         t.get(path)
     yield

@@ -2,29 +2,49 @@
 
 from typing import Any
 
+from .house import Answer
 from .scenario import Tenant
 
 PARTS = {
-    "twin_id": ("{site}.beam", "{site}.unknown", "{other}.beam", "{other}.unknown", "no twin"),
-    "composite_id": ("{site}.line", "{site}.unknown", "{other}.line", "{other}.unknown", "x"),
+    "twin_id": (
+        "{site}.beam",
+        "{site}.unknown",
+        "{site}.Wrong",
+        "{other}.beam",
+        "{other}.none",
+    ),
+    "composite_id": (
+        "{site}.line",
+        "{site}.unknown",
+        "{site}.Wrong",
+        "{other}.line",
+        "{other}.none",
+    ),
     "name": ("monday.mcap", "unknown.mcap", "report.json", "x"),
     "number": ("1", "99", "none"),
     "event_id": ("0" * 32, "none"),
+    "holding_id": ("0" * 16, "none"),
 }
 """What stands in the place of each part of a path."""
 
 BODIES: tuple[Any, ...] = ({}, [], {"unheard": "of"})
 
 
-def sweep(tenant: Tenant, document: dict[str, Any]) -> None:
+def sweep(tenant: Tenant, document: dict[str, Any]) -> list[Answer]:
     """Ask every operation with each of some parts of its path, queries and bodies.
 
     What deletes something of the site's own is left to the scenario.
     """
     for path, operations in sorted(document["paths"].items()):
         for method, operation in sorted(operations.items()):
-            for filled in _filled(tenant, path):
-                _ask_each(tenant, method.upper(), filled, operation)
+            filled = _filled(tenant, path)
+            tenant.ask(None, method.upper(), filled[0])
+            if method != "get":
+                elsewhere = {"Sec-Fetch-Site": "cross-site"}
+                tenant.ask("admin", method.upper(), filled[0], headers=elsewhere)
+            for one in filled:
+                _ask_each(tenant, method.upper(), one, operation)
+    return tenant.answers
 
 
 def _filled(tenant: Tenant, path: str) -> list[str]:

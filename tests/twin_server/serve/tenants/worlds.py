@@ -1,13 +1,16 @@
 """The same scenario of one site, alone on the server and beside another site's."""
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from .house import Answer, House
-from .scenario import Tenant, scenario
+from .scenario import Tenant
 from .sweep import sweep
+
+Play = Callable[[Tenant], Iterator[None]]
+"""A scenario, step by step."""
 
 
 class Root:
@@ -42,17 +45,21 @@ class Root:
 class Worlds:
     """Answers to one site, alone and beside another whose secret is in all that it has."""
 
-    def __init__(self, home: Path) -> None:
+    def __init__(self, home: Path, play: Play, *, swept: bool) -> None:
         self.secret = f"zq{secrets.token_hex(12)}"
         with House(_made(home / "alone")) as house:
             self.document = house.document
-            self.alone = _answers(house, iter(()), None)
+            self.alone = _answers(house, play, iter(()), None)
+            if swept:
+                self.alone += sweep(Tenant(house, "lab"), house.document)
         with House(_made(home / "beside")) as house:
             other = Tenant(house, "plant", self.secret)
             root = Root(house, self.secret)
             root.fill_folder(other.recorded("rig"))
-            self.beside = _answers(house, scenario(other), root)
+            self.beside = _answers(house, play, play(other), root)
             self.of_other = other.answers
+            if swept:
+                self.beside += sweep(Tenant(house, "lab"), house.document)
 
 
 def _made(path: Path) -> Path:
@@ -60,14 +67,15 @@ def _made(path: Path) -> Path:
     return path
 
 
-def _answers(house: House, before: Iterator[None], root: Root | None) -> list[Answer]:
+def _answers(
+    house: House, play: Play, before: Iterator[None], root: Root | None
+) -> list[Answer]:
     """Run the scenario of `lab`, each step after one of `before` and what `root` does."""
     lab = Tenant(house, "lab")
     house.set_step(0)
-    for number, _ in enumerate(scenario(lab), start=1):
+    for number, _ in enumerate(play(lab), start=1):
         house.set_step(number)
         next(before, None)
         if root is not None:
             root.act()
-    sweep(lab, house.document)
     return lab.answers

@@ -1,0 +1,48 @@
+"""The verb `quarantine`: lists messages that were set aside, releases and drops them."""
+
+import datetime
+
+import click
+
+from slowtime_cli.shared.terminal import note, show
+from slowtime_services.client import AnswerError, Client, UnreachableError
+
+
+def list_aside(twin: str, server: str) -> None:
+    """Show the messages of TWIN that were set aside."""
+    try:
+        found = Client(server).quarantine(twin)
+    except (AnswerError, UnreachableError) as error:
+        raise click.ClickException(str(error)) from error
+    columns = ("number", "boot", "sequence", "since", "in_history", "why")
+    plain = [
+        {name: one[name] for name in columns if name != "since"}
+        | {
+            "since": datetime.datetime.fromtimestamp(
+                one["set_ns"] / 1e9, datetime.UTC
+            ).isoformat()
+        }
+        for one in found
+    ]
+    rows = [[str(one[name]) for name in columns] for one in plain]
+    show("", columns, rows, plain=plain)
+    if not rows:
+        note(f"No message of {twin} is set aside.")
+
+
+def release(twin: str, number: int, server: str) -> None:
+    """Try a message of TWIN again."""
+    try:
+        Client(server).release(twin, number)
+    except (AnswerError, UnreachableError) as error:
+        raise click.ClickException(str(error)) from error
+    click.echo(f"Message {number} of {twin} is released; its states were estimated anew.")
+
+
+def drop(twin: str, number: int, server: str) -> None:
+    """Delete a message of TWIN that was set aside."""
+    try:
+        Client(server).drop(twin, number)
+    except (AnswerError, UnreachableError) as error:
+        raise click.ClickException(str(error)) from error
+    click.echo(f"Message {number} of {twin} is dropped.")
