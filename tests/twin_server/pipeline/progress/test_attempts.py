@@ -86,7 +86,8 @@ class Server:
     """A pipeline on a database that is killed whenever it estimates the poisonous message."""
 
     def __init__(self, store, monkeypatch):
-        self.store, self.left, self.sizes = store, b"", []
+        self.store, self.left = store, b""
+        self.sizes: list[int] = []
 
         def fatal(twins, features, *rest):
             if any(f.asset == "bad" and f.sequence == POISON for f in features):

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +131,9 @@ class Scene:
     def __init__(self, *, waiting=True, phase=Phase.STEP):
         self.progress, self.budget = Progress(), WorkBudget(SHORT)
         self.progress.phase = phase
-        self.told, self.ended, self.waiting = [], [], waiting
+        self.waiting = waiting
+        self.told: list[tuple[Any, ...]] = []
+        self.ended: list[Any] = []
         self.monitor = ProgressMonitor(
             SHORT, self.progress, self.budget, lambda: self.waiting,
             lambda *told: self.told.append(told), look_s=0.5, end=self.ended.append,
@@ -174,7 +177,7 @@ def test_the_database_may_take_longer_and_no_message_is_blamed_for_it():
     assert scene.told[0][1] is False
 
 
-def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end():
+def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end(monkeypatch):
     scene, ended = Scene(), threading.Event()
 
     def sleepy():
@@ -192,8 +195,8 @@ def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end(
     thread = threading.Thread(target=step)
     thread.start()
     until_s = time.monotonic() + 60
+    monkeypatch.setattr(scene.monitor, "_moves", lambda: False)  # it computes nearly nothing
     while thread.is_alive() and time.monotonic() < until_s:
-        scene.monitor._moves = lambda: False  # it computes nearly nothing
         scene.monitor.look()
         time.sleep(0.05)
         scene.monitor._still_s = min(scene.monitor._still_s, 1.5)
