@@ -170,6 +170,7 @@ class Spool:
                     os.fsync(self._descriptor())
             except OSError as error:
                 self._cut_back(segment)
+                self._drop_oldest()  # beyond the limit, by torn records say, it frees room
                 raise SpoolError(
                     f"The spool {self.folder} does not take sequence {sequence}: {error}. "
                     "Make room on the disk, or lower spool.max_bytes."

@@ -40,11 +40,11 @@ def install(how: str, asset: str, sequence: int) -> None:
     """Let the estimation of one message hang."""
     as_usual = isolation.estimate
 
-    def estimate(twins: Any, features: Any, owners: Any, missing: Any) -> Any:
+    def estimate(twins: Any, features: Any, *rest: Any) -> Any:
         if any(f.asset == asset and f.sequence == sequence for f in features):
             os.write(2, f"HANGS among {len(features)}\n".encode())
             HOW[how]()
-        return as_usual(twins, features, owners, missing)
+        return as_usual(twins, features, *rest)
 
     isolation.estimate = estimate  # type: ignore[assignment]
 

@@ -320,7 +320,8 @@ def _check_hosts(hosts: Sequence[str]) -> None:
         raise ValueError(
             f"A certificate for {len(hosts)} hosts was asked for, with names of up to "
             f"{longest} characters. Allowed: {MOST_HOSTS} hosts, of up to {LONGEST_HOST} "
-            "characters. Give the addresses at which this computer is reached, or one name for all of them."
+            "characters. Give the addresses at which this computer is reached, or one name "
+            "for all of them."
         )
 
 

@@ -5,6 +5,7 @@ as it was given; what is gone is told by the account; and no operation takes mor
 the segments and bytes that it is about.
 """
 
+import contextlib
 import errno
 import json
 import os
@@ -277,6 +278,34 @@ def test_whatever_happens_to_a_spool_no_unacknowledged_feature_is_lost():
 @pytest.mark.long
 def test_a_spool_holds_for_as_long_as_is_asked():
     assert run_long(SpoolMachine) > 0
+
+
+def test_a_spool_beyond_its_limit_drops_its_oldest_though_the_disk_takes_nothing(
+    tmp_path, monkeypatch
+):
+    """Found by the machine: torn records had filled it, and nothing made room."""
+    with contextlib.closing(Spool(tmp_path, "b1", max_bytes=9_000, segment_bytes=300)) as one:
+        for sequence in range(20):
+            one.append(sequence, payload_of("b1", sequence, 200))
+
+    def full(file, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with contextlib.closing(Spool(tmp_path, "b2", max_bytes=2_000)) as one:
+        one.append(0, b"{}")
+        assert one.size <= 2_000
+    with contextlib.closing(Spool(tmp_path, "b3", max_bytes=1_000)) as one:
+        begin = one._begin
+
+        def begins_and_is_full(path):
+            file = begin(path)
+            monkeypatch.setattr(spool, "_write_all", full)
+            return file
+
+        monkeypatch.setattr(one, "_begin", begins_and_is_full)
+        with pytest.raises(SpoolError):
+            one.append(0, b"{}")
+        assert one.size <= 1_000
 
 
 def _delete_what_has_begun(self, boot, sequence):

@@ -84,7 +84,7 @@ def batch_of(ageing, registration=None):
     features = [
         m for pair in zip(ageing(30), ageing(30, asset="bad"), strict=True) for m in pair
     ]
-    return Batch([twin, twin], features, [0, 1] * 30, [0] * 60)
+    return Batch([twin, twin], features, [0, 1] * 30, [0] * 60, [0.0] * 60)
 
 
 @pytest.mark.parametrize("how", ["spins", "raises"])
@@ -92,12 +92,12 @@ def test_only_the_message_that_fails_has_no_estimate(ageing, monkeypatch, how):
     batch = batch_of(ageing)
     expected = estimate(*batch)
 
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *rest):
         if any(f.asset == "bad" and f.sequence == 7 for f in features):
             if how == "spins":
                 spin()
             raise ArithmeticError("a fault")
-        return estimators.estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, *rest)
 
     monkeypatch.setattr(isolation, "estimate", fragile)
     found, failed = estimate_apart(batch, WorkBudget(SHORT))
@@ -116,7 +116,7 @@ def test_what_is_aside_is_not_tried_and_others_are_as_if_it_had_never_come(agein
     without = [row for row in range(60) if row != 15]
     expected = estimate(
         batch.twins, [batch.features[row] for row in without],
-        [batch.owners[row] for row in without], [0] * 59,
+        [batch.owners[row] for row in without], [0] * 59, [0.0] * 59,
     )  # fmt: skip
     found, failed = estimate_apart(batch, WorkBudget(SHORT), aside={15}, alone={3, 4, 20})
     assert list(failed) == [15]
