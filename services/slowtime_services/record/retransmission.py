@@ -185,10 +185,9 @@ class Retransmission:
         if not isinstance(health, Health):
             return
         with self._lock:
-            boots = self._assets.get((health.site, health.asset), {})
-            seen = boots.get(health.boot)
-            if seen is not None:
-                self._state(seen, health.last_sequence)
+            boots = self._assets.get((health.site, health.asset))
+            if boots is not None and health.boot in boots:
+                self._state(boots[health.boot], health.last_sequence)
 
     def _state(self, seen: _Seen, last: int) -> None:
         """Take up that features up to `last` exist, as their agent says."""

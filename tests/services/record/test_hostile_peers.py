@@ -45,12 +45,12 @@ class Silent(MemoryBus):
         super().__init__()
         self.asked = []
 
-    def ask(self, key_expression, parameters=None, *, timeout_s=2.0):
+    def ask(self, key_expression, parameters=None, **limits):
         self.asked.append((key_expression, dict(parameters)))
-        return super().ask(key_expression, parameters, timeout_s=timeout_s)
+        return super().ask(key_expression, parameters, **limits)
 
 
-@pytest.mark.parametrize("last", [2**62, 2**63 - 1, FURTHEST + 1])
+@pytest.mark.parametrize("last", [2**39, 2**40 - 1, FURTHEST + 1])
 def test_an_end_that_is_not_believed_is_no_loss_and_what_follows_is_still_healed(last):
     bus = Silent()
     healer = Retransmission(bus, lambda sample: None, grace_s=0.0)

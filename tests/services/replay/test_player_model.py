@@ -20,11 +20,17 @@ from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Features, Quality
 from slowtime_schemas.streams import ACK, FEATURES, request_key
 from slowtime_services import replay as replay_package
-from slowtime_services.bus import MemoryBus
+from slowtime_services.bus import MemoryBus, Query
 from slowtime_services.clock import HandClock
 from slowtime_services.feature_runs import run_and_sequence
 from slowtime_services.record import RecordingWriter
-from slowtime_services.replay import contents, feature_holdings, player, read_recording
+from slowtime_services.replay import (
+    Recorded,
+    contents,
+    feature_holdings,
+    player,
+    read_recording,
+)
 from slowtime_services.replay.feature_holdings import RunFeatures
 from tests.state_machines import assert_found, run_long, run_share, steps_in
 
@@ -58,6 +64,13 @@ def recording():
 PATH = recording()
 
 
+def numbered(message):
+    """Return asset and boot, and the sequence, of a features message."""
+    known = run_and_sequence(message.key, message.payload)
+    assert known is not None
+    return known[0][1:], known[1]
+
+
 class Waits(threading.Condition):
     """A condition on which time passes at once, and the twin has its say."""
 
@@ -80,7 +93,7 @@ class PlayerMachine(RuleBasedStateMachine):
         self.mended.setattr(player, "time", SimpleNamespace(monotonic=lambda: self.now_s))
         self.mended.setattr(feature_holdings, "MOST_AT_ONCE", MOST_AT_ONCE)
         self.bus = MemoryBus(clock=HandClock())
-        self.heard = []
+        self.heard = list[bytes]()
         self.bus.subscribe(
             FEATURES.everywhere, lambda sample: self.heard.append(sample.payload)
         )
@@ -100,8 +113,9 @@ class PlayerMachine(RuleBasedStateMachine):
 
     def sequences(self, run):
         """Sequences of a run that have been published, ascending."""
-        known = (run_and_sequence(m.key, m.payload) for m in self.messages[: self.place])
-        return sorted({n for (_, *own), n in known if tuple(own) == run})
+        return sorted(
+            {n for own, n in map(numbered, self.messages[: self.place]) if own == run}
+        )
 
     def passes(self, seconds):
         """Time passes; a twin that is only slow confirms what it has by then."""
@@ -157,10 +171,10 @@ class PlayerMachine(RuleBasedStateMachine):
         asset, boot = run
         parameters = {"boot": boot, "first": str(first), "last": str(last)}
         with steps_in(FOLDER) as steps:
-            found = list(self.player._again(_Query(asset, "features", parameters)))
+            found = list(self.player._again(query(asset, "features", parameters)))
         assert steps.count <= STEPS_OF_ANSWER
-        given = [run_and_sequence(key, payload) for key, payload in found]
-        assert all((run_.asset, run_.boot) == run for run_, _ in given)
+        given = [numbered(Recorded(0, 0, key, payload)) for key, payload in found]
+        assert all(own == run for own, _ in given)
         # One that was passed by a later one may be given before it is played.
         newest = max(self.sequences(run), default=-1)
         known = [n for n in RECORDED if first <= n <= min(last, newest)]
@@ -169,7 +183,7 @@ class PlayerMachine(RuleBasedStateMachine):
     @rule(asset=st.sampled_from(["beam", "fan", "mast"]))
     def ask_account(self, asset):
         told = [
-            json.loads(text) for _, text in self.player._account(_Query(asset, "account", {}))
+            json.loads(text) for _, text in self.player._account(query(asset, "account", {}))
         ]
         for entry in told:
             assert entry["last"] == self.sequences((asset, entry["boot"]))[-1]
@@ -214,9 +228,9 @@ class PlayerMachine(RuleBasedStateMachine):
         assert played.complete == (confirmed == 60 and not self.player.stop.is_set())
 
 
-class _Query(SimpleNamespace):
-    def __init__(self, asset, what, parameters):
-        super().__init__(key=request_key("lab", asset, what), parameters=parameters)
+def query(asset, what, parameters):
+    """Return the question to one asset."""
+    return Query(request_key("lab", asset, what), parameters)
 
 
 @pytest.mark.gate

@@ -82,13 +82,12 @@ class Delivery:
             )
 
 
-class Endpoint:
+class Endpoint(MemoryBus):
     """The bus as one server sees it."""
 
-    watch_delay_s = 0.0
-
     def __init__(self, delivery):
-        self.delivery = delivery
+        super().__init__()
+        self.delivery, self.announced = delivery, None
 
     def watch(self, expression, callback):
         assert expression == server_key("*")
@@ -97,7 +96,7 @@ class Endpoint:
 
     def announce(self, key):
         self.delivery.announce(self, key)
-        self.key = key
+        self.announced = key
         return _Handle(lambda: self.delivery.withdraw(key))
 
 
@@ -117,7 +116,7 @@ class Server:
 
     @property
     def announced(self):
-        return getattr(self.endpoint, "key", None)
+        return self.endpoint.announced
 
     def competes(self, other):
         mine, theirs = self.share, other.share
