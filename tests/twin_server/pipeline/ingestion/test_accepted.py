@@ -24,6 +24,10 @@ class Rows:
         return found
 
 
+def prover_of(rows, clock):
+    return RangeProver(rows, lambda: clock[0])
+
+
 def digest(first, last):
     return sum(digest_of(s, b"%d" % s) for s in range(first, last + 1)) % MODULUS
 
@@ -52,7 +56,7 @@ def restarted():
 
 def test_a_long_range_is_read_in_rounds_and_told_once(clock, restarted):
     rows = Rows()
-    prover = RangeProver(rows, lambda: clock[0])
+    prover = prover_of(rows, clock)
     restarted.held_from = 100
     found, rounds = proven(prover, clock, restarted)
     assert (found.sequence, found.first, found.digest) == (2_999, 100, digest(100, 2_999))
@@ -65,7 +69,7 @@ def test_a_long_range_is_read_in_rounds_and_told_once(clock, restarted):
 
 def test_what_is_before_a_gap_is_read_once_and_not_again(clock, restarted):
     rows = Rows(missing={2_600})
-    prover = RangeProver(rows, lambda: clock[0])
+    prover = prover_of(rows, clock)
     for _ in range(5):
         restarted.held_from = 0
         found, _ = proven(prover, clock, restarted)
@@ -74,7 +78,7 @@ def test_what_is_before_a_gap_is_read_once_and_not_again(clock, restarted):
 
 
 def test_what_an_agent_holds_of_an_earlier_range_is_told_alone(clock, restarted):
-    prover = RangeProver(Rows(), lambda: clock[0])
+    prover = prover_of(Rows(), clock)
     restarted.held_from, restarted.held_to = 10, 1_500
     found, rounds = proven(prover, clock, restarted)
     assert (found.sequence, found.first, found.digest) == (1_500, 10, digest(10, 1_500))
@@ -83,7 +87,7 @@ def test_what_an_agent_holds_of_an_earlier_range_is_told_alone(clock, restarted)
 
 def test_one_asset_has_one_turn_in_a_round_and_all_together_a_limit(clock):
     rows = Rows()
-    prover = RangeProver(rows, lambda: clock[0])
+    prover = prover_of(rows, clock)
     clock[0] = 1.0
     for asset in range(50):
         for boot in range(3):

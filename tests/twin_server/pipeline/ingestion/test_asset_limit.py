@@ -59,9 +59,13 @@ def test_a_sensor_that_flaps_in_one_batch_takes_one_transaction(tmp_path, monkey
 
     with listening(tmp_path) as (pipeline, store):
         pipeline.register("lab.beam", Registration())
-        written = []
-        write = store.write
-        monkeypatch.setattr(store, "write", lambda cut: written.append(cut) or write(cut))
+        written, write = [], store.write
+
+        def noted(cut):
+            written.append(cut)
+            return write(cut)
+
+        monkeypatch.setattr(store, "write", noted)
         pipeline.ingest([health(n % 2) for n in range(20)])
         assert len(written) == 1
         kinds = [json.loads(row.body)["kind"] for row in store.events("lab.beam")]
