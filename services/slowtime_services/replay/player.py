@@ -147,7 +147,7 @@ def _paced(
     if math.isinf(speed):
         yield from itertools.takewhile(lambda _: not stop.is_set(), messages)
         return
-    due_ns, before_ns, longest_ns = float(clock.elapsed_ns()), None, LONGEST_PAUSE_S * 1e9
+    due_ns, before_ns, longest_ns = clock.elapsed_ns(), None, LONGEST_PAUSE_S * 1e9
     for message in messages:
         # Back in time: the recorder's clock was set back, and messages go on as they came.
         pause_ns = max(0, message.log_ns - (before_ns or message.log_ns)) / speed
@@ -155,7 +155,8 @@ def _paced(
             logger.warning(
                 "A pause of %.0f s was cut to %.0f s.", pause_ns / 1e9, LONGEST_PAUSE_S
             )
-        before_ns, due_ns = message.log_ns, due_ns + min(pause_ns, longest_ns)
+        # Whole nanoseconds: of a part of one, no clock would ever say that it has passed.
+        before_ns, due_ns = message.log_ns, due_ns + round(min(pause_ns, longest_ns))
         while not stop.is_set() and (now := clock.elapsed_ns()) < due_ns:
             clock.sleep(min((due_ns - now) / 1e9, 0.1))
         if stop.is_set():
