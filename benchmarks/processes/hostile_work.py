@@ -7,9 +7,10 @@ Each message goes alone through the whole ingest path of a twin server, with its
 its acknowledgement and the questions to the edge that follow from it, which a hostile edge
 answers.
 Counted are the executed lines of Python (`sys.settrace`) and the processor time of the thread,
-which sees compiled work too. Leaves with 1 where the hostile messages together take more than
-`MOST_TOTAL` times the ordinary ones, or one of them more than `MOST_SINGLE` times the median
-ordinary one, per kilobyte.
+which sees compiled work too. Leaves with 1 where the hostile messages, beside any sort of
+answers, together take more than `MOST_TOTAL` times the ordinary ones, or one of them more than
+`MOST_SINGLE` times the median ordinary one, per kilobyte. Answers count as messages by their
+size.
 """
 
 import argparse
@@ -53,8 +54,10 @@ class Work:
 
     Parameters
     ----------
-    size
-        Bytes of the message and of the answers that were given for it.
+    answers
+        What sort of answers was given to the server.
+    size, answered
+        Bytes of the message, and of the answers that were given for it.
     lines
         Executed lines of Python.
     seconds
@@ -62,7 +65,9 @@ class Work:
     """
 
     kind: str
+    answers: str
     size: int
+    answered: int
     lines: int
     seconds: float
 
@@ -211,8 +216,9 @@ def measured(
             [_pass(messages, answers, trace=False) for _ in range(2)] if timed else [lines]
         )
         shortest = [min(one[1] for one in each) for each in zip(*seconds, strict=True)]
-        for (size, _, count), seconds_s in zip(lines, shortest, strict=True):
-            found.append(Work(kind + name, size, count, seconds_s))
+        for message, (size, _, count), seconds_s in zip(messages, lines, shortest, strict=True):
+            own = len(message.payload)
+            found.append(Work(kind + name, name, own, size - own, count, seconds_s))
     return found
 
 
@@ -269,10 +275,17 @@ class Ratios:
 
 def ratios(good: Sequence[Work], bad: Sequence[Work], cost: Callable[[Work], float]) -> Ratios:
     """Compare the mean work of a message, and the most work of one per kilobyte."""
-    total = statistics.fmean(map(cost, bad)) / statistics.fmean(map(cost, good))
+    usual = statistics.fmean(work.size for work in good)
+    sorts: dict[str, list[Work]] = {}
+    for work in bad:
+        sorts.setdefault(work.answers, []).append(work)
+    total = max(
+        sum(map(cost, some)) / sum(1.0 + work.answered / usual for work in some)
+        for some in sorts.values()
+    ) / statistics.fmean(map(cost, good))
 
     def per_kilobyte(work: Work) -> float:
-        return cost(work) / (work.size / KIBIBYTE)
+        return cost(work) / ((work.size + work.answered) / KIBIBYTE)
 
     median = statistics.median(map(per_kilobyte, good))
     worst = max(bad, key=per_kilobyte)

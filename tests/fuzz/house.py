@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from slowtime_cli.shared.offline_twin import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
+from twin_server.pipeline import (
+    Alarms,
+    AssetEvents,
+    CompositeRegistry,
+    QuarantineDesk,
+    TwinKnowledge,
+)
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
@@ -60,6 +66,7 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
             alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
             composite_service=CompositeRegistry(pipeline, store),
+            quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip
         headers = {"Authorization": f"Bearer {word}"}
         yield guarded(settings).around(app), app.openapi(), headers

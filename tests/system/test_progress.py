@@ -20,7 +20,7 @@ from tests.twin_server.conftest import Edge, _features
 
 from .conftest import PATIENCE_S, House, free_port
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.system, pytest.mark.long]
 
 POISON = 7
 """Sequence of the message at which the estimation hangs."""

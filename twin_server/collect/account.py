@@ -287,7 +287,8 @@ class Account:
         was read straight into the pipeline.
         """
         for line in self._lines.values():
-            admit(line, (), self._limits, 0.0, change)
+            while line.waiting:
+                admit(line, (), self._limits, 0.0, change)
             for run in line.unfinished:
                 run.flows = True
                 release_held(run, change)

@@ -9,6 +9,7 @@ import enum
 import logging
 import os
 import sqlite3
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -67,17 +68,26 @@ class Ground:
         self._identities = {
             name: _identity(name) for name in (path, *map(self._beside, SIDE_FILES))
         }
-        self._overwritten = False
-        self.remember()
+        self._overwritten = self._changing = False
+        # Held for a moment only: readers look at the files while the writer changes them.
+        self._lock = threading.Lock()
+        self._looks, self._log_bytes = self._look(), self.log_bytes
 
-    def remember(self) -> None:
-        """Note how the file looks after a checkpoint of this process."""
-        self._looks = self._look()
-        self.committed()
+    @contextlib.contextmanager
+    def changing(self) -> Iterator[None]:
+        """Hold while this process itself changes the files, by a commit or a checkpoint.
 
-    def committed(self) -> None:
-        """Note how long the log is after a commit of this process, which may begin it anew."""
-        self._log_bytes = self.log_bytes
+        A commit may begin the log anew, which shortens it, and a checkpoint writes the header.
+        What the files look like is not judged meanwhile, and noted at the end.
+        """
+        with self._lock:
+            self._changing = True
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._looks, self._log_bytes = self._look(), self.log_bytes
+                self._changing = False
 
     @property
     def log_bytes(self) -> int:
@@ -88,8 +98,10 @@ class Ground:
 
     def fault(self) -> Fault | None:
         """Return what is wrong with the files; None if nothing is."""
-        if self._overwritten or self._look() != self._looks:
-            self._overwritten = True
+        with self._lock:
+            if not self._changing and (self._look() != self._looks or self._has_shrunk()):
+                self._overwritten = True
+        if self._overwritten:
             return Fault(Kind.OVERWRITTEN, self._text_of_overwritten())
         for path, identity in self._identities.items():
             found = _identity(path)
@@ -102,20 +114,16 @@ class Ground:
             if found is None:
                 return Fault(Kind.AWAY, self._text_of_away())
             return Fault(Kind.REPLACED, self._text_of_replaced())
-        return self._shrunk()
+        return None
 
     def close(self) -> None:
         """Let go of the file, after all connections to it are closed."""
         os.close(self._file)
 
-    def _shrunk(self) -> Fault | None:
-        """Return the fault of a log that lost bytes, which only the last one to leave takes."""
-        size = self.log_bytes
-        if size >= self._log_bytes:
-            self._log_bytes = size
-            return None
-        self._overwritten = True
-        return Fault(Kind.OVERWRITTEN, self._text_of_overwritten())
+    def _has_shrunk(self) -> bool:
+        """Whether the log lost bytes, which only the last one to leave takes."""
+        before, self._log_bytes = self._log_bytes, self.log_bytes
+        return self._log_bytes < before and self._beside("-wal").exists()
 
     def _beside(self, end: str) -> Path:
         return self._path.with_name(self._path.name + end)

@@ -113,7 +113,7 @@ def _making(tables: Iterable[Table]) -> Iterable[str]:
             yield made
 
 
-_ATTEMPTS = "create table attempts (what text primary key, body bytea not null);"
+_ATTEMPTS = "create table if not exists attempts (what text primary key, body bytea not null);"
 """What a server is about to do (`attempts.RowNote`); beside SQLite it is a file."""
 
 _TALLIES = """

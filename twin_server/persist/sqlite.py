@@ -197,9 +197,8 @@ class SqliteStore(SqlStore):
         try:
             yield
             self._stand()
-            self._writer.execute("commit")
-            if self._ground is not None:
-                self._ground.committed()
+            with contextlib.nullcontext() if self._ground is None else self._ground.changing():
+                self._writer.execute("commit")
         except BaseException:
             # A full disk may have ended the transaction already.
             with contextlib.suppress(sqlite3.OperationalError):
@@ -260,11 +259,11 @@ class SqliteStore(SqlStore):
         """Copy the log into the database; return whether no reader needs what is there."""
         try:
             # Waits for no reader; what was committed is durable in the log in any case.
-            _, pages, copied = self._writer.execute("pragma wal_checkpoint(passive)").fetchone()
+            with ground.changing():
+                found = self._writer.execute("pragma wal_checkpoint(passive)").fetchone()
         except sqlite3.Error:
             return False
-        finally:
-            ground.remember()
+        _, pages, copied = found
         return bool(pages == copied)
 
     def _keep_log_short(self, ground: Ground) -> None:

@@ -42,9 +42,6 @@ LAST_ID = re.compile(
 )
 """Id of an event: boot and sequence of the last state, number of the last event."""
 
-FORMER_ID = re.compile(r"\d{1,19}-\d{1,18}")
-"""Id of an event as it was up to version 0.1; what it stands for is not known any more."""
-
 
 class Item(NamedTuple):
     """One event; `key` or `number` give a client's position after it, 0 leaves it unchanged.
@@ -288,7 +285,7 @@ class LiveResponse(Response):
         # Ahead of all there is: the history is another, such as one out of a backup.
         if seen is None or key is None or key > last_key or int(seen["number"]) > last_number:
             self._number = last_number
-            if seen is not None or FORMER_ID.fullmatch(self._last_id or ""):
+            if self._last_id is not None:
                 before = [RESET]  # of a history that is not there any more
         else:
             self._key, self._boot, self._number = key, seen["boot"], int(seen["number"])

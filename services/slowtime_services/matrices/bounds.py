@@ -16,6 +16,9 @@ MOST_EMPTY_ROWS = 2_000_000
 """Rows without an entry of a sparse matrix [1]: each takes some ten bytes. Matrices of a group
 of elements are empty elsewhere; whole models have a million rows."""
 
+MOST_EMPTY_ROWS_ALONE = 12_000_000
+"""Such rows of a matrix that is only read [1]: 48 MB. Whoever mirrors it allows fewer."""
+
 _BLOCK_BYTES = 1 << 20
 
 
@@ -55,7 +58,9 @@ def refuse_long_set(members: Iterable[str], name: str) -> list[str]:
     return found
 
 
-def refuse_empty_rows(name: str, shape: tuple[int, ...], entries: int) -> None:
+def refuse_empty_rows(
+    name: str, shape: tuple[int, ...], entries: int, *, most: int = MOST_EMPTY_ROWS
+) -> None:
     """Refuse a shape that the entries of a matrix do not explain.
 
     Raises
@@ -63,7 +68,7 @@ def refuse_empty_rows(name: str, shape: tuple[int, ...], entries: int) -> None:
     MatrixFileError
         Before anything of that shape is made.
     """
-    if max(shape, default=0) > entries + MOST_EMPTY_ROWS or min(shape, default=0) < 0:
+    if max(shape, default=0) > entries + most or min(shape, default=0) < 0:
         sides = " x ".join(f"{side:,}" for side in shape)
         raise MatrixFileError(
             f"{name} states a matrix of {sides} and has {entries:,} entries: it is damaged, or "

@@ -21,7 +21,7 @@ from typing import BinaryIO, TextIO
 import numpy as np
 from scipy import sparse
 
-from .bounds import refuse_empty_rows
+from .bounds import MOST_EMPTY_ROWS_ALONE, refuse_empty_rows
 from .errors import MatrixFileError
 
 OUTPUT4 = (".op4", ".ot4")
@@ -119,7 +119,12 @@ def _matrix(path: Path, head: _Head, runs: list[_Run]) -> sparse.csr_array:
             "entries outside of them. The file is damaged; write it again."
         )
     busy = values != 0.0
-    refuse_empty_rows(f"{head.name} of {path.name}", (head.rows, head.columns), int(busy.sum()))
+    refuse_empty_rows(
+        f"{head.name} of {path.name}",
+        (head.rows, head.columns),
+        int(busy.sum()),
+        most=MOST_EMPTY_ROWS_ALONE,
+    )
     return sparse.csr_array(
         (values[busy], (rows[busy], columns[busy])), shape=(head.rows, head.columns)
     )

@@ -15,7 +15,12 @@ from slowtime_services.files.binary.mat_expansion import refuse_mat_expansion
 from slowtime_services.files.record import RecordError
 from slowtime_services.reasons import reason_of
 
-from .bounds import refuse_empty_rows, refuse_packed_text
+from .bounds import (
+    MOST_EMPTY_ROWS,
+    MOST_EMPTY_ROWS_ALONE,
+    refuse_empty_rows,
+    refuse_packed_text,
+)
 from .coordinate_text import is_coordinate_text, read_coordinate_text, read_dense_text
 from .errors import MatrixFileError
 from .nastran_bulk import BULK, read_dmig
@@ -91,7 +96,8 @@ def read_matrix(
             f"{path.name} holds complex numbers. Give real stiffness, mass or damping."
         )
     if not isinstance(found, np.ndarray):
-        refuse_empty_rows(path.name, found.shape, found.nnz)
+        most = MOST_EMPTY_ROWS if square else MOST_EMPTY_ROWS_ALONE
+        refuse_empty_rows(path.name, found.shape, found.nnz, most=most)
     whole = sparse.csr_array(found, dtype=np.float64)
     return mirrored(whole) if square else whole
 

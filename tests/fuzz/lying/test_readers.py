@@ -116,7 +116,9 @@ def test_a_lying_formula_is_refused_or_infinite(name):
     assert not INTERNALS.search(str(refused.value))
 
 
-@pytest.mark.parametrize(("ending", "make"), QUICK_MATRICES, ids=lambda one: str(one))
+@pytest.mark.parametrize(
+    ("ending", "make"), QUICK_MATRICES, ids=lambda one: getattr(one, "__name__", one)
+)
 def test_a_lying_matrix_is_refused(tmp_path, ending, make):
     if ending == ".h5":
         pytest.importorskip("h5py")

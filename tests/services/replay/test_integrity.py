@@ -43,6 +43,6 @@ def test_one_that_waits_for_too_long_is_ended(tmp_path):
 def test_the_limit_of_processor_time_is_told_by_its_signal(monkeypatch, tmp_path):
     busy = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGXCPU)"]
     real = subprocess.Popen
-    monkeypatch.setattr(integrity.subprocess, "Popen", lambda _, **more: real(busy, **more))
+    monkeypatch.setattr("subprocess.Popen", lambda _, **more: real(busy, **more))
     with pytest.raises(RecordingError, match="busy for 60 s"):
         check(tmp_path / "a.mcap")

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis.errors import FlakyFailure
 from hypothesis.stateful import run_state_machine_as_test
 
-from tests.twin_server.collect.account_machine import AccountMachine
-from twin_server.collect import account, boots, evidence, sequence
+from tests.twin_server.collect.account_machine import HEALING, AccountMachine
+from twin_server.collect import boots, sequence
 
 SHORT = settings(
     max_examples=25,
@@ -36,9 +36,8 @@ def test_the_account_holds_in_many_more_histories():
 
 def believe_every_end(monkeypatch):
     """Wait for whatever an agent states, as far as it reaches."""
-    monkeypatch.setattr(account, "MAX_JUMP", 2**62)
     monkeypatch.setattr(
-        AccountMachine, "_new", lambda self: self.account_class(healing(), max_jump=2**62)
+        AccountMachine, "_new", lambda self: self.account_class(HEALING, max_jump=2**62)
     )
 
 
@@ -66,18 +65,6 @@ def forget_what_is_held(monkeypatch):
         run.told = run.next - 1
 
     monkeypatch.setattr(boots, "_let_in", without_rows)
-
-
-def lose_what_is_held_back(monkeypatch):
-    """Count a hole as lost at the first answer without it."""
-    monkeypatch.setattr(sequence.Run, "impatient", lambda *_: True)
-    monkeypatch.setattr(evidence, "MOST_AHEAD", 0)
-
-
-def healing():
-    from tests.twin_server.collect import account_machine
-
-    return account_machine.HEALING
 
 
 @pytest.mark.parametrize("plant", [believe_every_end, walk_through_holes, forget_what_is_held])

@@ -79,8 +79,10 @@ def test_it_is_not_counted_as_lost_once_another_boot_has_begun(started):
     ],
     ids=["all", "the last", "some ahead", "all damaged", "upside down"],
 )
-def test_an_account_that_lists_what_the_edge_does_not_give_loses_nothing(started, holding):
-    started.listing = lambda: [holding]
+def test_an_account_that_lists_what_the_edge_does_not_give_loses_nothing(
+    started, holding, monkeypatch
+):
+    monkeypatch.setattr(started, "listing", lambda: [holding])
     started.health("b1", last=FAR)
     started.heal()
     started.alive(False)
@@ -98,9 +100,11 @@ def test_what_is_far_ahead_and_not_listed_is_refused_and_the_boot_goes_on(starte
     assert goes_on(started, first=5)
 
 
-def test_an_edge_that_lists_all_and_gives_only_what_is_far_is_not_believed(started):
+def test_an_edge_that_lists_all_and_gives_only_what_is_far_is_not_believed(
+    started, monkeypatch
+):
     started.health("b1", last=2**31)
-    started.listing = lambda: [Holding("b1", 0, 2**31)]
+    monkeypatch.setattr(started, "listing", lambda: [Holding("b1", 0, 2**31)])
     for _ in range(40):
         started.heal(1)
         started.arrive(("b1", 2**31))
@@ -173,12 +177,34 @@ def test_boots_are_limited_and_the_limit_is_told_once(features):
     assert goes_on(world, "b4", first=1)
 
 
-def test_a_listing_of_many_boots_is_limited_too(features):
+def test_a_listing_of_many_boots_is_limited_too(features, monkeypatch):
     world = World(features, max_boots=5)
     world.alive()
-    world.listing = lambda: [Holding(f"l{n}", 0, 3) for n in range(1_000)]
+    monkeypatch.setattr(
+        world, "listing", lambda: [Holding(f"l{n}", 0, 3) for n in range(1_000)]
+    )
     world.heal(3)
     assert world.account.boots == 5
+
+
+def test_a_long_account_is_let_in_by_and_by_in_its_order(features, monkeypatch):
+    world = World(features, max_boots=1_000)
+    world.alive()
+    listing = [Holding(f"l{n}", 5, 4) for n in range(700)]
+    monkeypatch.setattr(world, "listing", lambda: listing)
+    world.heal(1)
+    assert world.account.boots == 200
+    world.heal(10)
+    assert [boot for boot, _, _ in world.lost] == [f"l{n}" for n in range(700)]
+
+
+def test_an_edge_that_gives_nothing_it_lists_is_asked_more_and_more_rarely(
+    started, monkeypatch
+):
+    monkeypatch.setattr(started, "listing", lambda: [Holding("b1", 0, 50 + started.asked)])
+    started.health("b1", last=50)
+    started.heal(400, step_s=0.1)
+    assert started.asked < 30
 
 
 def test_held_bytes_of_all_boots_of_an_asset_are_limited(features):

@@ -3,6 +3,7 @@
 import re
 import sys
 import threading
+from typing import Any
 
 import pytest
 
@@ -198,7 +199,7 @@ def test_one_is_paused_for_a_site_that_has_used_less_and_goes_on_after_it(tmp_pa
     processors = Processors(1)
     processors.usage.add(Holder("greedy", "t"), 1_000.0)
     command = [sys.executable, str(tmp_path / "work.py")]
-    queue = Told(command, DiagnoseSettings(), tmp_path, processors)
+    queue: Any = Told(command, DiagnoseSettings(), tmp_path, processors)
     queue.start()
 
     def ticks(number):

@@ -20,7 +20,7 @@ from twin_server.settings import LedgerSettings
 @pytest.fixture
 def heads(tmp_path):
     make_key(tmp_path / "key.pem")
-    signer, found = Signer.read(tmp_path / "key.pem"), []
+    signer, found = Signer.read(tmp_path / "key.pem"), list[Head]()
     for number in range(3):
         found.append(
             headed("ab" * 32, 1, found[-1] if found else None, 10**18 + number, signer)

@@ -5,6 +5,7 @@ import logging
 import os
 import shutil
 import sqlite3
+import threading
 
 import pytest
 
@@ -217,3 +218,30 @@ def test_the_log_is_copied_into_the_database_as_it_grows(short_log, store, path)
         note(store, number)
     assert path.with_name(path.name + "-wal").stat().st_size < 1 << 18
     assert len(names(store)) == 99
+
+
+def test_readers_take_no_checkpoint_of_the_server_for_a_foreign_hand(store, monkeypatch):
+    monkeypatch.setattr(sqlite_module, "LOG_BYTES", 1 << 16)  # a checkpoint each 20 commits
+    ended, faults, reads = threading.Event(), [], []
+
+    def read():
+        while not ended.is_set():
+            try:
+                reads.append(len(store.twins()))
+            except StoreError as error:
+                faults.append(str(error))
+                return
+
+    readers = [threading.Thread(target=read) for _ in range(2)]
+    for reader in readers:
+        reader.start()
+    try:
+        for number in range(400):
+            row = TwinRow("lab", f"t{number % 8}", "{}", f'"{number:09d}{"x" * 3_000}"')
+            store.write(WriteBatch(twins=[row]))
+    finally:
+        ended.set()
+        for reader in readers:
+            reader.join()
+    assert faults == []
+    assert reads

@@ -307,6 +307,11 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/twins/{twin_id}/events/recorded", "/api/v1/twins/{twin_id}/fatigue",
         "/api/v1/twins/{twin_id}/virtual", "/api/v1/twins/{twin_id}/risk",
         "/api/v1/twins/{twin_id}/plan", "/api/v1/fleet/plan",
+        "/api/v1/twins/{twin_id}/quarantine", "/api/v1/twins/{twin_id}/quarantine/{number}",
+        "/api/v1/twins/{twin_id}/quarantine/{number}/release",
+        "/api/v1/holdings",
+        "/api/v1/holdings/{holding_id}",
+        "/api/v1/composites/{composite_id}/events",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -315,7 +320,7 @@ def test_every_route_is_described_with_an_example(server):
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
         "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
         "HeadList", "AssetEventOrder", "RiskModel", "PlanModel", "Composite", "CompositeModel",
-        "FatigueModel", "VirtualModel",
+        "FatigueModel", "VirtualModel", "AsideModel",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 

@@ -86,7 +86,7 @@ def test_what_cannot_be_is_left_out(families):
 
 def test_of_too_many_twins_no_asset_is_measured():
     class Crowd:
-        def ids(self):
+        def ids(self, principal):
             return ["a.b", "a.c"]
 
         def counts(self):

@@ -114,7 +114,8 @@ class LedgerSigner:
         self._sequence = 0
         self._repeated = RepeatedAudit(store, signer, settings.audit_every_s)
         self._begin()
-        self._signed_ns = self.head.t_ns if self.head is not None else None
+        head = self.head
+        self._signed_ns: int | None = None if head is None else head.t_ns
 
     def step(self) -> None:
         """Sign a head if the interval has passed and a chain has grown."""

@@ -760,8 +760,8 @@ class Pipeline:
         cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         with self._progress.doing(Phase.STORE):
             numbers = self.store.write(cut)
-        if cut.aside:
-            aside.quarantine.load()
+        for row in cut.aside:
+            aside.quarantine.note(row)
         self._publisher.owe(change.touched)
         self._twins.update(changed)
         self._count(change, cut)

@@ -12,7 +12,7 @@ import pytest
 import edge_agent
 from edge_agent.acquire.live.batch import Batch, GarbledError
 from edge_agent.acquire.live.counts import SampleCounts
-from edge_agent.acquire.live.formats import framing, packed
+from edge_agent.acquire.live.formats import framing
 from edge_agent.acquire.live.formats.decoding import bounded, decoder_of
 from edge_agent.acquire.live.formats.framing import LineFramer, framer_of
 from edge_agent.acquire.live.indexing.assembly import Assembler
@@ -90,11 +90,12 @@ def test_a_rate_that_no_device_has_is_refused_with_what_is_allowed(rate_hz):
 @pytest.mark.parametrize("number", [2**64, -(2**64), 10**30, "1e308", 2**63])
 def test_counters_and_stamps_beyond_all_clocks_are_garbage(kind, number):
     given = {"counter": {"at": "n"}, "stamp": {"at": "t", "unit": "ns", "clock": "utc"}}
-    layout: JsonLayout | CsvLayout
     if kind == "json":
-        layout = JsonLayout(channels=CHANNELS, **given)
-        data = ['{"n": 1, "t": %s, "x": 0, "y": 0, "z": 0}']
-        data += ['{"n": %s, "t": 1, "x": 0, "y": 0, "z": 0}']
+        layout: JsonLayout | CsvLayout = JsonLayout(channels=CHANNELS, **given)
+        data = [
+            '{"n": 1, "t": %s, "x": 0, "y": 0, "z": 0}',
+            '{"n": %s, "t": 1, "x": 0, "y": 0, "z": 0}',
+        ]
     else:
         layout = CsvLayout(channels=CHANNELS, columns=("n", "t", "x", "y", "z"), **given)
         data = ["1,%s,0,0,0", "%s,1,0,0,0"]
@@ -139,7 +140,7 @@ def test_a_line_without_end_costs_the_same_for_each_byte_however_it_is_cut():
 
 def copied_bytes(monkeypatch, framer, packets):
     """Bytes that are verified as frames, of all that is fed."""
-    verified, sound = list[int](), packed.is_sound
+    verified, sound = [], vars(framing)["is_sound"]
 
     def noted(layout, frame):
         verified.append(len(frame))

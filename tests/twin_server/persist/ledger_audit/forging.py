@@ -52,8 +52,8 @@ class House:
     database: object
     key: str
     kept: Head
-    old: dict[str, list[tuple]]
-    known: dict[str, list[tuple]]
+    old: dict[str, list[tuple[object, ...]]]
+    known: dict[str, list[tuple[object, ...]]]
 
 
 def open_unverified(database):

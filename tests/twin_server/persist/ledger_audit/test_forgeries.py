@@ -103,6 +103,7 @@ COLUMNS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "column"), COLUMNS)
 def test_no_column_can_be_changed(copy, key, name, column):
     table = forging.BY_NAME[name]
@@ -172,6 +173,7 @@ def postgres_house(request, key):
     return forging.build(url, key[0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("act", forging.ACTS, ids=lambda act: act.__name__)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_forged_table_is_found_in_postgres(postgres_house, key, name, act):

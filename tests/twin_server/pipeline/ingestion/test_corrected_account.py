@@ -23,8 +23,8 @@ def poisoned(database, ageing, sample, settings):
         pipeline = Pipeline(TwinSettings(), store)
         pipeline.ingest(map(sample, ageing(3)))
         (run,), following = store.runs()
-        far = ageing(1, boot="b2")[0].model_copy(update={"sequence": FAR})
-        other = RunRow(following, "lab", "beam", "b2", "s", 0, -1, -1, -1, False, "[]")
+        far = ageing(1, asset="frame")[0].model_copy(update={"sequence": FAR})
+        other = RunRow(following, "lab", "frame", "b1", "s", 0, -1, -1, -1, False, "[]")
         store.write(
             WriteBatch(
                 runs=[run._replace(told=2**62), other], held=[(following, FAR, encode(far))]
@@ -43,12 +43,15 @@ def test_it_recovers_at_start_says_so_and_goes_on(
             beam = edge(MemoryBus(joins=bus))
             for message in ageing(6):
                 beam.make(message, send=message.sequence > 2)
-            for message in ageing(2, boot="b2"):
-                beam.make(message)
-            assert eventually(lambda: store.count("lab.beam") == 8)
+            frame = edge(MemoryBus(joins=bus), asset="frame")
+            for message in ageing(2, asset="frame"):
+                frame.make(message)
+            assert eventually(lambda: store.count("lab.beam") == 6)
+            assert eventually(lambda: store.count("lab.frame") == 2)
         pipeline.stop()
         beam.close()
-        events = [json.loads(row.body) for row in store.events("lab.beam")]
+        frame.close()
+        events = [json.loads(row.body) for row in store.events()]
         corrected = [e for e in events if e["kind"] == "account_corrected"]
         assert [e["details"]["stated"] for e in corrected] == [2**62, FAR]
         assert not [e for e in events if e["kind"] == "features_lost"]
@@ -63,5 +66,5 @@ def test_it_is_corrected_once(poisoned, settings, eventually):
             pipeline = Pipeline(settings, store, bus=bus)
             pipeline.start()
             pipeline.stop()
-            kinds = [json.loads(row.body)["kind"] for row in store.events("lab.beam")]
+            kinds = [json.loads(row.body)["kind"] for row in store.events()]
             assert kinds.count("account_corrected") == 2

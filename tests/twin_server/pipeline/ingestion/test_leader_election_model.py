@@ -234,7 +234,7 @@ class _Bounded:
 
 @pytest.mark.gate
 def test_of_all_servers_that_share_an_asset_one_acknowledges():
-    run_share(ElectionMachine, examples=80)
+    run_share(ElectionMachine, examples=300)
 
 
 @pytest.mark.long
@@ -262,7 +262,7 @@ _SEE = LeaderElection._see
 )
 def test_the_machine_finds_a_planted_fault(monkeypatch, where, name, fault):
     monkeypatch.setattr(where, name, fault)
-    assert_found(ElectionMachine, examples=80)
+    assert_found(ElectionMachine, examples=300)
 
 
 def test_false_claims_without_end_take_bounded_memory_and_end_with_their_tokens(monkeypatch):

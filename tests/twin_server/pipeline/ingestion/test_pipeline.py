@@ -434,7 +434,10 @@ def test_a_call_while_the_worker_ends_is_answered(open_twin, eventually):
         def step(self):
             pass
 
-        def sign(self, now_ns):
+        def take_unsaid(self):
+            return {}
+
+        def close(self):
             ending.set()
             released.wait(60)
 

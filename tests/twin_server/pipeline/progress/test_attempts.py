@@ -86,14 +86,15 @@ class Server:
     """A pipeline on a database that is killed whenever it estimates the poisonous message."""
 
     def __init__(self, store, monkeypatch):
-        self.store, self.left, self.sizes = store, b"", []
+        self.store, self.left = store, b""
+        self.sizes: list[int] = []
 
-        def fatal(twins, features, owners, missing):
+        def fatal(twins, features, *rest):
             if any(f.asset == "bad" and f.sequence == POISON for f in features):
                 self.sizes.append(len(features))
                 self.left = store.attempts.read()
                 raise Killed
-            return estimators.estimate(twins, features, owners, missing)
+            return estimators.estimate(twins, features, *rest)
 
         monkeypatch.setattr(isolation, "estimate", fatal)
 
@@ -155,10 +156,10 @@ def failing(store, ageing, sample, monkeypatch):
     """A server that has set a message aside because it failed on it, and no longer does."""
     with monkeypatch.context() as patched:
 
-        def fragile(twins, features, owners, missing):
+        def fragile(twins, features, *rest):
             if any(f.sequence == POISON for f in features):
                 raise ArithmeticError("a fault")
-            return estimators.estimate(twins, features, owners, missing)
+            return estimators.estimate(twins, features, *rest)
 
         patched.setattr(isolation, "estimate", fragile)
         pipeline = Pipeline(TwinSettings(), store)
@@ -183,7 +184,7 @@ def test_a_released_message_gives_the_history_that_there_would_have_been(
 
 
 def test_a_message_that_fails_again_stays_aside(store, failing, monkeypatch):
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *rest):
         raise ArithmeticError("a fault")
 
     monkeypatch.setattr(isolation, "estimate", fragile)
@@ -209,10 +210,10 @@ def test_a_dropped_message_leaves_its_place_without_an_estimate_for_good(store, 
 def test_an_asset_with_too_much_aside_is_taken_in_no_longer_and_others_are(
     store, ageing, sample, monkeypatch
 ):
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *rest):
         if any(f.asset == "bad" for f in features):
             raise ArithmeticError("a fault")
-        return estimators.estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, *rest)
 
     monkeypatch.setattr(isolation, "estimate", fragile)
     settings = TwinSettings(

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def batch_of(ageing, registration=None):
     features = [
         m for pair in zip(ageing(30), ageing(30, asset="bad"), strict=True) for m in pair
     ]
-    return Batch([twin, twin], features, [0, 1] * 30, [0] * 60)
+    return Batch([twin, twin], features, [0, 1] * 30, [0] * 60, [0.0] * 60)
 
 
 @pytest.mark.parametrize("how", ["spins", "raises"])
@@ -92,12 +93,12 @@ def test_only_the_message_that_fails_has_no_estimate(ageing, monkeypatch, how):
     batch = batch_of(ageing)
     expected = estimate(*batch)
 
-    def fragile(twins, features, owners, missing):
+    def fragile(twins, features, *rest):
         if any(f.asset == "bad" and f.sequence == 7 for f in features):
             if how == "spins":
                 spin()
             raise ArithmeticError("a fault")
-        return estimators.estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, *rest)
 
     monkeypatch.setattr(isolation, "estimate", fragile)
     found, failed = estimate_apart(batch, WorkBudget(SHORT))
@@ -116,7 +117,7 @@ def test_what_is_aside_is_not_tried_and_others_are_as_if_it_had_never_come(agein
     without = [row for row in range(60) if row != 15]
     expected = estimate(
         batch.twins, [batch.features[row] for row in without],
-        [batch.owners[row] for row in without], [0] * 59,
+        [batch.owners[row] for row in without], [0] * 59, [0.0] * 59,
     )  # fmt: skip
     found, failed = estimate_apart(batch, WorkBudget(SHORT), aside={15}, alone={3, 4, 20})
     assert list(failed) == [15]
@@ -130,7 +131,9 @@ class Scene:
     def __init__(self, *, waiting=True, phase=Phase.STEP):
         self.progress, self.budget = Progress(), WorkBudget(SHORT)
         self.progress.phase = phase
-        self.told, self.ended, self.waiting = [], [], waiting
+        self.waiting = waiting
+        self.told: list[tuple[Any, ...]] = []
+        self.ended: list[Any] = []
         self.monitor = ProgressMonitor(
             SHORT, self.progress, self.budget, lambda: self.waiting,
             lambda *told: self.told.append(told), look_s=0.5, end=self.ended.append,
@@ -174,7 +177,7 @@ def test_the_database_may_take_longer_and_no_message_is_blamed_for_it():
     assert scene.told[0][1] is False
 
 
-def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end():
+def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end(monkeypatch):
     scene, ended = Scene(), threading.Event()
 
     def sleepy():
@@ -192,8 +195,8 @@ def test_a_step_that_sleeps_in_turns_is_interrupted_before_the_server_would_end(
     thread = threading.Thread(target=step)
     thread.start()
     until_s = time.monotonic() + 60
+    monkeypatch.setattr(scene.monitor, "_moves", lambda: False)  # it computes nearly nothing
     while thread.is_alive() and time.monotonic() < until_s:
-        scene.monitor._moves = lambda: False  # it computes nearly nothing
         scene.monitor.look()
         time.sleep(0.05)
         scene.monitor._still_s = min(scene.monitor._still_s, 1.5)

@@ -10,7 +10,13 @@ import httpx
 import pytest
 
 from slowtime_cli.shared.offline_twin import offline_twin
-from twin_server.pipeline import Alarms, AssetEvents, CompositeRegistry, TwinKnowledge
+from twin_server.pipeline import (
+    Alarms,
+    AssetEvents,
+    CompositeRegistry,
+    QuarantineDesk,
+    TwinKnowledge,
+)
 from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
@@ -89,5 +95,6 @@ def door(tmp_path_factory):
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
             alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
             composite_service=CompositeRegistry(pipeline, store),
+            quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

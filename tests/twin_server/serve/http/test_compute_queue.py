@@ -212,6 +212,7 @@ async def test_a_computation_that_is_cancelled_ends_for_all_who_wait_for_it():
     ]
     await begun(work)
     [held] = queue.quota.held()
+    assert held.on_cancel is not None
     held.on_cancel()
     for one in asked:
         with pytest.raises(ProblemError, match="cancelled by an admin") as ended:

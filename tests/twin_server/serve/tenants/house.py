@@ -156,6 +156,7 @@ class House:
         headers = dict(more.pop("headers", {}))
         if scope is not None:
             headers["Authorization"] = f"Bearer {self.words[site, scope]}"
+        self.client.cookies.clear()  # what `POST /session` leaves would stand in for a token
         whole = (
             path if path.startswith(("/api", "/healthz", "/readyz", "/metrics")) else API + path
         )

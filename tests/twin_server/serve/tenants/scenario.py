@@ -265,14 +265,15 @@ def _diagnoses(t: Tenant) -> Iterator[None]:
     t.ask("operator", "DELETE", f"{twin}/diagnoses/{number}")
     t.get(f"{twin}/diagnoses/{number}/report.json")
     yield
-    for order in (
+    orders: tuple[dict[str, Any], ...] = (
         {"recordings": {"files": ["unknown.mcap"]}},
         {"recordings": {"files": [f"{OTHER[t.site]}.mcap"]}},
         {"recordings": {}},
         {"raw": {"duration_s": 3.0}},
         {"clock": "slow"},
         {"raw": {}, "recordings": {}},
-    ):
+    )
+    for order in orders:
         t.ask("operator", "POST", f"{twin}/diagnoses", json=order)
     t.ask("operator", "POST", f"/twins/{t.site}.beam/diagnoses", json=from_files)
     t.get(f"{twin}/diagnoses/99")
