@@ -76,5 +76,5 @@ def reason_of(error: BaseException) -> str:
         text = str(error)
     text = without_internals(" ".join(text.split()))
     if len(text) > MOST_CHARACTERS:
-        text = f"{text[:MOST_CHARACTERS]} ..."
+        return f"{text[:MOST_CHARACTERS]} ..."
     return f"{text.rstrip('.')}." if text else "No reason is given."

@@ -78,4 +78,4 @@ def test_a_reason_of_the_system_names_the_file_and_no_number_of_an_error(tmp_pat
     with pytest.raises(FileNotFoundError) as missing:
         (tmp_path / "a.json").read_text()
     assert reason_of(missing.value).endswith("a.json: No such file or directory.")
-    assert reason_of(ValueError("x" * 1000)).endswith("x ....")
+    assert reason_of(ValueError("x" * 1000)).endswith("x ...")

@@ -71,7 +71,7 @@ def fails_with(error):
     ("error", "status", "says"),
     [
         (ValueError("Give a number."), 2, r"^slowtime: Give a number\.\n$"),
-        (FileNotFoundError(2, "No such file", "x"), 2, r"^slowtime: .*No such file: 'x'\n$"),
+        (FileNotFoundError(2, "No such file", "x"), 2, r"^slowtime: x: No such file\.\n$"),
         (click.UsageError("Give one of them."), 2, r"Error: Give one of them\.\n$"),
         (click.FileError("x.json", "is a folder"), 2, r"^slowtime: .*x\.json.*is a folder"),
         (KeyboardInterrupt(), 130, r"^\n?slowtime: Ended by Ctrl-C\.\n$"),

@@ -96,14 +96,18 @@ def test_help_and_refusals_import_nothing_that_takes_long():
         assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
 
 
-def test_of_the_shared_packages_they_import_two_modules():
+def test_of_the_shared_packages_they_import_three_modules():
     imported = probed()[-1][-1]
     shared = {
         name
         for name in imported
         if name.startswith(("slowtime_schemas.", "slowtime_services."))
     }
-    assert shared == {"slowtime_schemas.plain_text", "slowtime_services.logs"}
+    assert shared == {
+        "slowtime_schemas.plain_text",
+        "slowtime_services.logs",
+        "slowtime_services.reasons",
+    }
 
 
 def test_every_help_is_told_and_every_missing_file_refused_by_name():

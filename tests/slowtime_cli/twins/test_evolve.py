@@ -133,7 +133,7 @@ def test_text_that_is_wrong_is_refused_by_its_line(refused, text, rows, says):
     ("content", "says"),
     [
         (b"{", "is not JSON: Expecting property name"),
-        (b"\xff\xfe\x00", "is not JSON: 'utf-8' codec can't decode"),
+        (b"\xff\xfe\x00", "is not text"),
         (b"[]", "has no epochs. Run `slowtime identify` with --window-s W"),
         (b'{"modes": []}', "has no epochs, but the modes of a whole record. Run `slowtime"),
         (b'{"epochs": []}', "holds no epoch. Give a source with at least one."),

@@ -251,7 +251,7 @@ def test_an_actor_ends_its_shard_and_itself_once_its_raylet_has_ended(
     parents = [10, 10, 1]
     codes: list[int] = []
 
-    def run(settings, *, stop, ready):
+    def run(settings, *, stop, ready, owned):
         ready("http://here")
         return 0 if stop.wait(30) else 3
 
@@ -274,7 +274,7 @@ def test_an_actor_serves_its_share_where_the_front_reaches_it(ray, monkeypatch, 
     ray.get_runtime_context = lambda: context
     served = []
 
-    def run(settings, *, stop, ready):
+    def run(settings, *, stop, ready, owned):
         served.append(settings)
         ready("http://here")
         stop.wait(30)

@@ -3,14 +3,20 @@
 from typing import Any
 
 from twin_server.persist.chains.coverage import COVERED
-from twin_server.persist.tables.checksums import DIAGNOSES, EVENTS, NUMBERS, opened
+from twin_server.persist.tables.checksums import (
+    DIAGNOSES,
+    EVENTS,
+    NUMBERS,
+    QUARANTINE,
+    opened,
+)
 from twin_server.persist.tables.counted import BITS
 
 from .chain_walk import Walk
 
-_OF_ALL = {"composite": "composites", "quarantine": "quarantine", "run": "runs"}
+_OF_ALL = {"composite": "composites", "run": "runs"}
 """Counters over all chains, and the tables whose numbers they give."""
-_OF_TWINS = (EVENTS.name, DIAGNOSES.name)
+_OF_TWINS = (EVENTS.name, DIAGNOSES.name, QUARANTINE.name)
 """Tables whose rows are counted for each twin (see `tables.counted`)."""
 
 

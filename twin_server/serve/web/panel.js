@@ -60,7 +60,7 @@ export class Panel {
     [this.alarm, this.reasons] = [make("p", "", "alarm"), make("ul", undefined, "reasons")];
     const about = make("p", undefined, "facts");
     this.sensor = make("p", "", "facts sensor");
-    this.aside = make("p", "", "facts aside");
+    this.aside = make("p", "", "aside");
     this.sensor.hidden = this.aside.hidden = true;
     about.append(this.reading, this.seen);
     this.charts = make("div", undefined, "charts");

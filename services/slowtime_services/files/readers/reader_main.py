@@ -50,7 +50,8 @@ def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
         bound_resources(path, max_bytes)
         found = read(path, max_bytes)
         if not isinstance(found, Found):
-            raise TypeError(f"it gave a {type(found).__name__}, not what a file holds (Found)")
+            # No TypeError: of those, users are told no words of the code.
+            raise ValueError(f"it gave a {type(found).__name__}, not what a file holds (Found)")
     except RecordError:
         raise
     except (MemoryError, RecursionError) as error:

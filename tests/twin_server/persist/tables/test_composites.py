@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from twin_server.persist import CompositeRow, DamagedStoreError, open_store
-from twin_server.persist.layout import VERSION
+from twin_server.persist.layout import LACKING, WITHOUT_COMPOSITES
 
 
 def row(composite="lab.line", body="{}", t_ns=5):
@@ -28,9 +28,10 @@ def test_a_file_of_the_version_before_gets_the_table_and_keeps_the_rest(tmp_path
     path = tmp_path / "twin.sqlite"
     open_store(path).close()
     with sqlite3.connect(path, isolation_level=None) as file:
-        file.execute("drop table composites")
-        file.execute("delete from tallies where what = 'composites'")
-        file.execute(f"pragma user_version={VERSION - 2}")
+        for table in LACKING[WITHOUT_COMPOSITES]:
+            file.execute(f"drop table {table.name}")
+            file.execute("delete from tallies where what = ?", (table.name,))
+        file.execute(f"pragma user_version={WITHOUT_COMPOSITES}")
     file.close()
     store = open_store(path)
     store.add_composites([row()])

@@ -101,7 +101,7 @@ def test_json_ld_of_another_vocabulary_is_read_by_the_last_part_of_its_names():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("{", "is no JSON"),
+        ("{", "is not JSON"),
         ("[]", "neither digitalTwinsGraph nor @graph"),
         ('{"digitalTwinsModels": []}', "models alone have no twins"),
         ('{"digitalTwinsGraph": {"digitalTwins": [{"id": 1}]}}', "lacks what each twin"),
