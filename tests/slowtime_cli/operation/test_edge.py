@@ -58,7 +58,7 @@ def test_units_that_are_given_reach_the_input(run, monkeypatch, record, kind):
 def test_a_config_that_cannot_be_read_is_named(refused, tmp_path, verb):
     for name, content, says in [
         ("a.json", "{", "--config a.json: This is not JSON: Expecting property name"),
-        ("a.toml", "x =", "--config a.toml is not TOML: "),
+        ("a.toml", "x =", "--config a.toml: This is not TOML: "),
         ("a.ini", "", "a.ini is not a valid settings file. Allowed: .toml and .json."),
         ("b.json", '{"colour": 1}', "colour=1: Extra inputs are not permitted"),
     ]:

@@ -213,7 +213,8 @@ def _insert(writer, row):
 
 def cover_up(writer):
     """Compute anew all that follows from the rows, chains in the order that they had."""
-    kept = {row[0] for row in writer.execute("select id from digests").fetchall()}
+    before_it = writer.execute("select id, count, sha256 from digests").fetchall()
+    kept = {row[0] for row in before_it}
     for table in ("digests", "levels"):
         writer.execute(f"delete from {table}")
     build_levels(writer)
@@ -237,6 +238,9 @@ def cover_up(writer):
             )
         text = writer.execute("select registration from twins where id = ?", (twin,)).fetchone()
         owed[twin] = here, of_registration(text[0])
+    # Of a boot that went on behind a later one, a hash was kept that nobody comes by again.
+    anew = {row[0] for row in writer.execute("select id from digests").fetchall()}
+    insert_digests(writer, [row for row in before_it if row[0] not in anew])
     for twin, block in before:
         here, registration = owed[twin]
         entries = []
