@@ -42,7 +42,7 @@ def run_long(machine: type[RuleBasedStateMachine], seconds: float = LONG_S) -> i
         number = random.SystemRandom().getrandbits(64)
         own = type(machine.__name__, (machine,), {})
         given = settings(
-            _SHARE, derandomize=False, max_examples=200, stateful_step_count=60,
+            _SHARE, derandomize=False, max_examples=20, stateful_step_count=60,
             phases=(Phase.generate, Phase.shrink), print_blob=True,
         )  # fmt: skip
         run_state_machine_as_test(seed(number)(own), settings=given)

@@ -110,6 +110,8 @@ class Spool:
                 f"{folder} already holds features of boot {boot!r}. Give each run its own boot "
                 "id, or none, so that one is made."
             )
+        # Torn records that a full disk has kept count now, and nothing else would make room.
+        self._drop_oldest()
 
     @property
     def dropped(self) -> int:
@@ -170,7 +172,6 @@ class Spool:
                     os.fsync(self._descriptor())
             except OSError as error:
                 self._cut_back(segment)
-                self._drop_oldest()  # beyond the limit, by torn records say, it frees room
                 raise SpoolError(
                     f"The spool {self.folder} does not take sequence {sequence}: {error}. "
                     "Make room on the disk, or lower spool.max_bytes."

@@ -154,6 +154,7 @@ class SpoolMachine(RuleBasedStateMachine):
                 os.close(self.spool._file)
             self.spool._guard = self.spool._file = None
         self.open()
+        self.forget_dropped()
 
     @precondition(lambda self: self.must)
     @rule(data=st.data(), length=st.integers(1, 60), how=st.sampled_from(HOW))

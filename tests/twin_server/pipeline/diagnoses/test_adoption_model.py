@@ -33,7 +33,7 @@ MOST = 16
 KINDS = ("coulomb", "cubic", "sensor_fault", "nothing", "temperature", "trend", "failed")
 EFFECTS = {
     "coulomb": {"effect": "coulomb", "element": "storey1", "friction_n": 12.0},
-    "cubic": {"effect": "cubic_spring", "element": "storey2", "cubic_n_per_m3": 1e9},
+    "cubic": {"effect": "cubic_hardening", "element": "storey2", "k3_n_per_m3": 1e9},
 }
 
 
@@ -117,7 +117,8 @@ class AdoptionMachine(RuleBasedStateMachine):
         report = None if kind == "failed" else report_of(kind)
         ended = row._replace(number=number, state=state, ended_ns=2, report=report)
         self.store.end_diagnosis(ended, b"", model)
-        self.found[number] = kind if twin == ID else "another's"
+        if twin == ID:  # each twin counts its own
+            self.found[number] = kind
 
     def attempt(self, function, given, number):
         before, refused = self.now, None
