@@ -33,7 +33,7 @@ OWN = {
     "twin_server/identity/tokens.py": "written by `slowtime tokens`",
     "twin_server/history/rendering.py": "a row of the database",
     "twin_server/notify/message.py": "a row of the database",
-    "twin_server/persist/ledger_audit.py": "a row of the database",
+    "twin_server/persist/ledger_audit/signed_heads.py": "a row of the database",
     "twin_server/estimate/checkpoint.py": "a row of the database",
     "twin_server/events/deliveries.py": "a row of the database",
 }

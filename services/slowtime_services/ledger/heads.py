@@ -5,13 +5,13 @@ kept elsewhere, therefore proves all heads before it, and reveals a chain that w
 """
 
 import hashlib
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from slowtime_services.credentials import Signer, is_signed
+from slowtime_services.documents.json_documents import read_json
 
 from .chain import Link
 
@@ -142,4 +142,4 @@ def last_head(path: Path) -> Head:
         lines = file.read().splitlines()
     if not lines:
         raise ValueError(f"{path} holds no head.")
-    return Head.of(json.loads(lines[-1]))
+    return Head.of(read_json(lines[-1]))
