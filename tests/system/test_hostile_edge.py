@@ -29,7 +29,7 @@ pytestmark = [pytest.mark.system]
 WITHIN_S = 2.0
 """Within which a reading of another asset is durable, whatever a hostile edge has sent [s]."""
 BESIDE_ALONE = 4.0
-"""The same, over the longest time of a reading before, where a machine is slow by itself [1]."""
+"""The same over the longest time of a reading before, where a machine is slow by itself [1]."""
 FAR = 2**40 - 1
 
 
