@@ -151,6 +151,12 @@ def print_audit(found: "Audit", database: str, key: str | None) -> None:
         f"{found.vouched:,} ledger entries up to head {found.against.number}; "
         f"{found.waiting:,} since then, not covered by this head."
     )
+    if found.replaced:
+        named = ", ".join(f"{count:,} of {table}" for table, count in found.replaced.items())
+        click.echo(
+            f"  Of the rows that this head covers, some were written again or removed since: "
+            f"{named}."
+        )
 
 
 def public_key_of(key: str) -> str:

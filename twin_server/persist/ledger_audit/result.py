@@ -1,6 +1,7 @@
 """The result of an audit."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable
 
 from slowtime_services.ledger import CompactRange, Head, Link, MerkleTree
@@ -25,6 +26,8 @@ class Audit:
         The head that the rest refers to: the one that was kept elsewhere, else the last one.
     vouched, waiting
         Number of entries that this head covers, and of those behind it.
+    replaced
+        By table, how many rows that this head covers were written again or removed since.
     notes
         Checks that could not be made, and why.
     standing
@@ -40,6 +43,7 @@ class Audit:
     against: Head | None = None
     vouched: int = 0
     waiting: int = 0
+    replaced: Counter[str] = dataclasses.field(default_factory=Counter)
     notes: list[str] = dataclasses.field(default_factory=list)
     standing: MerkleTree = dataclasses.field(default_factory=MerkleTree)
     ends: dict[str, tuple[Link, CompactRange]] = dataclasses.field(default_factory=dict)
