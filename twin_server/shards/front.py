@@ -15,7 +15,7 @@ from pydantic_core import from_json, to_json
 
 from twin_server.identity.principals import NOBODY, principal_of
 from twin_server.registration.twin import Registration
-from twin_server.serve.api import larger_bodies
+from twin_server.serve.api import SEE_LOG, health, larger_bodies
 from twin_server.serve.composites import routes as composite_routes
 from twin_server.serve.exports import graph_routes
 from twin_server.serve.http import problems
@@ -120,9 +120,15 @@ class _Front:
             if answer is None or answer.status != HTTPStatus.OK
         ]
         if not down:
-            return json_response({"status": "ok"})
+            notes = [
+                f"Shard {index}: {note}"
+                for index, answer in enumerate(answers)
+                if answer is not None
+                for note in from_json(answer.body).get("notes", [])
+            ]
+            return json_response(health(request, notes))
         if principal_of(request.scope) is NOBODY:
-            down = ["The server's log says why."]
+            down = [SEE_LOG]
         return problems.respond(request, 503, "not-ready", " ".join(down))
 
     async def metrics(self, request: Request) -> Response:

@@ -88,18 +88,26 @@ class Head(NamedTuple):
         ValueError
             If a part is missing or of another kind.
         """
-        try:
-            found = cls(**{name: told[name] for name in cls._fields})
-        except KeyError as error:
-            raise ValueError(f"A head lacks {error}.") from error
-        numbers, words = found[:3], found[3:]
-        if not all(type(n) is int for n in numbers) or not all(
-            isinstance(word, str) for word in words
-        ):
-            raise ValueError(
-                "Of a head, number, t_ns and assets are integers, the rest is text."
-            )
-        return found
+        return cls(**read_fields("head", cls.__annotations__, told))
+
+
+def read_fields(
+    what: str, types: Mapping[str, type], told: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the parts of a head that JSON tells.
+
+    Raises
+    ------
+    ValueError
+        If a part is missing or of another type.
+    """
+    for name, kind in types.items():
+        if name not in told:
+            raise ValueError(f"A {what} lacks {name!r}.")
+        if type(told[name]) is not kind:
+            words = "an integer" if kind is int else "text"
+            raise ValueError(f"Of a {what}, {name} is {words}.")
+    return {name: told[name] for name in types}
 
 
 def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signer) -> Head:

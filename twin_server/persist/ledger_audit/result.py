@@ -32,6 +32,8 @@ class Audit:
         Checks that could not be made, and why.
     standing
         Leaves that the last head signs.
+    signed_ns
+        Time of the head that signed each of these leaves [ns since 1970].
     ends
         End of each chain, and the Merkle tree of its entries, for who has the key.
     """
@@ -46,6 +48,7 @@ class Audit:
     replaced: Counter[str] = dataclasses.field(default_factory=Counter)
     notes: list[str] = dataclasses.field(default_factory=list)
     standing: MerkleTree = dataclasses.field(default_factory=MerkleTree)
+    signed_ns: dict[str, int] = dataclasses.field(default_factory=dict)
     ends: dict[str, tuple[Link, CompactRange]] = dataclasses.field(default_factory=dict)
 
     def blame(self, chain: str, what: str) -> None:

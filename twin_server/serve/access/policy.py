@@ -47,7 +47,7 @@ _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "/forecast",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
-    "/memberships", "/quarantine",
+    "/memberships", "/quarantine", "/ledger", "/ledger/consistency", "/ledger/inclusion",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
