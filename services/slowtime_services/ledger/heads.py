@@ -18,7 +18,7 @@ from .chain import Link
 _NOTHING = "0" * 64
 
 LONGEST_LINE = 4_096
-"""Longest line of a file of heads [bytes]; a head has some 500."""
+"""End of a file of heads that is searched for the last one [bytes]; a head has some 500."""
 
 
 class Leaf(NamedTuple):
@@ -139,15 +139,22 @@ def follows(head: Head, before: Head | None) -> bool:
 def last_head(path: Path) -> Head:
     """Read the last head of a file of heads, one JSON object a line.
 
+    A line that is no head was being written when its volume was full or its machine failed; the
+    head before it counts. Whoever could spoil a line could remove it as well.
+
     Raises
     ------
     ValueError
-        If it does not end with a head.
+        If there is no head among the last lines.
     """
     with path.open("rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - LONGEST_LINE))
         lines = file.read().splitlines()
-    if not lines:
-        raise ValueError(f"{path} holds no head.")
-    return Head.of(read_json(lines[-1]))
+    why: ValueError | TypeError = ValueError("it is empty")
+    for line in reversed(lines):
+        try:
+            return Head.of(read_json(line))
+        except (ValueError, TypeError) as error:
+            why = error
+    raise ValueError(f"{path} holds no head: {why}")

@@ -121,7 +121,8 @@ def _twins(t: Tenant) -> Iterator[None]:
         "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
         "/forecast", "/plan", "/risk", "/events", "/events/recorded", "/gap", "/fatigue",
         "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships",
-        "/diagnoses",
+        "/diagnoses", "/ledger", "/ledger/consistency?first=1",
+        "/ledger/inclusion?boot=b1&sequence=1",
     ):  # fmt: skip
         t.get(twin + path)
     yield
