@@ -40,6 +40,7 @@ from .supervisor import Shards
 logger = logging.getLogger(__name__)
 
 _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
+_OF_CHAIN = re.compile(r"^/api/v1/ledger/chains/([^/]+)/")
 
 METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"]
 
@@ -177,6 +178,8 @@ class _Front:
         if twin is not None:
             await self._check_no_composite(request.method, path, twin[1])
             index = owner(twin[1], self._shards.count)
+        elif (chain := _OF_CHAIN.match(path)) is not None:
+            index = owner(chain[1], self._shards.count)
         elif path == HEADS:
             index = self._shard_named(request)
         elif path.startswith(RECORDINGS):

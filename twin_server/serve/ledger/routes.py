@@ -3,9 +3,10 @@
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Path, Query, Response
 
-from twin_server.registration.twin import Registration
+from slowtime_schemas.quantities import Plain
+from twin_server.registration.twin import ID, Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.knowledge import Knowledge
@@ -14,13 +15,16 @@ from twin_server.serve.state_rendering import json_response
 
 from .models import ConsistencyProof, HeadList, InclusionProof, TreeHeadModel
 
+ChainId = Annotated[str, Path(pattern=ID, description="Id of the twin."), Plain]
+"""A deleted twin keeps its chain, so this need not be that of a twin that is there."""
+
 AT_ONCE = 2
 """Proofs that are made at once; sites take turns."""
 
 _PROBLEMS = problems.answers({422: "Not valid"})
 _OF_TWIN = problems.answers(
     {
-        404: "No such twin, or nothing of it is signed",
+        404: "No such twin or reading, or nothing of it is signed",
         409: "The server signs nothing any more",
         422: "Not valid",
     }
@@ -54,31 +58,29 @@ def routes(knowledge: Knowledge, known: Callable[..., Awaitable[Registration]]) 
         return json_response(proofs.head(twin_id))
 
     @api.get(
-        "/twins/{twin_id}/ledger/consistency",
+        "/ledger/chains/{chain}/consistency",
         response_model=ConsistencyProof,
         responses=_OF_TWIN,
     )
     async def consistency(
-        twin_id: TwinId,
-        registration: Known,
+        chain: ChainId,
         first: Annotated[int, Query(ge=0, lt=2**63, description="Entries of a kept head")],
     ) -> Response:
         """Prove that the chain begins with the entries that a kept tree head covers."""
-        return json_response(await proving.run(lambda: proofs.consistency(twin_id, first)))
+        return json_response(await proving.run(lambda: proofs.consistency(chain, first)))
 
     @api.get(
-        "/twins/{twin_id}/ledger/inclusion", response_model=InclusionProof, responses=_OF_TWIN
+        "/ledger/chains/{chain}/inclusion", response_model=InclusionProof, responses=_OF_TWIN
     )
     async def inclusion(
-        twin_id: TwinId,
-        registration: Known,
+        chain: ChainId,
         boot: Annotated[str, Query(min_length=1, max_length=200)],
         sequence: Annotated[int, Query(ge=0, lt=2**40)],
         before: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
     ) -> Response:
         """Prove that a reading is among the entries of the chain."""
         return json_response(
-            await proving.run(lambda: proofs.inclusion(twin_id, boot, sequence, before))
+            await proving.run(lambda: proofs.inclusion(chain, boot, sequence, before))
         )
 
     return api

@@ -13,6 +13,7 @@ from twin_server.settings import LedgerSettings
 
 TWINS = "/api/v1/twins"
 TWIN = f"{TWINS}/lab.beam"
+CHAIN = "/api/v1/ledger/chains/lab.beam"
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +69,8 @@ def test_a_twin_is_proven_against_its_kept_head_and_a_forged_one_is_not(
     asked = {"boot": messages[0].boot, "sequence": messages[7].sequence}
     told = {
         "head": newest._asdict(),
-        "consistency": server.get(f"{TWIN}/ledger/consistency", first=kept.size).json(),
-        "inclusion": server.get(f"{TWIN}/ledger/inclusion", **asked).json(),
+        "consistency": server.get(f"{CHAIN}/consistency", first=kept.size).json(),
+        "inclusion": server.get(f"{CHAIN}/inclusion", **asked).json(),
     }
     told["head"] = told["consistency"]["head"]
     found = verify(told, kept, key[1])
@@ -96,14 +97,14 @@ def test_what_cannot_be_proven_is_refused_with_the_reason(started, ageing, event
     assert eventually(lambda: server.count() == 5)
     head = signed(server, eventually)
     for path, status, what in (
-        (f"{TWIN}/ledger/consistency?first={head['size'] + 500}", 409, "keep the database"),
-        (f"{TWIN}/ledger/inclusion?boot=no&sequence=3", 404, "no reading 3 of boot no"),
+        (f"{CHAIN}/consistency?first={head['size'] + 500}", 409, "keep the database"),
+        (f"{CHAIN}/inclusion?boot=no&sequence=3", 404, "no reading 3 of boot no"),
         (f"{TWINS}/lab.none/ledger", 404, "No twin is called"),
     ):
         answer = server.client.get(path)
         assert (answer.status_code, what in answer.text) == (status, True), answer.text
     boot = ageing(1)[0].boot
-    answer = server.get(f"{TWIN}/ledger/inclusion", boot=boot, sequence=0, before=1)
+    answer = server.get(f"{CHAIN}/inclusion", boot=boot, sequence=0, before=1)
     assert (answer.status_code, "entries 0 to 1" in answer.text) == (404, True)
 
 
@@ -116,9 +117,7 @@ def test_a_server_without_a_key_says_that_it_signs_nothing(serving):
     assert server.get("/api/v1/ledger/heads").json() == {"heads": [], "refusal": ""}
 
 
-def test_a_refusal_is_seen_everywhere_and_readings_go_on(
-    started, ageing, eventually, tmp_path
-):
+def test_a_refusal_is_seen_everywhere_and_readings_go_on(started, ageing, eventually, tmp_path):
     server = started()
     server.client.put(TWIN, json=BODY)
     messages = ageing(20)
@@ -155,3 +154,68 @@ def test_a_refusal_is_seen_everywhere_and_readings_go_on(
     answer = server.client.get(f"{TWIN}/ledger")
     assert (answer.status_code, "signs nothing any more" in answer.text) == (409, True)
     assert httpx.get(f"{server.url}/healthz").json() == {"status": "ok"}
+
+
+def test_a_tree_head_says_nothing_of_other_twins(started, eventually):
+    """Its size does not depend on what others have; the head of the server counts all."""
+    sizes, heads = [], []
+    for name in ("alone", "beside"):
+        server = started(f"{name}.sqlite")
+        if name == "beside":
+            for other in range(3):
+                server.client.put(f"{TWINS}/yard.secret{other}", json=BODY)
+        server.client.put(TWIN, json=BODY)
+        head = signed(server, eventually)
+        assert kept_of(head).is_signed
+        sizes.append(head["size"])
+        assert "yard" not in json.dumps(head)
+        assert head.keys() == {"chain", "size", "tree", "t_ns", "public", "signature"}
+        heads.append(server.get("/api/v1/ledger/heads").json()["heads"][-1])
+        stop(server)
+    assert sizes[0] == sizes[1]
+    assert heads[1]["assets"] > heads[0]["assets"]
+
+
+def test_the_command_fetches_a_proof_and_verifies_it_without_the_server(
+    started, ageing, eventually, key, tmp_path, monkeypatch, capsys
+):
+    from slowtime_cli.__main__ import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main(["ledger", *words])
+        return left.value.code, " ".join(" ".join(capsys.readouterr()).split())
+
+    server = started()
+    messages = ageing(20)
+    server.client.put(TWIN, json=BODY)
+    server.feed(messages[:10])
+    assert eventually(lambda: server.count() == 10)
+    size = signed(server, eventually)["size"]
+    at, keyed = ("--server", server.url), ("--key", key[1])
+    assert run("head", *at, "--out", "all.json")[0] == 0
+    code, said = run("head", *at, "--twin", "lab.beam", "--out", "beam.json")
+    assert (code, "head of lab.beam" in said) == (0, True), said
+    server.feed(messages[10:])
+    assert eventually(lambda: server.count() == 20)
+    signed(server, eventually, size)
+    reading = f"{messages[15].boot}/{messages[15].sequence}"
+    head = ("--head", "beam.json")
+    code, said = run("prove", *at, *head, *keyed, "--reading", reading, "--out", "proof.json")
+    assert (code, f"Reading {messages[15].sequence} of boot" in said) == (0, True), said
+    code, said = run("prove", *at, "--head", "all.json", *keyed, "--out", "heads.json")
+    assert (code, "go on from head" in said) == (0, True), said
+    assert run("prove", *at, "--head", "all.json", "--reading", "b/1", "--out", "x.json")[0]
+    stop(server)
+    for proof, kept in (("proof.json", "beam.json"), ("heads.json", "all.json")):
+        assert run("verify", proof, "--head", kept, *keyed)[0] == 0
+        told = json.loads((tmp_path / kept).read_text())
+        spoilt = {**told, "t_ns": told["t_ns"] + 1}
+        (tmp_path / "other.json").write_text(json.dumps(spoilt))
+        code, said = run("verify", proof, "--head", "other.json", *keyed)
+        assert (code != 0, "does not prove it" in said) == (True, True), said
+    assert "Give that with --head" in run("verify", "proof.json")[1]
+    assert "no proof for this head" in run("verify", "heads.json", *head)[1]
