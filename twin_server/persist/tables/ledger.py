@@ -15,7 +15,7 @@ from slowtime_services.ledger import (
     Link,
     beginning,
     features_digest,
-    linked,
+    followed,
     packed,
     unpacked,
 )
@@ -63,10 +63,11 @@ class ChainEnds:
         end = self._known.get(twin_id) or _end(writer, twin_id)
         for first in range(0, len(entries), _AT_ONCE):
             part = entries[first : first + _AT_ONCE]
-            block, end = packed(part), linked(end, part)
+            block = packed(part)
+            end = followed(end, block)
             if self.seal is not None:
-                seal = [Entry(kinds.SEAL, 0, self.seal(end.digest))]
-                block, end = block + packed(seal), linked(end, seal)
+                seal = Entry(kinds.SEAL, 0, self.seal(end.digest)).written
+                block, end = block + seal, followed(end, seal)
             insert_blocks(writer, [(twin_id, end.length, block, end.digest)])
         self._known[twin_id] = end
 
