@@ -141,7 +141,7 @@ def _print_proof(
     if found.reading is not None:
         click.echo(
             f"Reading {found.reading.sequence} of boot {found.reading.boot} is entry "
-            f"{found.reading.index:,} of it."
+            f"{found.reading.entry:,} of it."
         )
 
 

@@ -24,9 +24,9 @@ _BYTES = 32
 
 
 class ProvenReading(NamedTuple):
-    """A reading that is among the entries of a chain."""
+    """A reading that is among the entries of a chain, and which of them it is."""
 
-    index: int
+    entry: int
     boot: str
     sequence: int
     t_ns: int

@@ -320,3 +320,30 @@ def _let_anything_in(writer, name):
     )
     writer.execute(f"pragma schema_version = {version + 1}")
     writer.execute("pragma writable_schema = off")
+
+
+def test_rows_that_were_written_again_behind_the_head_are_counted_as_uncovered(copy, key):
+    """A chain needs no key: who has none cannot tell the server's entries from a forger's."""
+    found = checked(copy, key)
+    assert (found.wrong, found.replaced["deliveries"]) == ([], 2)  # of both twins, settled
+    coverage = COVERED["deliveries"]
+    with writing(copy) as writer:
+        row = next(one for one in all_rows(writer, coverage.table) if one[8] == "waiting")
+        changed = forging.with_column(coverage.table, row, "body", "{}")
+        forging.remove(writer, coverage.table, row)
+        forging.put(writer, coverage.table, changed)
+        ChainEnds().append(writer, row[1], [coverage.written(changed)])
+    found = checked(copy, key)
+    assert (found.wrong, found.replaced["deliveries"]) == ([], 3)
+
+
+def test_a_twin_that_was_deleted_and_registered_again_is_named(copy, key):
+    with contextlib.closing(forging.open_unverified(copy.database)) as store:
+        signer = forging.signer_of(store, copy.key)
+        assert store.delete("lab.beam")
+        store.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "{}")]))
+        assert signer.sign(2 * 10**18) is not None
+    found = checked(copy, key)
+    assert found.wrong == []
+    [note] = found.notes
+    assert "lab.beam: it was deleted with its history" in note
