@@ -6,8 +6,7 @@ import httpx
 import pytest
 
 from slowtime_services.credentials import make_key
-from slowtime_services.ledger import verify
-from slowtime_services.ledger.proofs import kept_of
+from slowtime_services.ledger import TreeHead, verify
 from tests.twin_server.persist.ledger_audit import forging
 from twin_server.settings import LedgerSettings
 
@@ -61,10 +60,10 @@ def test_a_twin_is_proven_against_its_kept_head_and_a_forged_one_is_not(
     server.client.put(TWIN, json=BODY)
     server.feed(messages[:20])
     assert eventually(lambda: server.count() == 20)
-    kept = kept_of(signed(server, eventually))
+    kept = TreeHead.of(signed(server, eventually))
     server.feed(messages[20:])
     assert eventually(lambda: server.count() == 30)
-    newest = kept_of(signed(server, eventually, kept.size))
+    newest = TreeHead.of(signed(server, eventually, kept.size))
     assert (newest.chain, kept.public) == ("lab.beam", key[1])
     asked = {"boot": messages[0].boot, "sequence": messages[7].sequence}
     told = {
@@ -74,7 +73,9 @@ def test_a_twin_is_proven_against_its_kept_head_and_a_forged_one_is_not(
     }
     told["head"] = told["consistency"]["head"]
     found = verify(told, kept, key[1])
+    assert isinstance(found.head, TreeHead)
     assert found.head.size >= newest.size
+    assert found.reading is not None
     assert found.reading.sequence == messages[7].sequence
     assert json.loads(found.reading.message)["sequence"] == messages[7].sequence
 
@@ -166,7 +167,7 @@ def test_a_tree_head_says_nothing_of_other_twins(started, eventually):
                 server.client.put(f"{TWINS}/yard.secret{other}", json=BODY)
         server.client.put(TWIN, json=BODY)
         head = signed(server, eventually)
-        assert kept_of(head).is_signed
+        assert TreeHead.of(head).is_signed
         sizes.append(head["size"])
         assert "yard" not in json.dumps(head)
         assert head.keys() == {"chain", "size", "tree", "t_ns", "public", "signature"}
