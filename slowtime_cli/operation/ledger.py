@@ -1,13 +1,15 @@
 """The verb `ledger`: makes signing keys, fetches signed heads and verifies recordings."""
 
+import contextlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from slowtime_cli.shared.terminal import plural
-from slowtime_services.client import Client
+from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.credentials import CredentialsError, make_key, public_key
 from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.documents.document_files import read_json_file
@@ -40,6 +42,16 @@ def key(out: Path) -> None:
     )
 
 
+@contextlib.contextmanager
+def _asking() -> Iterator[None]:
+    """Say what a server answers, or that it does not."""
+    try:
+        yield
+    except (AnswerError, UnreachableError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+@_asking()
 def head(server: str, out: Path, twin: str | None) -> None:
     """Fetch the newest signed head of a server, or of the chain of one twin."""
     _must_not_exist(out)
@@ -67,6 +79,7 @@ def head(server: str, out: Path, twin: str | None) -> None:
         raise click.ClickException(f"{server} signs nothing behind it. {refusal}")
 
 
+@_asking()
 def prove(server: str, head: Path, reading: str | None, key: str | None, out: Path) -> None:
     """Fetch a proof that a server's ledger goes on from a kept head, and verify it."""
     _must_not_exist(out)

@@ -66,6 +66,8 @@ def test_a_twin_is_proven_against_its_kept_head_and_a_forged_one_is_not(
     newest = TreeHead.of(signed(server, eventually, kept.size))
     assert (newest.chain, kept.public) == ("lab.beam", key[1])
     asked = {"boot": messages[0].boot, "sequence": messages[7].sequence}
+    where = f"{CHAIN}/inclusion"
+    assert eventually(lambda: server.client.get(where, params=asked).status_code == 200)
     told = {
         "head": newest._asdict(),
         "consistency": server.get(f"{CHAIN}/consistency", first=kept.size).json(),
@@ -203,6 +205,9 @@ def test_the_command_fetches_a_proof_and_verifies_it_without_the_server(
     server.feed(messages[10:])
     assert eventually(lambda: server.count() == 20)
     signed(server, eventually, size)
+    asked = {"boot": messages[15].boot, "sequence": messages[15].sequence}
+    where = f"{CHAIN}/inclusion"
+    assert eventually(lambda: server.client.get(where, params=asked).status_code == 200)
     reading = f"{messages[15].boot}/{messages[15].sequence}"
     head = ("--head", "beam.json")
     code, said = run("prove", *at, *head, *keyed, "--reading", reading, "--out", "proof.json")
@@ -218,5 +223,7 @@ def test_the_command_fetches_a_proof_and_verifies_it_without_the_server(
         (tmp_path / "other.json").write_text(json.dumps(spoilt))
         code, said = run("verify", proof, "--head", "other.json", *keyed)
         assert (code != 0, "does not prove it" in said) == (True, True), said
+    code, said = run("prove", *at, *head, "--out", "y.json")
+    assert (code, "Internal error" in said) == (2, False), said
     assert "Give that with --head" in run("verify", "proof.json")[1]
     assert "no proof for this head" in run("verify", "heads.json", *head)[1]
