@@ -476,17 +476,11 @@ def wav_of_empty_chunks(path: Path) -> None:
 
 
 def uff(path: Path) -> None:
-    import pyuff
+    from slowtime_services.exports import write_universal
+    from slowtime_services.files import Record
 
-    pyuff.UFF(str(path)).write_sets(
-        {
-            "type": 58, "binary": 1, "func_type": 1, "rsp_node": 1, "rsp_dir": 1, "ref_node": 1,
-            "ref_dir": 1, "data": samples(1)[:, 0], "x": np.arange(ROWS) / RATE_HZ,
-            "abscissa_spacing": 1, "abscissa_min": 0.0, "abscissa_inc": 1 / RATE_HZ,
-            "id1": "a", "id2": "b", "id3": "c", "id4": "d", "id5": "e", "load_case_id": 0,
-        },
-        "overwrite",
-    )  # fmt: skip
+    one = Record(samples=samples(1), rate_hz=RATE_HZ, channels=("a",), units=("g",))
+    write_universal(path, one)
 
 
 def uff_of_more_points(path: Path) -> None:
@@ -868,7 +862,9 @@ def _cases(
     ending: str, honest: Maker, *lying: Maker, words: tuple[str, ...] = ()
 ) -> list[Case]:
     command = ("import", "{file}", *words, "--out", "out.mcap")
-    return [Case(f"{one.__name__}", f"f{ending}", honest, one, command) for one in lying]
+    return [
+        Case(one.__name__, f"f{ending}", honest, one, command, one in HARMLESS) for one in lying
+    ]
 
 
 RATE = ("--rate-hz", "100")
