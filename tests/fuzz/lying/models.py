@@ -41,6 +41,8 @@ LIES: dict[str, str] = {
     "anchors": "".join(f"a{n}: &b{n} 1\n" for n in range(100_000)),
     "syntax_at_the_end": "a: [" + "1, " * 90_000 + "}\n",
     "large": "a: 1\n" * 2_000_000,
+    "wrong_items": "nodes: [" + "1," * 450_000 + "1]\n",
+    "empty_items": "inputs: [" + "{}," * 150_000 + "{}]\n",
 }  # fmt: skip
 """What a text document can lie about."""
 
@@ -52,7 +54,7 @@ inputs: [{channel: f, at: m1, kind: force}]
 sensors: [{channel: a, at: m1, quantity: acceleration}]
 """
 PROBLEM = """slowtime_reliability: 1
-inputs: {r: {law: normal, mean: 10, sd: 1}, s: {law: normal, mean: 5, sd: 1}}
+inputs: {r: {marginal: normal, mean: 10, sd: 1}, s: {marginal: normal, mean: 5, sd: 1}}
 limit_state: r - s
 """
 FORMULAS: dict[str, str] = {

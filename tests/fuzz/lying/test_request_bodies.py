@@ -135,6 +135,21 @@ def test_a_lying_body_is_refused_with_a_reason(house, operation, name):
         assert swelled < MOST_MIB
 
 
+@pytest.mark.parametrize(
+    ("item", "count"), [("1", 480_000), ("{}", 240_000), ('{"id": 1}', 120_000)]
+)
+def test_a_large_body_of_faults_is_left_at_the_first(house, item, count):
+    """Each fault would take 25 µs and 2 kB."""
+    body = '{"model": {"slowtime_model": 1, "name": "rig", "nodes": [%s]}}' % ",".join(
+        [item] * count
+    )
+    began = time.process_time()
+    answer = _ask(house, ("put", "/twins/{twin_id}"), body.encode())
+    assert time.process_time() - began < MOST_S
+    assert answer.status_code == 422
+    assert "nodes.0" in answer.json()["detail"]
+
+
 @pytest.mark.parametrize("operation", HONEST, ids=lambda one: " ".join(one))
 def test_a_key_that_stands_twice_is_not_read_as_the_last(house, operation):
     body = json.dumps(HONEST[operation])
