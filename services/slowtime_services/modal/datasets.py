@@ -29,12 +29,14 @@ def datasets_of(path: Path) -> list[Dataset]:
     RecordError
         Where it is no universal file, or ends within a dataset.
     """
-    if path.stat().st_size > MOST_BYTES:
+    with path.open("rb") as file:  # not `stat`: pipes and devices have no size
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
         raise RecordError(
             f"{path.name} is larger than {MOST_BYTES >> 20} MiB. Give a file of modes and "
             "geometry without records."
         )
-    lines = path.read_bytes().decode("latin-1").splitlines()
+    lines = content.decode("latin-1").splitlines()
     marks = [number for number, line in enumerate(lines) if _MARK.fullmatch(line)]
     if not marks or any(line.strip() for line in lines[: marks[0]]):
         raise RecordError(

@@ -140,9 +140,8 @@ def test_a_lying_body_is_refused_with_a_reason(house, operation, name):
 )
 def test_a_large_body_of_faults_is_left_at_the_first(house, item, count):
     """Each fault would take 25 µs and 2 kB."""
-    body = '{"model": {"slowtime_model": 1, "name": "rig", "nodes": [%s]}}' % ",".join(
-        [item] * count
-    )
+    nodes = ",".join([item] * count)
+    body = f'{{"model": {{"slowtime_model": 1, "name": "rig", "nodes": [{nodes}]}}}}'
     began = time.process_time()
     answer = _ask(house, ("put", "/twins/{twin_id}"), body.encode())
     assert time.process_time() - began < MOST_S
