@@ -1,6 +1,7 @@
 """Whatever file a verb is given, its message is for users, and not for its developers."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ from tests.slowtime_cli.broken_inputs import (
     BROKEN,
     ENDLESS,
     INTERNALS,
+    SERVERS,
     arguments,
     is_read,
     preload,
@@ -43,16 +45,16 @@ def test_each_verb_that_reads_a_file_is_tried():
 def test_no_broken_input_shows_internals(tmp_path, monkeypatch, words, command, param):
     monkeypatch.chdir(tmp_path)
     preload()
-    tmp_path.chmod(0o777)  # of a user who may not read, the results may be written
     for kind, broken in BROKEN.items():
         for ending in broken.endings:
             path = tmp_path / f"{kind}{ending}"
             broken.make(path)
             given = [*words, *arguments(command, param, path.name)]
-            status, said = said_of(given, as_nobody=kind == "denied")
-            assert status in STATUSES, (given, status, said)
+            status, said = said_of(given, bound_by_modes=kind == "denied")
+            runs_on = words[0] in SERVERS and status == -signal.SIGTERM
+            assert status in STATUSES or runs_on, (given, status, said)
             assert status != 1 or "Internal error" not in said, (given, said)
-            assert said.strip() or status == 0, given
+            assert said.strip() or status == 0 or runs_on, given
             assert not INTERNALS.search(said), (given, said)
 
 
