@@ -26,6 +26,9 @@ INTERNALS = re.compile(
 )
 """What no message to a user shows."""
 
+_LOGGED = re.compile(r"^\d{4}-\d\d-\d\d [\d:,]+ [A-Z]+ +[\w.]+: ", re.MULTILINE)
+"""What begins a line of a log: its time, level and logger, which is named after a module."""
+
 PATIENCE_S = 20
 """Processor time after which a command is ended [s]."""
 
@@ -173,7 +176,8 @@ def said_of(
         for end in ends:
             end.cancel()
         out.seek(0)
-        return os.waitstatus_to_exitcode(status), out.read().decode(errors="replace")
+        said = _LOGGED.sub("", out.read().decode(errors="replace"))
+        return os.waitstatus_to_exitcode(status), said
 
 
 INTERPRETER_FAILED = 120

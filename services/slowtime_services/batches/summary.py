@@ -77,7 +77,9 @@ def row_of(out: Path, outcome: Outcome) -> dict[str, Any]:
         **row,
         "verdict": report.verdict,
         "effects": "; ".join(map(_label, effects)),
-        "probability": min((one.probability for one in effects), default=""),
+        "probability": min(
+            (one.probability for one in effects if one.probability is not None), default=""
+        ),
         "undecided": "; ".join(map(_label, report.undecided)),
         "error_as_given": gap.nominal,
         "error_refitted": gap.refitted_nominal,
