@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from slowtime_services.documents.bounds import DocumentError, document_text
 from slowtime_services.files import RecordError
-from slowtime_services.reasons import reason_of
 
 from .datasets import Dataset, datasets_of, integers, numbers
 
@@ -152,6 +151,11 @@ def geometry_of(datasets: Sequence[Dataset]) -> Geometry:
         elif one.kind == "82":
             count = integers(one, 0, [10, 10])[1]
             words = " ".join(one.lines[2:]).split()
+            if count > len(words):
+                raise RecordError(
+                    f"A dataset 82 of {one.file} states {count:,} nodes and lists {len(words):,}: "
+                    "it is cut short, or was changed. Export it again."
+                )
             traced = tuple(int(float(word)) for word in words[:count] if _is_number(word))
             lines.append(traced)
     return Geometry(nodes, tuple(lines))
@@ -178,9 +182,10 @@ def _of_table(path: Path) -> Geometry:
     try:
         lines = document_text(path).splitlines()
         rows = list(itertools.islice(csv.DictReader(lines), MOST_CHANNELS + 1))
-    except (DocumentError, csv.Error) as error:
-        reason = reason_of(error).rstrip(".")
-        raise RecordError(f"{path.name} is not CSV text: {reason}. Save it as CSV.") from None
+    except DocumentError as error:
+        raise RecordError(str(error)) from None
+    except csv.Error as error:
+        raise RecordError(f"{path.name} is not CSV text: {error}. Save it as CSV.") from None
     if len(rows) > MOST_CHANNELS:
         raise RecordError(
             f"{path.name} has more than {MOST_CHANNELS:,} rows. Give one for each channel."
