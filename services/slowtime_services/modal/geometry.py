@@ -153,8 +153,8 @@ def geometry_of(datasets: Sequence[Dataset]) -> Geometry:
             words = " ".join(one.lines[2:]).split()
             if count > len(words):
                 raise RecordError(
-                    f"A dataset 82 of {one.file} states {count:,} nodes and lists {len(words):,}: "
-                    "it is cut short, or was changed. Export it again."
+                    f"A dataset 82 of {one.file} states {count:,} nodes and lists "
+                    f"{len(words):,}: it is cut short, or was changed. Export it again."
                 )
             traced = tuple(int(float(word)) for word in words[:count] if _is_number(word))
             lines.append(traced)
