@@ -338,6 +338,9 @@ def _status_of(arguments: Sequence[str] | None) -> int:
             raise
         _say(reason_of(error) if isinstance(error, OSError) else str(error))
         return 2
+    except MemoryError as error:
+        _say(f"{reason_of(error)} Give a smaller file, or more memory.")
+        return 2
     except Exception as error:
         if os.environ.get("SLOWTIME_DEBUG"):
             raise

@@ -13,7 +13,7 @@ from slowtime.identification.mode_shapes.merging import MergedMode, SetUp, merge
 from slowtime.identification.modes import Mode
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.files.modes import FoundMode, ModesFile
-from slowtime_services.documents.bounds import DATA, DocumentError
+from slowtime_services.documents.bounds import RESULT, DocumentError
 from slowtime_services.documents.document_files import read_checked_json
 
 from .merge_before import merged_records
@@ -95,7 +95,7 @@ def modes_of_file(path: Path) -> tuple[tuple[str, ...], list[Mode]]:
 
 def _read(path: Path) -> ModesFile:
     try:
-        found = read_checked_json(path, ModesFile, DATA)
+        found = read_checked_json(path, ModesFile, RESULT)
     except DocumentError as error:
         raise click.UsageError(
             f"{path.name} is not a valid modes file ({error!s:.400}). Give what "

@@ -10,7 +10,7 @@ from slowtime.dynamics.units import unit_factor
 from slowtime.evolution.structures import MeasuredModes
 from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime_schemas.files.modes import FoundMode, ModesFile
-from slowtime_services.documents.bounds import DATA, DocumentError
+from slowtime_services.documents.bounds import RESULT, DocumentError
 from slowtime_services.documents.document_files import read_checked_json
 
 from .errors import MatrixFileError
@@ -45,7 +45,7 @@ def read_measured_modes(
         Where it is another file, or none of its modes is structural.
     """
     try:
-        found = read_checked_json(path, ModesFile, DATA)
+        found = read_checked_json(path, ModesFile, RESULT)
     except DocumentError as error:
         raise MatrixFileError(
             f"{path.name} is not a valid modes file ({error!s:.400}). Give what "
