@@ -28,7 +28,11 @@ def twin(
     engine: str | None,
 ) -> int:
     """Run the twin server: features in; estimates, REST and page out."""
-    from twin_server.__main__ import run
+    if (shards or 1) > 1 and engine in (None, "local"):
+        from twin_server.shards.supervisor import load_ahead
+
+        load_ahead()  # beside what this process loads itself
+
     from twin_server.registration.twin import registrations as read_registrations
     from twin_server.settings import TwinSettings
 
@@ -60,4 +64,7 @@ def twin(
         from twin_server.shards import run as run_shards
 
         return run_shards(settings)
+
+    from twin_server.__main__ import run
+
     return run(settings)

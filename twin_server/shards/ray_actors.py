@@ -3,17 +3,19 @@
 import contextlib
 import logging
 import os
+import pickle
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from slowtime_services.engines import import_ray
 from slowtime_services.logs import Format, formatter
-from twin_server.persist import is_url
-from twin_server.settings import TwinSettings
 
 from .process import settings_of
 from .supervisor import SOUND_S
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
 
@@ -45,7 +47,7 @@ class EngineError(ValueError):
     """An engine that cannot run the shards; the text says what to do."""
 
 
-def check_engine(settings: TwinSettings) -> None:
+def check_engine(settings: "TwinSettings") -> None:
     """Refuse an engine that is not installed, or a database that other nodes cannot open.
 
     Raises
@@ -53,6 +55,8 @@ def check_engine(settings: TwinSettings) -> None:
     EngineError
         Which says what to do.
     """
+    from twin_server.persist import is_url
+
     engine = settings.shards.engine
     if engine == "local":
         return
@@ -67,6 +71,37 @@ def check_engine(settings: TwinSettings) -> None:
             "Allowed: a PostgreSQL that all nodes reach (--database postgresql://...), or "
             "--engine ray, which uses this machine only."
         )
+
+
+class FleetSettings(NamedTuple):
+    """What a driver needs of the settings of a fleet; their class takes seconds to load.
+
+    Parameters
+    ----------
+    engine, cores, backoff_s, max_backoff_s, shutdown_s
+        As in the settings.
+    count
+        Of the shards.
+    packed
+        All settings, pickled, for the actors.
+    """
+
+    engine: str
+    count: int
+    cores: float
+    backoff_s: float
+    max_backoff_s: float
+    shutdown_s: float
+    packed: bytes
+
+    @classmethod
+    def of(cls, settings: "TwinSettings") -> "FleetSettings":
+        """Return what a driver needs of settings."""
+        shards = settings.shards
+        return cls(
+            shards.engine, shards.count, shards.cores, shards.backoff_s, shards.max_backoff_s,
+            settings.shutdown_s, pickle.dumps(settings),
+        )  # fmt: skip
 
 
 class Place(NamedTuple):
@@ -92,16 +127,17 @@ class ShardActor:
 
     Parameters
     ----------
-    settings
-        Of the whole fleet.
+    packed
+        Settings of the whole fleet, pickled.
     index
         Which shard it is.
     level, form
         Least level of the log, and how it is written.
     """
 
-    def __init__(self, settings: TwinSettings, index: int, level: int, form: Format) -> None:
+    def __init__(self, packed: bytes, index: int, level: int, form: Format) -> None:
         ray = import_ray()
+        settings: TwinSettings = pickle.loads(packed)
         handler = logging.StreamHandler()
         handler.setFormatter(formatter(form))
         logging.basicConfig(level=level, handlers=[handler], force=True)
@@ -133,7 +169,7 @@ class ShardActor:
         """Let the shard end."""
         self._stop.set()
 
-    def _run(self, own: TwinSettings) -> None:
+    def _run(self, own: "TwinSettings") -> None:
         from twin_server.__main__ import run
 
         try:
@@ -161,7 +197,7 @@ class ShardActor:
         self._told.set()
 
 
-def _reachable(own: TwinSettings, address: str) -> TwinSettings:
+def _reachable(own: "TwinSettings", address: str) -> "TwinSettings":
     """Return settings of a shard that listens for a front on another node."""
     access = own.access.model_copy(update={"hosts": (*own.access.hosts, address)})
     return own.model_copy(update={"host": address, "access": access})
@@ -191,7 +227,7 @@ class RayShards:
     Parameters
     ----------
     settings
-        Of the whole fleet; `shards.engine` names the cluster.
+        Of the whole fleet; its engine names the cluster.
     stop
         Set where the fleet ends; also from here, where the cluster is lost: `lost` says why.
     level, form
@@ -200,16 +236,17 @@ class RayShards:
 
     def __init__(
         self,
-        settings: TwinSettings,
+        settings: FleetSettings,
         stop: threading.Event,
         *,
         level: int = logging.INFO,
         form: Format = "text",
     ) -> None:
         self._settings, self._log, self._stop = settings, (level, form), stop
-        self._shards = [_Shard(index) for index in range(settings.shards.count)]
+        self._shards = [_Shard(index) for index in range(settings.count)]
         self._ray = import_ray()
-        self._connected, self._error = threading.Event(), ""
+        self._connected, self._wanted = threading.Event(), threading.Event()
+        self._error = ""
         # All calls of Ray are made in this thread: in the main thread it takes the signals.
         self._thread = threading.Thread(target=self._run, name="shards", daemon=True)
         self.restarts, self.lost = 0, ""
@@ -228,8 +265,8 @@ class RayShards:
         """Where a shard answers, with its process and its node; None while it does not."""
         return self._shards[index].place
 
-    def start(self) -> None:
-        """Join the cluster, start all shards, and keep them running.
+    def join(self) -> None:
+        """Join the cluster, and wait for `start`.
 
         Raises
         ------
@@ -240,6 +277,10 @@ class RayShards:
         self._connected.wait()
         if self._error:
             raise EngineError(self._error)
+
+    def start(self) -> None:
+        """Start all shards, and keep them running."""
+        self._wanted.set()
 
     def stop(self) -> None:
         """End all shards: those that do not end in good time are killed."""
@@ -252,7 +293,7 @@ class RayShards:
             self._join()
         except Exception as error:
             self._error = (
-                f"--engine {self._settings.shards.engine} was given, and the Ray cluster "
+                f"--engine {self._settings.engine} was given, and the Ray cluster "
                 f"cannot be joined: {error}. Start it (ray start --head), or correct the "
                 "address."
             )
@@ -273,7 +314,7 @@ class RayShards:
             self._ray.shutdown()
 
     def _join(self) -> None:
-        engine = self._settings.shards.engine
+        engine = self._settings.engine
         address = {"ray": "local", "ray:auto": "auto"}.get(engine, engine)
         if address == "local":
             os.environ.setdefault(*NICENESS)
@@ -282,12 +323,12 @@ class RayShards:
 
     def _begin(self, shard: _Shard) -> None:
         made = self._ray.remote(
-            num_cpus=self._settings.shards.cores,
+            num_cpus=self._settings.cores,
             max_restarts=-1,
             max_concurrency=THREADS,
             scheduling_strategy="SPREAD",
         )(ShardActor)
-        shard.actor = made.remote(self._settings, shard.index, *self._log)
+        shard.actor = made.remote(self._settings.packed, shard.index, *self._log)
         self._started(shard)
 
     def _started(self, shard: _Shard) -> None:
@@ -299,6 +340,9 @@ class RayShards:
         shard.placing, shard.ending = shard.actor.place.remote(), None
 
     def _watch(self) -> None:
+        while not self._wanted.wait(LOOK_S):
+            if self._stop.is_set():
+                return
         for shard in self._shards:
             self._begin(shard)
         node = self._ray.get_runtime_context().get_node_id()
@@ -379,10 +423,10 @@ class RayShards:
     def _failed(self, shard: _Shard, code: int | str) -> None:
         """Start a shard again that has ended by itself, after a while."""
         shard.place = shard.placing = shard.ending = None
-        shards = self._settings.shards
+        settings = self._settings
         if time.monotonic() - shard.began_s > SOUND_S:
             shard.failures = 0
-        wait_s = min(shards.backoff_s * 2.0**shard.failures, shards.max_backoff_s)
+        wait_s = min(settings.backoff_s * 2.0**shard.failures, settings.max_backoff_s)
         shard.failures += 1
         shard.again_s = time.monotonic() + wait_s
         self.restarts += 1
@@ -408,7 +452,7 @@ class RayShards:
             logger.warning(
                 "Shard %d of %d is not up after %.0f s. Each needs a node with %g free cores: "
                 "add nodes, or lower shards.cores.",
-                shard.index, self.count, PLACED_S, self._settings.shards.cores,
+                shard.index, self.count, PLACED_S, self._settings.cores,
             )  # fmt: skip
 
     def _end(self) -> None:

@@ -12,14 +12,16 @@ import threading
 import time
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from slowtime_services.logs import Format, formatter
 from slowtime_services.shutdown import ended_by_signals
-from twin_server.settings import TwinSettings
 
-from .ray_actors import EngineError, Place, RayShards
+from .ray_actors import EngineError, FleetSettings, Place, RayShards
 from .supervisor import LOOK_S, SOUND_S
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
 
@@ -39,8 +41,8 @@ class News(NamedTuple):
     restarts: int
 
 
-def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) -> None:
-    """Join the cluster and run the shards until the other end of `pipe` is closed.
+def drive(settings: FleetSettings, pipe: Connection, level: int, form: Format) -> None:
+    """Join the cluster, and run the shards from a word of `pipe` on until it is closed.
 
     Parameters
     ----------
@@ -59,12 +61,15 @@ def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) ->
     shards = RayShards(settings, stop, level=level, form=form)
     with contextlib.suppress(BrokenPipeError), ended_by_signals(stop):
         try:
-            shards.start()
+            shards.join()
         except EngineError as error:
             pipe.send(str(error))
             return
         with ended_by_signals(stop):  # again: Ray has taken SIGTERM
-            threading.Thread(target=_until_closed, args=(pipe, stop), daemon=True).start()
+            listening = threading.Thread(
+                target=_hear_front, args=(pipe, shards, stop), daemon=True
+            )
+            listening.start()
             told = None
             while not stop.wait(LOOK_S):
                 news = News(tuple(map(shards.place, range(shards.count))), shards.restarts)
@@ -78,9 +83,11 @@ def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) ->
             shards.stop()
 
 
-def _until_closed(pipe: Connection, stop: threading.Event) -> None:
-    """Set `stop` once the process of the front has closed its end, or has ended."""
+def _hear_front(pipe: Connection, shards: RayShards, stop: threading.Event) -> None:
+    """Start the shards once the front says so; set `stop` once it has closed its end."""
     with contextlib.suppress(EOFError, OSError):
+        pipe.recv()
+        shards.start()
         pipe.recv()
     stop.set()
 
@@ -103,13 +110,13 @@ class RayFleet:
 
     def __init__(
         self,
-        settings: TwinSettings,
+        settings: "TwinSettings",
         stop: threading.Event,
         *,
         level: int = logging.INFO,
         form: Format = "text",
     ) -> None:
-        self._settings, self._log, self._stop = settings, (level, form), stop
+        self._settings, self._log, self._stop = FleetSettings.of(settings), (level, form), stop
         self._context = multiprocessing.get_context("spawn")
         self._places: list[Place | None] = [None] * settings.shards.count
         self._news: News | None = None
@@ -145,6 +152,10 @@ class RayFleet:
         """Where a shard answers, with its process and its node, as `url`."""
         return self._places[index]
 
+    def prepare(self) -> None:
+        """Join the cluster, so that it is there when the front has loaded its code."""
+        self._begin()
+
     def start(self) -> None:
         """Join the cluster, start all shards, and keep them running.
 
@@ -153,7 +164,9 @@ class RayFleet:
         EngineError
             If the cluster cannot be joined.
         """
-        self._begin()
+        if self._process is None:
+            self._begin()
+        self._release()
         self._thread.start()
         self._first.wait()
         if self._news is None and not self._stop.is_set():
@@ -181,7 +194,7 @@ class RayFleet:
                 self._hear()  # what it told at its end
                 if not self._first.is_set():
                     self._refusal = self._refusal or (
-                        f"--engine {self._settings.shards.engine} was given, and Ray's driver "
+                        f"--engine {self._settings.engine} was given, and Ray's driver "
                         f"ended with code {self._process.exitcode} before it had joined the "
                         "cluster. The lines before this one say why."
                     )
@@ -217,25 +230,32 @@ class RayFleet:
         theirs.close()
         self._process, self._pipe, self._began_s = process, ours, time.monotonic()
 
+    def _release(self) -> None:
+        """Let the driver start the shards."""
+        with contextlib.suppress(OSError):  # it has ended, and `_watch` says so
+            assert self._pipe is not None
+            self._pipe.send(None)
+
     def _ended(self, process: BaseProcess) -> None:
         """Join the cluster again after a while."""
         self._close()
         self._restarts, self._news = self.restarts, None
-        shards = self._settings.shards
+        settings = self._settings
         if time.monotonic() - self._began_s > SOUND_S:
             self._failures = 0
-        wait_s = min(shards.backoff_s * 2.0**self._failures, shards.max_backoff_s)
+        wait_s = min(settings.backoff_s * 2.0**self._failures, settings.max_backoff_s)
         self._failures += 1
         logger.error(
             "The Ray cluster of --engine %s is lost: %s It is joined again in %.3g s, and the "
             "shards are started there; they continue from their database, and edges keep what "
             "they miss.",
-            shards.engine, self._refusal or f"its driver ended with code {process.exitcode}.",
+            settings.engine, self._refusal or f"its driver ended with code {process.exitcode}.",
             wait_s,
         )  # fmt: skip
         self._refusal = ""
         if not self._stop.wait(wait_s):
             self._begin()
+            self._release()
             self.rejoined += 1
 
     def _close(self) -> None:

@@ -1,6 +1,7 @@
 """How shards are watched that Ray runs, before a Ray that only pretends."""
 
 import os
+import pickle
 import sys
 import threading
 import types
@@ -10,7 +11,7 @@ import pytest
 
 from twin_server.settings import TwinSettings
 from twin_server.shards import ray_actors
-from twin_server.shards.ray_actors import EngineError, RayShards
+from twin_server.shards.ray_actors import EngineError, FleetSettings, RayShards
 
 
 class ActorError(Exception):
@@ -132,7 +133,9 @@ def ray(monkeypatch):
 def shards(ray, eventually):
     """Two shards that answer."""
     settings = TwinSettings(shards={"count": 2, "engine": "ray", "cores": 0.5})
-    made = RayShards(settings, threading.Event())
+    made = RayShards(FleetSettings.of(settings), threading.Event())
+    made.join()
+    assert not ray.actors  # until the front has loaded its code
     made.start()
     assert eventually(lambda: [len(actor.calls["place"]) for actor in ray.actors] == [1, 1])
     assert made.url(0) is None
@@ -145,6 +148,7 @@ def shards(ray, eventually):
 
 def test_each_shard_is_an_actor_that_ray_starts_again_for_ever(ray, shards):
     assert ray.address == "local"
+    assert pickle.loads(ray.actors[0].arguments[0]).shards.cores == 0.5
     assert [actor.arguments[1] for actor in ray.actors] == [0, 1]
     assert (ray.asked_for["max_restarts"], ray.asked_for["num_cpus"]) == (-1, 0.5)
     assert shards.place(1) == ("http://first/1", 101, "node-1")
@@ -207,9 +211,9 @@ def test_at_the_end_shards_end_by_themselves_before_they_are_killed(ray, shards)
 def test_a_cluster_that_cannot_be_joined_is_refused_with_what_to_do(ray):
     ray.refuses = ConnectionError("nobody there")
     settings = TwinSettings(shards={"count": 2, "engine": "ray://head:10001"})
-    made = RayShards(settings, threading.Event())
+    made = RayShards(FleetSettings.of(settings), threading.Event())
     with pytest.raises(EngineError, match=r"nobody there\. Start it \(ray start --head\)"):
-        made.start()
+        made.join()
 
 
 def test_a_lost_cluster_is_told_and_left_without_waiting_for_it(ray, shards, eventually):
@@ -260,9 +264,8 @@ def test_an_actor_ends_its_shard_and_itself_once_its_raylet_has_ended(
     monkeypatch.setattr("os.getppid", lambda: parents.pop(0) if len(parents) > 1 else 1)
     monkeypatch.setattr("os._exit", codes.append)
     monkeypatch.setattr(ray_actors, "PARENT_S", 0.01)
-    actor = ray_actors.ShardActor(
-        TwinSettings(shards={"count": 2, "engine": "ray"}), 0, 20, "text"
-    )
+    packed = pickle.dumps(TwinSettings(shards={"count": 2, "engine": "ray"}))
+    actor = ray_actors.ShardActor(packed, 0, 20, "text")
     assert actor.ended(actor.place()[0]) == 0
     assert eventually(lambda: codes == [1])
 
@@ -283,7 +286,7 @@ def test_an_actor_serves_its_share_where_the_front_reaches_it(ray, monkeypatch, 
     monkeypatch.setattr("twin_server.__main__.run", run)
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     fleet = TwinSettings(host="0.0.0.0", shards={"count": 2, "engine": engine, "key": "secret"})
-    actor = ray_actors.ShardActor(fleet, 1, 20, "text")
+    actor = ray_actors.ShardActor(pickle.dumps(fleet), 1, 20, "text")
     assert actor.place() == ("http://here", os.getpid(), "node-1")
     assert actor.ended("http://before") is None
     actor.stop()
