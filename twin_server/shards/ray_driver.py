@@ -41,13 +41,13 @@ class News(NamedTuple):
     restarts: int
 
 
-def drive(settings: FleetSettings, pipe: Connection, level: int, form: Format) -> None:
-    """Join the cluster, and run the shards from a word of `pipe` on until it is closed.
+def drive(engine: str, count: int, pipe: Connection, level: int, form: Format) -> None:
+    """Join the cluster, and run the shards of the settings that come, until `pipe` is closed.
 
     Parameters
     ----------
-    settings
-        Of the whole fleet.
+    engine, count
+        As those of `RayShards`.
     pipe
         To the process of the front. It is told why the cluster cannot be joined or is lost, as
         text, and `News` whenever a shard answers or no longer does.
@@ -58,7 +58,7 @@ def drive(settings: FleetSettings, pipe: Connection, level: int, form: Format) -
     handler.setFormatter(formatter(form))
     logging.basicConfig(level=level, handlers=[handler])
     stop = threading.Event()
-    shards = RayShards(settings, stop, level=level, form=form)
+    shards = RayShards(engine, count, stop, level=level, form=form)
     with contextlib.suppress(BrokenPipeError), ended_by_signals(stop):
         try:
             shards.join()
@@ -86,10 +86,31 @@ def drive(settings: FleetSettings, pipe: Connection, level: int, form: Format) -
 def _hear_front(pipe: Connection, shards: RayShards, stop: threading.Event) -> None:
     """Start the shards once the front says so; set `stop` once it has closed its end."""
     with contextlib.suppress(EOFError, OSError):
-        pipe.recv()
-        shards.start()
+        shards.start(pipe.recv())
         pipe.recv()
     stop.set()
+
+
+class Driver(NamedTuple):
+    """A driver that was begun, and the pipe to it."""
+
+    process: BaseProcess
+    pipe: Connection
+
+
+def begin_driver(engine: str, count: int, level: int, form: Format) -> Driver:
+    """Let a driver join a cluster, before all settings are known.
+
+    It ends once the pipe is closed.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(
+        target=drive, args=(engine, count, theirs, level, form), name="Ray's driver"
+    )
+    process.start()
+    theirs.close()
+    return Driver(process, ours)
 
 
 class RayFleet:
@@ -104,6 +125,8 @@ class RayFleet:
         Of the whole fleet; `shards.engine` names the cluster.
     stop
         Set where the fleet ends, so that the cluster is not joined again.
+    begun
+        A driver that joins the cluster already.
     level, form
         Least level of the log of driver and shards, and how it is written.
     """
@@ -113,15 +136,17 @@ class RayFleet:
         settings: "TwinSettings",
         stop: threading.Event,
         *,
+        begun: Driver | None = None,
         level: int = logging.INFO,
         form: Format = "text",
     ) -> None:
         self._settings, self._log, self._stop = FleetSettings.of(settings), (level, form), stop
-        self._context = multiprocessing.get_context("spawn")
         self._places: list[Place | None] = [None] * settings.shards.count
         self._news: News | None = None
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
+        if begun is not None:
+            self._process, self._pipe = begun
         self._refusal = ""
         self._failures, self._began_s, self._restarts = 0, 0.0, 0
         self._first = threading.Event()
@@ -154,7 +179,8 @@ class RayFleet:
 
     def prepare(self) -> None:
         """Join the cluster, so that it is there when the front has loaded its code."""
-        self._begin()
+        if self._process is None:
+            self._begin()
 
     def start(self) -> None:
         """Join the cluster, start all shards, and keep them running.
@@ -164,8 +190,7 @@ class RayFleet:
         EngineError
             If the cluster cannot be joined.
         """
-        if self._process is None:
-            self._begin()
+        self.prepare()
         self._release()
         self._thread.start()
         self._first.wait()
@@ -214,7 +239,7 @@ class RayFleet:
         if isinstance(told, str):
             self._refusal = told
             return
-        before = (None,) * self.count if self._news is None else self._news.places
+        before = (() if self._news is None else self._news.places) + (None,) * self.count
         for index, place in enumerate(told.places):
             if place is not None or before[index] is not None:
                 self._places[index] = place
@@ -222,19 +247,15 @@ class RayFleet:
         self._first.set()
 
     def _begin(self) -> None:
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(
-            target=drive, args=(self._settings, theirs, *self._log), name="Ray's driver"
-        )
-        process.start()
-        theirs.close()
-        self._process, self._pipe, self._began_s = process, ours, time.monotonic()
+        settings = self._settings
+        self._process, self._pipe = begin_driver(settings.engine, settings.count, *self._log)
+        self._began_s = time.monotonic()
 
     def _release(self) -> None:
         """Let the driver start the shards."""
         with contextlib.suppress(OSError):  # it has ended, and `_watch` says so
             assert self._pipe is not None
-            self._pipe.send(None)
+            self._pipe.send(self._settings)
 
     def _ended(self, process: BaseProcess) -> None:
         """Join the cluster again after a while."""

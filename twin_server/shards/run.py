@@ -1,16 +1,18 @@
 """Runs a fleet: begins what the shards need, loads the front beside it, and serves."""
 
+import contextlib
+import importlib.util
 import logging
 import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from slowtime_services.logs import Format, JsonLines
 
 from .ray_actors import EngineError, check_engine
-from .ray_driver import RayFleet
-from .supervisor import Supervisor
+from .ray_driver import Driver, RayFleet, begin_driver
+from .supervisor import Supervisor, load_ahead
 
 if TYPE_CHECKING:
     from twin_server.settings import TwinSettings
@@ -18,11 +20,39 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
+@contextlib.contextmanager
+def begun(count: int | None, engine: str | None) -> Iterator[Driver | None]:
+    """Begin what shards need that the command line names, before the settings are loaded.
+
+    Parameters
+    ----------
+    count, engine
+        As the command line gives them.
+
+    Returns
+    -------
+    The driver of Ray, if it is one; `run` goes on with it.
+    """
+    driver = None
+    if count is not None and count > 1:
+        if engine in (None, "local"):
+            load_ahead()
+        elif importlib.util.find_spec("ray") is not None:
+            root = logging.getLogger()
+            driver = begin_driver(str(engine), count, root.level, _form(root))
+    try:
+        yield driver
+    finally:
+        if driver is not None:
+            driver.pipe.close()
+
+
 def run(
     settings: "TwinSettings",
     *,
     stop: threading.Event | None = None,
     ready: Callable[[str, Supervisor | RayFleet], None] | None = None,
+    driver: Driver | None = None,
 ) -> int:
     """Run all shards and the front before them until `stop`, SIGINT or SIGTERM.
 
@@ -34,6 +64,8 @@ def run(
         Set from outside to end.
     ready
         Told the URL once the front answers, with what runs the shards.
+    driver
+        Of Ray, which `begun` has begun.
 
     Returns
     -------
@@ -46,7 +78,7 @@ def run(
         logger.error("%s", error)
         return 2
     settings = _with_key(settings)
-    fleet = _fleet(settings, stop)
+    fleet = _fleet(settings, stop, driver)
     fleet.prepare()
     try:
         from .serving import serve  # loaded for seconds, beside what was begun
@@ -62,11 +94,15 @@ def _with_key(settings: "TwinSettings") -> "TwinSettings":
     return settings.model_copy(update={"shards": shards})
 
 
-def _fleet(settings: "TwinSettings", stop: threading.Event) -> Supervisor | RayFleet:
+def _fleet(
+    settings: "TwinSettings", stop: threading.Event, driver: Driver | None
+) -> Supervisor | RayFleet:
     """Make what runs the shards, as the settings name it."""
     root = logging.getLogger()
-    how = Supervisor if settings.shards.engine == "local" else RayFleet
-    return how(settings, stop, level=root.level, form=_form(root))
+    level, form = root.level, _form(root)
+    if settings.shards.engine == "local":
+        return Supervisor(settings, stop, level=level, form=form)
+    return RayFleet(settings, stop, begun=driver, level=level, form=form)
 
 
 def _form(root: logging.Logger) -> Format:

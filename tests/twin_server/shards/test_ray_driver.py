@@ -65,7 +65,7 @@ class Context:
 
     def Process(self, target, args, name):
         assert target is ray_driver.drive
-        self.drivers.append(Driver(args[1]))
+        self.drivers.append(Driver(args[2]))
         return self.drivers[-1]
 
 
@@ -173,9 +173,9 @@ class Shards:
     refuses = loses = ""
     latest: "Shards"
 
-    def __init__(self, settings, stop, *, level, form):
+    def __init__(self, engine, count, stop, *, level, form):
         self.count, self.restarts, self.lost, self.ended = 2, 0, "", False
-        self.started = False
+        self.started = None
         self._stop = stop
         Shards.latest = self
 
@@ -183,8 +183,8 @@ class Shards:
         if self.refuses:
             raise EngineError(self.refuses)
 
-    def start(self):
-        self.started = True
+    def start(self, settings):
+        self.started = settings
         if self.loses:
             self.lost = self.loses
             threading.Timer(0.2, self._stop.set).start()
@@ -209,12 +209,12 @@ def test_a_driver_starts_its_shards_when_the_front_says_so_and_ends_them_with_it
     pipe, eventually
 ):
     ours, theirs = pipe
-    driver = threading.Thread(target=ray_driver.drive, args=(SETTINGS, theirs, 20, "text"))
+    driver = threading.Thread(target=ray_driver.drive, args=("ray", 2, theirs, 20, "text"))
     driver.start()
     assert ours.recv() == News(FIRST, 0)
     assert not Shards.latest.started
-    ours.send(None)
-    assert eventually(lambda: Shards.latest.started)
+    ours.send(SETTINGS)
+    assert eventually(lambda: Shards.latest.started == SETTINGS)
     assert not Shards.latest.ended
     ours.close()
     driver.join(30)
@@ -224,7 +224,7 @@ def test_a_driver_starts_its_shards_when_the_front_says_so_and_ends_them_with_it
 def test_a_driver_tells_why_the_cluster_cannot_be_joined(pipe, monkeypatch):
     ours, theirs = pipe
     monkeypatch.setattr(Shards, "refuses", "nobody there")
-    ray_driver.drive(SETTINGS, theirs, 20, "text")
+    ray_driver.drive("ray", 2, theirs, 20, "text")
     assert ours.recv() == "nobody there"
 
 
@@ -239,9 +239,9 @@ def test_a_driver_tells_that_the_cluster_is_lost_and_ends_at_once(pipe, monkeypa
     monkeypatch.setattr("os._exit", leave)
     monkeypatch.setattr("logging.shutdown", lambda: None)
     monkeypatch.setattr(Shards, "loses", "the head is gone")
-    ours.send(None)
+    ours.send(SETTINGS)
     with pytest.raises(SystemExit):
-        ray_driver.drive(SETTINGS, theirs, 20, "text")
+        ray_driver.drive("ray", 2, theirs, 20, "text")
     assert ours.recv() == News(FIRST, 0)
     assert ours.recv() == "the head is gone"
     assert codes == [1]
