@@ -1,6 +1,7 @@
 """Runs a fleet: begins what the shards need, loads the front beside it, and serves."""
 
 import contextlib
+import importlib
 import importlib.util
 import logging
 import secrets
@@ -12,7 +13,7 @@ from slowtime_services.logs import Format, JsonLines
 
 from .ray_actors import EngineError, check_engine
 from .ray_driver import Driver, RayFleet, begin_driver
-from .supervisor import Supervisor, load_ahead
+from .supervisor import LOADED, Supervisor, load_ahead
 
 if TYPE_CHECKING:
     from twin_server.settings import TwinSettings
@@ -81,6 +82,7 @@ def run(
     fleet = _fleet(settings, stop, driver)
     fleet.prepare()
     try:
+        importlib.import_module(LOADED)
         from .serving import serve  # loaded for seconds, beside what was begun
 
         return serve(fleet, settings, stop, ready)

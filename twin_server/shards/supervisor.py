@@ -29,7 +29,7 @@ Several times what a start with a large history takes to fail.
 """
 
 
-LOADED = "twin_server.__main__"
+LOADED = "twin_server.shards.loaded"
 """Module that the process has loaded from which shards are forked."""
 
 
