@@ -85,6 +85,7 @@ def held(path, statement):
     command = [sys.executable, "-c", HOLDER, str(path), statement]
     holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
+        assert holder.stdout is not None
         holder.stdout.readline()
         yield
     finally:

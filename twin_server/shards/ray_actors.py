@@ -115,7 +115,7 @@ class RayShards:
     ) -> None:
         self._engine, self._count, self._log, self._stop = engine, count, (level, form), stop
         self._ahead: list[Any] = []
-        self._settings: FleetSettings | None = None
+        self._settings: FleetSettings  # once they are wanted
         self._shards: list[_Shard] = []
         self._ray = import_ray()
         self._connected, self._wanted = threading.Event(), threading.Event()
@@ -175,9 +175,8 @@ class RayShards:
         finally:
             self._connected.set()
         try:
-            settings = self._settings_when_wanted()
-            if settings is not None:
-                self._shards = [_Shard(index) for index in range(settings.count)]
+            if self._are_wanted():
+                self._shards = [_Shard(index) for index in range(self._settings.count)]
                 self._watch()
                 self._end()
         except Exception as error:
@@ -197,8 +196,8 @@ class RayShards:
         more = {"include_dashboard": False} if address == "local" else {}
         self._ray.init(address=address, logging_level="error", **more)
 
-    def _settings_when_wanted(self) -> FleetSettings | None:
-        """Wait until shards are wanted; None where the fleet ends before.
+    def _are_wanted(self) -> bool:
+        """Wait until shards are wanted; False where the fleet ends before.
 
         Actors of a cluster of this machine load their code meanwhile.
         """
@@ -206,12 +205,12 @@ class RayShards:
             self._ahead = [self._actor(CORES) for _ in range(self._count)]
         while not self._wanted.wait(LOOK_S):
             if self._stop.is_set():
-                return None
-        if self._settings is not None and self._settings.cores != CORES:
+                return False
+        if self._settings.cores != CORES:
             for actor in self._ahead:
                 self._ray.kill(actor)
             self._ahead = []
-        return self._settings
+        return True
 
     def _actor(self, cores: float) -> Any:
         made = self._ray.remote(
@@ -223,7 +222,6 @@ class RayShards:
         return made.remote(*self._log)
 
     def _begin(self, shard: _Shard) -> None:
-        assert self._settings is not None
         ahead = self._ahead
         shard.actor = ahead.pop(0) if ahead else self._actor(self._settings.cores)
         self._started(shard)
@@ -234,7 +232,6 @@ class RayShards:
 
     def _ask(self, shard: _Shard) -> None:
         """Ask where a shard is, once it is started."""
-        assert self._settings is not None
         asked = shard.actor.place.remote(self._settings.packed, shard.index)
         shard.placing, shard.ending = asked, None
 

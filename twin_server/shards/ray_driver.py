@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from slowtime_services.logs import Format, formatter
 from slowtime_services.shutdown import ended_by_signals
 
-from .ray_actors import EngineError, FleetSettings, Place, RayShards
+from .ray_actors import EngineError, RayShards
+from .shard_actor import FleetSettings, Place
 from .supervisor import LOOK_S, SOUND_S
 
 if TYPE_CHECKING:

@@ -1,5 +1,6 @@
 """One shard as an actor of Ray, and what it and its driver tell each other."""
 
+import dataclasses
 import importlib
 import logging
 import os
@@ -24,7 +25,8 @@ PARENT_S = 1.0
 refused by the lock of the database for so long."""
 
 
-class FleetSettings(NamedTuple):
+@dataclasses.dataclass(frozen=True, slots=True)
+class FleetSettings:
     """What a driver needs of the settings of a fleet; their class takes seconds to load.
 
     Parameters

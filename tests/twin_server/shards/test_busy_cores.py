@@ -130,7 +130,7 @@ def test_a_fleet_beside_busy_cores_is_up_in_good_time_and_lacks_nothing(
         edges = {asset: edge(bus, asset=asset) for asset in ASSETS}
         with busy_cores(), fleet(tmp_path, endpoint, engine) as client:
             started_s = elapsed_s(lambda: ready(client))
-            recovered_s = []
+            recovered_s: list[float] = []
             for place, message in enumerate(messages):
                 edges[message.asset].make(message)
                 if place in (len(messages) // 3, 2 * len(messages) // 3):

@@ -7,8 +7,9 @@ import pytest
 
 from twin_server.settings import TwinSettings
 from twin_server.shards import ray_driver
-from twin_server.shards.ray_actors import EngineError, FleetSettings, Place
+from twin_server.shards.ray_actors import EngineError
 from twin_server.shards.ray_driver import News, RayFleet
+from twin_server.shards.shard_actor import FleetSettings, Place
 
 
 class Driver:

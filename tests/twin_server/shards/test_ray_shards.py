@@ -11,7 +11,8 @@ import pytest
 
 from twin_server.settings import TwinSettings
 from twin_server.shards import ray_actors, shard_actor
-from twin_server.shards.ray_actors import EngineError, FleetSettings, RayShards
+from twin_server.shards.ray_actors import EngineError, RayShards
+from twin_server.shards.shard_actor import FleetSettings
 
 
 class ActorError(Exception):
