@@ -318,7 +318,9 @@ def timed(site: Site, work: str) -> float:
     began_s = time.monotonic()
     answer = asyncio.run(asyncio.wait_for(_done(site, work), PATIENCE_S))
     assert answer.status < 300, answer
-    return time.monotonic() - began_s
+    took_s = time.monotonic() - began_s
+    print(f"{work}: {took_s:.2f} s", file=sys.stderr, flush=True)
+    return took_s
 
 
 async def _done(site: Site, work: str) -> Answer:

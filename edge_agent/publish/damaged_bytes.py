@@ -1,6 +1,9 @@
 """Keeps damaged bytes of a spool in files, and which features were in them."""
 
+import itertools
 import logging
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from pathlib import Path
 
 from .spool_records import Damage
@@ -29,7 +32,7 @@ class DamagedBytes:
 
     def __init__(self, folder: Path, most_bytes: int = MOST_BYTES) -> None:
         self._folder, self._most_bytes = folder, most_bytes
-        self._found: dict[tuple[Path, int], tuple[str, Damage]] = {}
+        self._found: dict[tuple[Path, int, int], tuple[str, Damage]] = {}
         self._features = 0
 
     @property
@@ -56,7 +59,7 @@ class DamagedBytes:
             damage = damage._replace(
                 first=min(part.first, damage.first), last=max(part.last, damage.last)
             )
-        self._found[segment, damage.begin] = boot, damage
+        self._note(segment, boot, damage)
         logger.error(
             "%s: bytes %d to %d are damaged; features %s of boot %s were in them and are lost. "
             "The bytes are kept in %s. Check the disk.",
@@ -68,6 +71,21 @@ class DamagedBytes:
             self._folder,
         )
         self._set_aside(segment, data[damage.begin : damage.end], damage.begin)
+
+    def read_again(self, segment: Path, sequences: Sequence[int]) -> None:
+        """Take back that features are damaged, given all that can be read, ascending.
+
+        A disk that failed, or a file that was away, may give them after all.
+        """
+        for key, (boot, part) in list(self._found.items()):
+            read = bisect_left(sequences, part.first), bisect_right(sequences, part.last)
+            if key[0] != segment or read[0] == read[1]:
+                continue
+            del self._found[key]
+            gaps = (part.first - 1, *sequences[slice(*read)], part.last + 1)
+            for before, after in itertools.pairwise(gaps):
+                if after - before > 1:
+                    self._note(segment, boot, part._replace(first=before + 1, last=after - 1))
 
     def ranges(self, boot: str) -> list[tuple[int, int]]:
         """First and last of each range of features of `boot` that is damaged, ascending."""
@@ -81,6 +99,9 @@ class DamagedBytes:
         """Delete the notes on a segment that was acknowledged or dropped."""
         for key in [key for key in self._found if key[0] == segment]:
             del self._found[key]
+
+    def _note(self, segment: Path, boot: str, damage: Damage) -> None:
+        self._found[segment, damage.begin, damage.first] = boot, damage
 
     def _set_aside(self, segment: Path, damaged: bytes, begin: int) -> None:
         if not damaged:

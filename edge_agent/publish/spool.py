@@ -204,17 +204,20 @@ class Spool:
             except TAKEN_AWAY:  # also where it was acknowledged or dropped since
                 self._note_damage(path, boot, b"", Damage(0, 0, begins, ends))
                 continue
-            due = begins
+            due, sound = begins, list[int]()
             for part in scan(data, begins, ends + 1):
                 if isinstance(part, Damage):
                     self._note_damage(path, boot, data, part)
                     due = part.last + 1
                     continue
                 due = part.sequence + 1
+                sound.append(part.sequence)
                 if part.sequence >= first and (last is None or part.sequence <= last):
                     yield part.payload
             if due <= ends:  # the end of the file has gone
                 self._note_damage(path, boot, data, Damage(len(data), len(data), due, ends))
+            with self._lock:
+                self._damaged.read_again(path, sound)
 
     def acknowledge(self, boot: str, sequence: int) -> int:
         """Delete segments of `boot` that end by `sequence`; return how many features.

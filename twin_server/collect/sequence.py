@@ -146,7 +146,8 @@ def conclude_hole(
     elif certain and holding is not None and holding.first > hole[0] and not run.asked_ahead:
         until = min(hole[1], holding.first - 1)
         pass_over(run, (hole[0], until), NOT_HELD, change)
-    elif run.impatient(certain, spooled, now_s, settings):
+    elif run.flows and run.impatient(certain, spooled, now_s, settings):
+        # Not while earlier boots hold it up: what came for it may have found no room.
         give_up(run, hole, certain, change)
     else:
         run.put_off(now_s, settings)

@@ -426,3 +426,20 @@ def test_a_segment_whose_folder_became_a_file_is_read_and_written_again(tmp_path
     folder.unlink()
     spool.append(30, payload(30))
     assert list(spool.read("b1")) == [payload(n) for n in range(31)]
+
+
+def test_what_can_be_read_after_all_is_not_said_to_be_damaged(tmp_path):
+    spool = fill(tmp_path, "b1", range(500), segment_bytes=4096)
+    first, second, *_ = sorted(tmp_path.glob("*.spool"))
+    kept, missing = first.read_bytes(), int(second.name.split(".")[2])
+    first.unlink()
+    list(spool.read("b1"))
+    assert spool.damaged_ranges("b1") == [(0, missing - 1)]
+    altered = bytearray(kept)
+    altered[positions(range(missing))[3][0] + 20] ^= 1
+    first.write_bytes(altered)
+    list(spool.read("b1"))
+    assert spool.damaged_ranges("b1") == [(3, 3)]
+    first.write_bytes(kept)
+    assert list(spool.read("b1")) == [payload(n) for n in range(500)]
+    assert spool.damaged_ranges("b1") == []

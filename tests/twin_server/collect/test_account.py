@@ -488,3 +488,16 @@ def test_what_is_being_asked_is_not_looked_at_again_but_still_counts(world):
     assert world.account.wants(world.now_s + 200.0) == []
     world.account.settle(wants[0], None, world.now_s, Change(), sound=False)
     assert world.account.wants(world.now_s + 300.0) == wants
+
+
+def test_a_hole_of_a_boot_that_waits_and_is_full_is_not_given_up(world):
+    last = HEALING.max_held + 10
+    world.spool |= {"b1": {0, 9}, "b2": set(range(last))}
+    world.alive()
+    world.arrive(("b1", 0), ("b1", 9), *(("b2", s) for s in range(10, last)))
+    for number in range(1, 9):  # what is missing before comes one by one
+        world.heal(3, step_s=0.5)
+        world.spool["b1"].add(number)
+    world.heal(60)
+    assert world.order == [(b, s) for b, kept in world.spool.items() for s in sorted(kept)]
+    assert not world.changes.lost
