@@ -11,7 +11,8 @@ from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
 from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.documents.document_files import read_json_file
-from slowtime_services.ledger import Head, last_head
+from slowtime_services.ledger import Head, TreeHead, kept_of, last_head
+from slowtime_services.ledger import verify as verify_proof
 from slowtime_services.replay import RecordingError, verdicts
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ MOST_BYTES_OF_A_STAMP = 1 << 20
 """Of an answer of a time-stamping authority, with its certificates [bytes]."""
 SQLITE = b"SQLite format 3\0"
 """First bytes of a database file."""
+TRIES = 3
+"""Attempts to get two proofs for the same head; a server signs once a minute."""
+HEADS_AT_ONCE = 1_000
+"""Heads that are fetched at once; some 500 bytes each."""
 URLS = ("postgresql://", "postgres://")
 """How the URL of a database begins."""
 
@@ -37,20 +42,114 @@ def key(out: Path) -> None:
     )
 
 
-def head(server: str, out: Path) -> None:
-    """Fetch the newest signed head."""
-    if out.exists():
-        raise click.UsageError(
-            f"{out} exists already. Give a new file name, or move that file away."
+def head(server: str, out: Path, twin: str | None) -> None:
+    """Fetch the newest signed head of a server, or of the chain of one twin."""
+    _must_not_exist(out)
+    if twin is not None:
+        found = Client(server).tree_head(twin)
+        out.write_text(json.dumps(found, indent=2) + "\n")
+        click.echo(
+            f"{out} has the head of {twin}, over the first {found['size']:,} entries of its "
+            "chain. Keep it where the server cannot write."
         )
-    found = Client(server).heads()
-    if not found:
+        return
+    told = Client(server).json("GET", "/ledger/heads")
+    heads, refusal = told["heads"], told.get("refusal", "")
+    if not heads and not refusal:
         raise click.ClickException(
             f"{server} has no signing key, so it has signed nothing. Create one with "
             "`slowtime ledger key` and start it with --ledger-key."
         )
-    out.write_text(json.dumps(found[-1], indent=2) + "\n")
-    click.echo(f"{out} has head {found[-1]['number']}. Keep it where the server cannot write.")
+    if heads:
+        out.write_text(json.dumps(heads[-1], indent=2) + "\n")
+        click.echo(
+            f"{out} has head {heads[-1]['number']}. Keep it where the server cannot write."
+        )
+    if refusal:
+        raise click.ClickException(f"{server} signs nothing behind it. {refusal}")
+
+
+def prove(server: str, head: Path, reading: str | None, key: str | None, out: Path) -> None:
+    """Fetch a proof that a server's ledger goes on from a kept head, and verify it."""
+    _must_not_exist(out)
+    kept, known = kept_head_of_any_kind(head), None if key is None else public_key_of(key)
+    client = Client(server)
+    if isinstance(kept, Head):
+        if reading is not None:
+            raise click.UsageError(
+                "--reading is proven against the head of one twin. Give a --head of `slowtime "
+                "ledger head --twin`."
+            )
+        told: dict[str, Any] = {"heads": _heads_from(client, kept.number)}
+    else:
+        told = _proof_of_twin(client, kept, reading)
+    out.write_text(json.dumps(told, indent=2) + "\n")
+    _print_proof(told, kept, out, known, key)
+
+
+def _must_not_exist(out: Path) -> None:
+    if out.exists():
+        raise click.UsageError(
+            f"{out} exists already. Give a new file name, or move that file away."
+        )
+
+
+def _heads_from(client: Client, number: int) -> list[dict[str, Any]]:
+    """Fetch the head of a number and all behind it."""
+    found: list[dict[str, Any]] = []
+    last = number - 1
+    while more := client.heads(after=last, limit=HEADS_AT_ONCE):
+        found += more
+        last = more[-1]["number"]
+    return found
+
+
+def _proof_of_twin(client: Client, kept: TreeHead, reading: str | None) -> dict[str, Any]:
+    for _ in range(TRIES):
+        consistency = client.consistency(kept.chain, kept.size)
+        inclusion = None if reading is None else _inclusion(client, kept.chain, reading)
+        if inclusion is None or inclusion["head"] == consistency["head"]:
+            head = consistency["head"]
+            return {"head": head, "consistency": consistency, "inclusion": inclusion}
+    raise click.ClickException("The server signs faster than it is asked. Try again.")
+
+
+def _inclusion(client: Client, twin: str, reading: str) -> dict[str, Any]:
+    boot, _, sequence = reading.rpartition("/")
+    if not boot or not sequence.isdecimal():
+        raise click.UsageError(
+            f"--reading {reading} was given. Give BOOT/SEQUENCE, such as b1/4711."
+        )
+    return client.inclusion(twin, boot, int(sequence))
+
+
+def _print_proof(
+    told: Any, kept: Head | TreeHead, path: Path, known: str | None, key: str | None
+) -> None:
+    try:
+        found = verify_proof(told, kept, known)
+    except ValueError as error:
+        raise click.ClickException(f"{path} does not prove it: {error}.") from error
+    if isinstance(found.head, Head):
+        click.echo(
+            f"The heads of the server go on from head {kept_name(found.kept)} to head "
+            f"{found.head.number}{_by(key)}."
+        )
+        return
+    click.echo(
+        f"The chain of {found.head.chain} begins with the {kept_name(found.kept)} entries of "
+        f"the kept head, and has {found.head.size:,}{_by(key)}."
+    )
+    if found.reading is not None:
+        click.echo(
+            f"Reading {found.reading.sequence} of boot {found.reading.boot} is entry "
+            f"{found.reading.entry:,} of it."
+        )
+
+
+def kept_name(kept: Head | TreeHead) -> str:
+    """Return the number of a head, or how many entries a tree head covers."""
+    return f"{kept.number if isinstance(kept, Head) else kept.size:,}"
 
 
 def verify(
@@ -62,6 +161,10 @@ def verify(
 ) -> None:
     """Compare a recording or a database with the signed ledger, and a head with its stamp."""
     known = None if key is None else public_key_of(key)
+    path = Path(recording)
+    if path.is_file() and is_proof(path):
+        _verify_proof_file(path, head, known, key)
+        return
     kept = None if head is None else kept_head(head)
     if timestamp is not None or authority is not None:
         _verify_timestamp(kept, timestamp, authority)
@@ -70,7 +173,6 @@ def verify(
 
         print_audit(database_audit(recording, known, kept), without_secret(recording), key)
         return
-    path = Path(recording)
     if not path.is_file():
         raise click.UsageError(f"There is no file {path}. Give a recording or a database.")
     with path.open("rb") as file:
@@ -78,6 +180,26 @@ def verify(
             print_audit(database_audit(path, known, kept), str(path), key)
             return
     _verify_recording(path, key, known, kept)
+
+
+def is_proof(path: Path) -> bool:
+    """Whether a file is a proof, which is JSON; no database or recording begins like it."""
+    with path.open("rb") as file:
+        return file.read(1) == b"{"
+
+
+def _verify_proof_file(
+    path: Path, head: Path | None, known: str | None, key: str | None
+) -> None:
+    if head is None:
+        raise click.UsageError(
+            f"{path} is a proof for a head that was kept. Give that with --head."
+        )
+    try:
+        told = read_json_file(path)
+    except ValueError as error:
+        raise click.UsageError(f"{path} is no proof: {error}") from error
+    _print_proof(told, kept_head_of_any_kind(head), path, known, key)
 
 
 def database_audit(database: Path | str, public: str | None, kept: Head | None) -> "Audit":
@@ -158,6 +280,12 @@ def print_audit(found: "Audit", database: str, key: str | None) -> None:
         f"{found.vouched:,} ledger entries up to head {found.against.number}; "
         f"{found.waiting:,} since then, not covered by this head."
     )
+    if found.replaced:
+        named = ", ".join(f"{count:,} of {table}" for table, count in found.replaced.items())
+        click.echo(
+            f"  Of the rows that this head covers, some were written again or removed since: "
+            f"{named}."
+        )
 
 
 def public_key_of(key: str) -> str:
@@ -176,8 +304,18 @@ def _last_document(path: Path) -> Any:
         return last_head(path)._asdict()
 
 
+def kept_head_of_any_kind(path: Path) -> Head | TreeHead:
+    """Read a head that was kept, of a server or of the chain of one twin."""
+    try:
+        return kept_of(_last_document(path))
+    except (ValueError, TypeError) as error:
+        raise click.UsageError(
+            f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."
+        ) from error
+
+
 def kept_head(path: Path) -> Head:
-    """Read a head that was kept."""
+    """Read a head of a server that was kept."""
     try:
         return Head.of(_last_document(path))
     except (ValueError, TypeError) as error:

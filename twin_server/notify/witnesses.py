@@ -154,11 +154,18 @@ def _send(url: str, head: Head) -> None:
 
 def _append(path: Path, head: Head) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    is_cut = path.is_file() and not _ends_a_line(path)  # when its volume was full, say
     # Only appended to: the folder may be one where nothing can be overwritten.
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644), "wb") as file:
-        file.write(_written(head))
+        file.write(b"\n" * is_cut + _written(head))
         file.flush()
         os.fsync(file.fileno())
+
+
+def _ends_a_line(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
+        return file.read() in (b"", b"\n")
 
 
 def _stamp(url: str, folder: Path, head: Head) -> None:

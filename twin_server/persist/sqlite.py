@@ -355,15 +355,7 @@ def verify_file(
     if path.stat().st_size == 0:
         raise WrongStoreError(f"{name} is empty. Give the database of a twin server.")
     with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
-        application, version = (
-            reader.execute(f"pragma {name}").fetchone()[0]
-            for name in ("application_id", "user_version")
-        )
-        if (application, version) != (APPLICATION, VERSION):
-            raise WrongStoreError(
-                f"{name} is not a database of this version of slowtime. Start the twin server "
-                "on it once, which brings an older one up to date."
-            )
+        _check_version(reader, name)
         reader.execute("begin")
         found, _ = damages(reader, tell)
     if found:
@@ -379,8 +371,21 @@ def audit_file(
 ) -> Audit:
     """Compare a sound database with its ledger (see `ledger_audit.audit`)."""
     with _explain_file_errors(path), contextlib.closing(open_reader(path)) as reader:
+        _check_version(reader, path)
         reader.execute("begin")
         return audit(reader, public=public, kept=kept, tell=tell)
+
+
+def _check_version(reader: sqlite3.Connection, name: Path) -> None:
+    found = tuple(
+        reader.execute(f"pragma {what}").fetchone()[0]
+        for what in ("application_id", "user_version")
+    )
+    if found != (APPLICATION, VERSION):
+        raise WrongStoreError(
+            f"{name} is not a database of this version of slowtime. Start the twin server "
+            "on it once, which brings an older one up to date."
+        )
 
 
 @contextlib.contextmanager

@@ -269,6 +269,10 @@ class Store(Protocol):
         """Entries of a twin's chain behind so many, which end a block."""
         ...
 
+    def entries_between(self, twin_id: str, begin: int, end: int) -> list[bytes]:
+        """Read the packed entries of a chain from one index up to, without, another."""
+        ...
+
     def seal_with(self, seal: Callable[[bytes], bytes] | None) -> None:
         """Seal what is chained from now on with the server's key; None: do not seal."""
         ...

@@ -27,10 +27,16 @@ from .ingestion.estimation import NotEstimatedError
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
 from .ingestion.updates import TwinUpdate
+from .ledger_proofs import LedgerProofs
 from .workers.processes import CallerThread, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
+NOT_SIGNED = (
+    "The ledger is not signed any more, because the database is not proven. Readings are "
+    "taken in as before. The log, `slowtime ledger head` and events `ledger_refused` say what "
+    "differs."
+)
 
 
 class TwinKnowledge:
@@ -58,6 +64,7 @@ class TwinKnowledge:
         self._pipeline, self._store, self._bus = pipeline, store, bus
         self._workers = workers or CallerThread()
         self.prospects = ForecastCache(pipeline, store, refresh=refresh, run=self._workers.run)
+        self._proofs = LedgerProofs(pipeline, store)
         pipeline.listen(self.prospects)
         self._assessing = RiskCache(pipeline, store, self.prospects, self._workers)
         self._planning = PlanCache(pipeline, store, self.prospects, self._workers)
@@ -209,6 +216,15 @@ class TwinKnowledge:
         rows = self._store.heads(after=after or 0, limit=limit, newest=after is None)
         return [json.loads(row.body)["head"] for row in rows]
 
+    @property
+    def proofs(self) -> LedgerProofs:
+        """Tree heads of chains, and proofs of them."""
+        return self._proofs
+
+    def ledger_refusal(self) -> str:
+        """Why heads are not signed any more, with names of twins; empty if all is well."""
+        return self._pipeline.ledger_refusal
+
     def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
         """Damage of each point of a twin, its course and the time that is left."""
         messages = (decode(FATIGUE, row.message) for row in self._store.fatigue(twin_id))
@@ -260,6 +276,10 @@ class TwinKnowledge:
         except Exception as error:
             found.append(str(error))
         return found
+
+    def cautions(self) -> list[str]:
+        """Return sentences on what fails while readings go on; they name no twin."""
+        return [NOT_SIGNED] if self._pipeline.ledger_refusal else []
 
     def aside(self, twin_id: str) -> int:
         """Count the messages of a twin that are set aside."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib.metadata
+from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request, Response
 
@@ -13,7 +14,7 @@ from twin_server.serve.models.twins import (
 )
 from twin_server.settings import ServeSettings
 
-from . import composites, exports
+from . import composites, exports, ledger
 from .composite_service import CompositeService
 from .exports.files import Files
 from .http import problems
@@ -62,6 +63,9 @@ LARGEST_MODEL = 4 << 20
 READY_S = 5.0
 """How long the database may take to answer until the server is said not to be ready."""
 
+
+SEE_LOG = "The server's log says why."
+"""What strangers are told of what fails."""
 
 RECORDINGS = "/api/v1/recordings/"
 
@@ -155,6 +159,7 @@ def create_app(
     app.include_router(history.routes(knowledge, settings, known), prefix="/api/v1")
     app.include_router(shapes.routes(knowledge, known), prefix="/api/v1")
     app.include_router(event_routes.routes(knowledge, hub, known), prefix="/api/v1")
+    app.include_router(ledger.routes(knowledge, known), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, queue), prefix="/api/v1")
     app.include_router(plans.routes(knowledge, known, queue), prefix="/api/v1")
     app.include_router(risks.routes(knowledge, known, queue), prefix="/api/v1")
@@ -189,6 +194,14 @@ def create_app(
     app.include_router(page.routes())
     document(app)
     return app
+
+
+def health(request: Request, notes: list[str]) -> dict[str, Any]:
+    """Make the answer of a server that is ready; strangers are not told what fails."""
+    if not notes:
+        return {"status": "ok"}
+    shown = [SEE_LOG] if principal_of(request.scope) is NOBODY else notes
+    return {"status": "degraded", "notes": shown}
 
 
 def _operations(
@@ -233,7 +246,11 @@ def _operations(
         responses={503: {"content": {problems.MEDIA_TYPE: {}}, "description": "Not ready"}},
     )
     async def readyz(request: Request) -> Response:
-        """Whether the server can do its work: bus, worker and database."""
+        """Whether the server can do its work: bus, worker and database.
+
+        200 with the status `degraded` where readings are taken and something else fails:
+        nobody would gain if requests were kept from the server by a 503.
+        """
         try:
             found = await asyncio.wait_for(troubles.ask(), READY_S)
         except TimeoutError:
@@ -243,9 +260,9 @@ def _operations(
             ]
         if found:
             if principal_of(request.scope) is NOBODY:
-                found = ["The server's log says why."]
+                found = [SEE_LOG]
             return problems.respond(request, 503, "not-ready", " ".join(found))
-        return json_response({"status": "ok"})
+        return json_response(health(request, knowledge.cautions()))
 
     @api.get("/api/v1/asyncapi.json", response_class=Response)
     def streams() -> Response:

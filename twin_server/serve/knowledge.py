@@ -61,6 +61,24 @@ class TwinForecast:
     misfits: Sequence[str] = ()
 
 
+class LedgerProofs(Protocol):
+    """Tree heads of chains, and proofs of them; a `ProblemError` where there is none."""
+
+    def head(self, twin_id: str) -> dict[str, Any]:
+        """Return the signed tree head of a twin's chain."""
+        ...
+
+    def consistency(self, twin_id: str, first: int) -> dict[str, Any]:
+        """Prove that a chain begins with its first entries as they were."""
+        ...
+
+    def inclusion(
+        self, twin_id: str, boot: str, sequence: int, before: int | None
+    ) -> dict[str, Any]:
+        """Prove that a reading is among the entries of a chain, of those before one."""
+        ...
+
+
 class Knowledge(Protocol):
     """Interface by which REST, live stream and metrics read and change twins."""
 
@@ -177,6 +195,15 @@ class Knowledge(Protocol):
         """Signed heads of the ledger: those that follow a number, or the newest."""
         ...
 
+    @property
+    def proofs(self) -> LedgerProofs:
+        """Tree heads of chains, and proofs of them."""
+        ...
+
+    def ledger_refusal(self) -> str:
+        """Why heads are not signed any more, with names of twins; empty if all is well."""
+        ...
+
     def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
         """Damage of each point of a twin, its course and the time that is left."""
         ...
@@ -213,6 +240,10 @@ class Knowledge(Protocol):
 
     def troubles(self) -> list[str]:
         """Return sentences on problems of this server; none if all is well."""
+        ...
+
+    def cautions(self) -> list[str]:
+        """Return sentences on what fails while readings go on; they name no twin."""
         ...
 
     def aside(self, twin_id: str) -> int:

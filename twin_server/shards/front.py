@@ -15,7 +15,7 @@ from pydantic_core import from_json, to_json
 
 from twin_server.identity.principals import NOBODY, principal_of
 from twin_server.registration.twin import Registration
-from twin_server.serve.api import larger_bodies
+from twin_server.serve.api import SEE_LOG, health, larger_bodies
 from twin_server.serve.composites import routes as composite_routes
 from twin_server.serve.exports import graph_routes
 from twin_server.serve.http import problems
@@ -40,6 +40,7 @@ from .supervisor import Shards
 logger = logging.getLogger(__name__)
 
 _OF_TWIN = re.compile(r"^/api/v1/twins/([^/]+)(?:/.*)?$")
+_OF_CHAIN = re.compile(r"^/api/v1/ledger/chains/([^/]+)/")
 
 METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE", "PATCH", "OPTIONS"]
 
@@ -120,9 +121,15 @@ class _Front:
             if answer is None or answer.status != HTTPStatus.OK
         ]
         if not down:
-            return json_response({"status": "ok"})
+            notes = [
+                f"Shard {index}: {note}"
+                for index, answer in enumerate(answers)
+                if answer is not None
+                for note in from_json(answer.body).get("notes", [])
+            ]
+            return json_response(health(request, notes))
         if principal_of(request.scope) is NOBODY:
-            down = ["The server's log says why."]
+            down = [SEE_LOG]
         return problems.respond(request, 503, "not-ready", " ".join(down))
 
     async def metrics(self, request: Request) -> Response:
@@ -171,6 +178,8 @@ class _Front:
         if twin is not None:
             await self._check_no_composite(request.method, path, twin[1])
             index = owner(twin[1], self._shards.count)
+        elif (chain := _OF_CHAIN.match(path)) is not None:
+            index = owner(chain[1], self._shards.count)
         elif path == HEADS:
             index = self._shard_named(request)
         elif path.startswith(RECORDINGS):

@@ -144,6 +144,21 @@ class Client:
         told = self.json("GET", "/ledger/heads", {"after": after, "limit": limit})
         return list(told["heads"])
 
+    def tree_head(self, twin_id: str) -> dict[str, Any]:
+        """Signed tree head of a twin's chain, to be kept elsewhere."""
+        return dict(self.json("GET", f"/twins/{twin_id}/ledger"))
+
+    def consistency(self, twin_id: str, first: int) -> dict[str, Any]:
+        """Proof that a twin's chain begins with the `first` entries of a kept tree head."""
+        return dict(self.json("GET", f"/ledger/chains/{twin_id}/consistency", {"first": first}))
+
+    def inclusion(
+        self, twin_id: str, boot: str, sequence: int, *, before: int | None = None
+    ) -> dict[str, Any]:
+        """Proof that a reading is among the entries of a twin's chain."""
+        asked = {"boot": boot, "sequence": sequence, "before": before}
+        return dict(self.json("GET", f"/ledger/chains/{twin_id}/inclusion", asked))
+
     def register(self, twin_id: str, registration: Mapping[str, Any]) -> Twin:
         """Register a twin; an existing one is replaced, and its history estimated again."""
         return Twin.model_validate(

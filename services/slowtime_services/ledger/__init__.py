@@ -24,10 +24,13 @@ from .consistency import (
     inclusion_proof,
     is_consistent,
     root_of_inclusion,
+    roots_over,
 )
 from .heads import Head, Leaf, follows, headed, last_head
 from .merkle_tree import MerkleTree
+from .proofs import Verified, kept_of, verify
 from .tree import proven, root
+from .tree_heads import TreeHead, tree_head
 
 __all__ = [
     "CompactRange",
@@ -36,6 +39,8 @@ __all__ = [
     "Leaf",
     "Link",
     "MerkleTree",
+    "TreeHead",
+    "Verified",
     "beginning",
     "consistency_proof",
     "features_digest",
@@ -44,6 +49,7 @@ __all__ = [
     "headed",
     "inclusion_proof",
     "is_consistent",
+    "kept_of",
     "key_of",
     "last_head",
     "linked",
@@ -51,8 +57,11 @@ __all__ = [
     "proven",
     "root",
     "root_of_inclusion",
+    "roots_over",
     "row_digest",
     "states_digest",
+    "tree_head",
     "unpacked",
+    "verify",
     "words_digest",
 ]

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 _BEGIN = b"slowtime ledger 1\n"
+_BLOB = "blob "
+"""Begins what is hashed of a blob: its own hash follows."""
 
 FEATURES, REGISTRATION, ACKNOWLEDGEMENT, ASSET_EVENT = "f", "r", "a", "v"
 ANEW = "e"
@@ -150,6 +152,9 @@ def states_digest(rows: Iterable[tuple[int, bytes, bytes, bytes]]) -> bytes:
 
 def _word(value: object) -> str:
     if isinstance(value, bytes):
-        return "blob " + hashlib.sha256(value).hexdigest()
-    # No text of a row begins with a NUL: PostgreSQL cannot even store one.
-    return "\0none" if value is None else str(value)
+        return _BLOB + hashlib.sha256(value).hexdigest()
+    if value is None:
+        return "\0none"
+    # SQLite keeps a text in a column of another type, so that one may look like a blob's hash.
+    is_like_another = isinstance(value, str) and value.startswith((_BLOB, "\0"))
+    return f"\0text {value}" if is_like_another else str(value)

@@ -10,9 +10,17 @@ the algorithms are those of the RFC.
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from .tree import branch_hash, leaf_hash
+
+CHUNK_BITS = 12
+"""Leaves of a chunk, whose root is kept, as a power of two: a proof hashes two chunks anew
+(some 10 ms), and the roots of ten million leaves take 80 kB."""
+CHUNK = 1 << CHUNK_BITS
+
+RootOf = Callable[[int, int], bytes]
+"""Gives the Merkle tree hash of the leaves from one index up to, without, another."""
 
 
 class CompactRange:
@@ -30,11 +38,14 @@ class CompactRange:
         self.size = 0
         self.peaks: list[bytes] = []
         """Roots of the perfect trees that the log is made of, the largest first."""
+        self.chunks: list[bytes] = []
+        """Roots of each `CHUNK` leaves."""
 
     def copy(self) -> "CompactRange":
         """Return an independent copy."""
         other = CompactRange()
         other.size, other.peaks = self.size, self.peaks.copy()
+        other.chunks = self.chunks.copy()
         return other
 
     def extend(self, leaves: Iterable[bytes]) -> None:
@@ -42,11 +53,14 @@ class CompactRange:
         peaks, size = self.peaks, self.size
         for leaf in leaves:
             found, level = leaf_hash(leaf), size
+            size += 1
+            is_chunk = not size & CHUNK - 1
             # As many trees are merged as the size ends in ones, as a binary counter carries.
             while level & 1:
                 found, level = branch_hash(peaks.pop(), found), level >> 1
+                if is_chunk and level == size - 1 >> CHUNK_BITS:
+                    self.chunks.append(found)
             peaks.append(found)
-            size += 1
         self.size = size
 
     @property
@@ -60,21 +74,19 @@ class CompactRange:
         return found
 
 
-def consistency_proof(first: int, leaves: Sequence[bytes]) -> list[bytes]:
-    """Prove that the tree over all leaves begins with the one over the first of them.
+def consistency_proof(first: int, size: int, root_of: RootOf) -> list[bytes]:
+    """Prove that the tree over `size` leaves begins with the one over the first of them.
 
     Raises
     ------
     ValueError
         If `first` is not between 0 and the number of leaves.
     """
-    if not 0 <= first <= len(leaves):
-        raise ValueError(
-            f"first={first} was given. Give a number of entries from 0 to {len(leaves)}."
-        )
-    if first in (0, len(leaves)):
+    if not 0 <= first <= size:
+        raise ValueError(f"first={first} was given. Give a number of entries from 0 to {size}.")
+    if first in (0, size):
         return []
-    return _subproof(first, leaves, whole=True)
+    return _subproof(first, (0, size), root_of, whole=True)
 
 
 def is_consistent(
@@ -109,22 +121,26 @@ def is_consistent(
     return sn == 0 and fr == first_root and sr == second_root
 
 
-def inclusion_proof(index: int, leaves: Sequence[bytes]) -> list[bytes]:
-    """Prove that the leaf at an index is in the tree over all leaves.
+def inclusion_proof(index: int, size: int, root_of: RootOf) -> list[bytes]:
+    """Prove that the leaf at an index is in the tree over `size` leaves.
 
     Raises
     ------
     ValueError
         If there is no leaf of that index.
     """
-    if not 0 <= index < len(leaves):
-        raise ValueError(f"index={index} was given. Give one from 0 to {len(leaves) - 1}.")
-    if len(leaves) == 1:
-        return []
-    at = _split(len(leaves))
-    if index < at:
-        return [*inclusion_proof(index, leaves[:at]), _root(leaves[at:])]
-    return [*inclusion_proof(index - at, leaves[at:]), _root(leaves[:at])]
+    if not 0 <= index < size:
+        raise ValueError(f"index={index} was given. Give one from 0 to {size - 1}.")
+    begin, end, found = 0, size, list[bytes]()
+    while end - begin > 1:
+        middle = begin + _split(end - begin)
+        if index < middle:
+            found.append(root_of(middle, end))
+            end = middle
+        else:
+            found.append(root_of(begin, middle))
+            begin = middle
+    return found[::-1]
 
 
 def root_of_inclusion(
@@ -147,21 +163,48 @@ def root_of_inclusion(
     return found if sn == 0 else None
 
 
-def _subproof(first: int, leaves: Sequence[bytes], *, whole: bool) -> list[bytes]:
-    if first == len(leaves):
-        return [] if whole else [_root(leaves)]
-    at = _split(len(leaves))
-    if first <= at:
-        return [*_subproof(first, leaves[:at], whole=whole), _root(leaves[at:])]
-    return [*_subproof(first - at, leaves[at:], whole=False), _root(leaves[:at])]
+def roots_over(
+    chunks: Sequence[bytes], leaves: Callable[[int, int], Sequence[bytes]]
+) -> RootOf:
+    """Give roots of ranges as proofs need them; leaves of at most two chunks are read.
+
+    Parameters
+    ----------
+    chunks
+        Roots of the first leaves, `CHUNK` each.
+    leaves
+        Reads the leaves from one index up to, without, another.
+    """
+
+    def root_of(begin: int, end: int) -> bytes:
+        chunk, is_beside = divmod(begin, CHUNK)
+        if end - begin == CHUNK and not is_beside and chunk < len(chunks):
+            return chunks[chunk]
+        if end - begin <= CHUNK:
+            log = CompactRange()
+            log.extend(leaves(begin, end))
+            return log.root
+        middle = begin + _split(end - begin)
+        return branch_hash(root_of(begin, middle), root_of(middle, end))
+
+    return root_of
+
+
+def _subproof(
+    first: int, within: tuple[int, int], root_of: RootOf, *, whole: bool
+) -> list[bytes]:
+    begin, end = within
+    if first == end:
+        return [] if whole else [root_of(begin, end)]
+    middle = begin + _split(end - begin)
+    if first <= middle:
+        return [
+            *_subproof(first, (begin, middle), root_of, whole=whole),
+            root_of(middle, end),
+        ]
+    return [*_subproof(first, (middle, end), root_of, whole=False), root_of(begin, middle)]
 
 
 def _split(size: int) -> int:
     """Largest power of two below a size of at least 2."""
     return 1 << (size - 1).bit_length() - 1
-
-
-def _root(leaves: Sequence[bytes]) -> bytes:
-    log = CompactRange()
-    log.extend(leaves)
-    return log.root

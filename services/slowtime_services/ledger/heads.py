@@ -18,7 +18,7 @@ from .chain import Link
 _NOTHING = "0" * 64
 
 LONGEST_LINE = 4_096
-"""Longest line of a file of heads [bytes]; a head has some 500."""
+"""End of a file of heads that is searched for the last one [bytes]; a head has some 500."""
 
 
 class Leaf(NamedTuple):
@@ -88,18 +88,26 @@ class Head(NamedTuple):
         ValueError
             If a part is missing or of another kind.
         """
-        try:
-            found = cls(**{name: told[name] for name in cls._fields})
-        except KeyError as error:
-            raise ValueError(f"A head lacks {error}.") from error
-        numbers, words = found[:3], found[3:]
-        if not all(type(n) is int for n in numbers) or not all(
-            isinstance(word, str) for word in words
-        ):
-            raise ValueError(
-                "Of a head, number, t_ns and assets are integers, the rest is text."
-            )
-        return found
+        return cls(**read_fields("head", cls.__annotations__, told))
+
+
+def read_fields(
+    what: str, types: Mapping[str, type], told: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the parts of a head that JSON tells.
+
+    Raises
+    ------
+    ValueError
+        If a part is missing or of another type.
+    """
+    for name, kind in types.items():
+        if name not in told:
+            raise ValueError(f"A {what} lacks {name!r}.")
+        if type(told[name]) is not kind:
+            words = "an integer" if kind is int else "text"
+            raise ValueError(f"Of a {what}, {name} is {words}.")
+    return {name: told[name] for name in types}
 
 
 def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signer) -> Head:
@@ -131,15 +139,22 @@ def follows(head: Head, before: Head | None) -> bool:
 def last_head(path: Path) -> Head:
     """Read the last head of a file of heads, one JSON object a line.
 
+    A line that is no head was being written when its volume was full or its machine failed; the
+    head before it counts. Whoever could spoil a line could remove it as well.
+
     Raises
     ------
     ValueError
-        If it does not end with a head.
+        If there is no head among the last lines.
     """
     with path.open("rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - LONGEST_LINE))
         lines = file.read(LONGEST_LINE).splitlines()
-    if not lines:
-        raise ValueError(f"{path} holds no head.")
-    return Head.of(read_json(lines[-1]))
+    why: ValueError | TypeError = ValueError("it is empty")
+    for line in reversed(lines):
+        try:
+            return Head.of(read_json(line))
+        except (ValueError, TypeError) as error:
+            why = error
+    raise ValueError(f"{path} holds no head: {why}")

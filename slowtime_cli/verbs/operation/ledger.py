@@ -14,7 +14,10 @@ Examples:
   slowtime ledger key ledger.pem
   slowtime twin --ledger-key ledger.pem
   slowtime ledger head --server http://127.0.0.1:8000 --out head.json
+  slowtime ledger head --server http://127.0.0.1:8000 --twin lab.beam --out beam.json
+  slowtime ledger prove --server http://127.0.0.1:8000 --head beam.json --out proof.json
   slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
+  slowtime ledger verify proof.json --key ledger.pem.pub --head beam.json
   slowtime ledger verify house.mcap --key ledger.pem.pub
   slowtime ledger verify postgresql://twin@db/house --key ledger.pem.pub --head head.json
 
@@ -49,12 +52,42 @@ def key(**_given: object) -> None:
     type=click.Path(dir_okay=False, path_type=Path),
     help="File to write; it must not exist yet.",
 )
+@click.option("--twin", help="Fetch the head of the chain of this twin only.")
 def head(**_given: object) -> None:
-    """Fetch the newest signed head of the ledger, to be kept elsewhere."""
+    """Fetch the newest signed head of the ledger, to be kept elsewhere.
+
+    Without --twin it is the head of the whole server, which needs a token of all sites. If the
+    server signs nothing any more, the last head is written, and the exit status is not 0.
+    """
+
+
+@ledger.command(cls=Deferred, work="operation.ledger:prove", extra="analysis")
+@click.option("--server", required=True, help="Address of the twin server.")
+@click.option(
+    "--head",
+    required=True,
+    type=EXISTING,
+    help="A head that was kept (`slowtime ledger head`).",
+)
+@click.option("--reading", help="Prove this reading, too: BOOT/SEQUENCE.")
+@key_option
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write; it must not exist yet.",
+)
+def prove(**_given: object) -> None:
+    """Fetch a proof that the ledger goes on from a head that was kept, and verify it.
+
+    With the head of a twin it is a consistency proof of its chain, and with --reading an
+    inclusion proof (RFC 9162). With the head of a server it is the heads behind it. Later,
+    `slowtime ledger verify` verifies the file without the server.
+    """
 
 
 @ledger.command(cls=Deferred, work="operation.ledger:verify", extra="analysis")
-@click.argument("recording", metavar="RECORDING|DATABASE")
+@click.argument("recording", metavar="RECORDING|DATABASE|PROOF")
 @key_option
 @click.option(
     "--head",
@@ -64,7 +97,7 @@ def head(**_given: object) -> None:
 @click.option("--timestamp", type=EXISTING, help="Time stamp of this head (RFC 3161, .tsr).")
 @click.option("--authority", type=EXISTING, help="Root certificate of the authority, PEM.")
 def verify(**_given: object) -> None:
-    """Compare a recording or a database with the signed ledger.
+    """Compare a recording or a database with the signed ledger, or verify a proof.
 
     DATABASE is a file or the URL of a PostgreSQL database. What lies behind the head is
     reported as not covered. The exit status is 0 if nothing was changed, and otherwise 2, with

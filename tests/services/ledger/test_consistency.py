@@ -12,7 +12,9 @@ from slowtime_services.ledger import (
     inclusion_proof,
     is_consistent,
     root_of_inclusion,
+    roots_over,
 )
+from slowtime_services.ledger.consistency import CHUNK
 
 LEAVES = [
     bytes.fromhex(text)
@@ -63,6 +65,11 @@ def defined(leaves):
     return hashlib.sha256(b"\x01" + defined(leaves[:k]) + defined(leaves[k:])).digest()
 
 
+def of(leaves):
+    """Roots of ranges of some leaves."""
+    return roots_over([], lambda begin, end: leaves[begin:end])
+
+
 def root_of(leaves):
     log = CompactRange()
     log.extend(leaves)
@@ -77,7 +84,7 @@ def test_roots_are_those_of_the_reference_implementation(size):
 @pytest.mark.parametrize("sizes", PROOFS)
 def test_proofs_are_those_of_the_reference_implementation(sizes):
     first, second = sizes
-    proof = consistency_proof(first, LEAVES[:second])
+    proof = consistency_proof(first, second, of(LEAVES))
     assert [node.hex() for node in proof] == list(PROOFS[sizes])
 
 
@@ -88,13 +95,13 @@ LOGS = st.lists(st.binary(max_size=3), min_size=1, max_size=40)
 def test_a_log_that_grew_is_proven_and_another_is_not(leaves, data):
     first = data.draw(st.integers(0, len(leaves)))
     one, both = root_of(leaves[:first]), root_of(leaves)
-    proof = consistency_proof(first, leaves)
+    proof = consistency_proof(first, len(leaves), of(leaves))
     assert both == defined(leaves)
     assert is_consistent(first, len(leaves), one, both, proof)
     if first:
         at = data.draw(st.integers(0, first - 1))
         forged = [*leaves[:at], leaves[at] + b"x", *leaves[at + 1 :]]
-        again = consistency_proof(first, forged)
+        again = consistency_proof(first, len(forged), of(forged))
         assert not is_consistent(first, len(forged), one, root_of(forged), again)
     assert not is_consistent(first, len(leaves), one, both, [*proof, one])
 
@@ -102,7 +109,7 @@ def test_a_log_that_grew_is_proven_and_another_is_not(leaves, data):
 @given(leaves=LOGS, data=st.data())
 def test_a_leaf_is_proven_at_its_place_only(leaves, data):
     index = data.draw(st.integers(0, len(leaves) - 1))
-    proof = inclusion_proof(index, leaves)
+    proof = inclusion_proof(index, len(leaves), of(leaves))
     root = defined(leaves)
     assert root_of_inclusion(index, len(leaves), leaves[index], proof) == root
     assert root_of_inclusion(index, len(leaves), leaves[index] + b"x", proof) != root
@@ -111,6 +118,35 @@ def test_a_leaf_is_proven_at_its_place_only(leaves, data):
 
 def test_what_is_out_of_range_is_refused_with_what_to_give():
     with pytest.raises(ValueError, match="from 0 to 8"):
-        consistency_proof(9, LEAVES)
+        consistency_proof(9, 8, of(LEAVES))
     with pytest.raises(ValueError, match="from 0 to 7"):
-        inclusion_proof(8, LEAVES)
+        inclusion_proof(8, 8, of(LEAVES))
+
+
+SIZES = (CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK, 3 * CHUNK + 5)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_proof_of_a_long_log_reads_leaves_of_two_chunks_at_most(size):
+    leaves = [b"%d" % n for n in range(size)]
+    log, read = CompactRange(), []
+    log.extend(leaves[:10])
+    log = log.copy()
+    log.extend(leaves[10:])
+    assert log.chunks == [
+        root_of(leaves[at : at + CHUNK]) for at in range(0, size - CHUNK + 1, CHUNK)
+    ]
+
+    def some(begin, end):
+        read.append(end - begin)
+        return leaves[begin:end]
+
+    for first in (1, 10, size // 2, size - 1):
+        read.clear()
+        proof = consistency_proof(first, size, roots_over(log.chunks, some))
+        assert is_consistent(first, size, root_of(leaves[:first]), log.root, proof)
+        assert sum(read) <= 2 * CHUNK
+        read.clear()
+        proof = inclusion_proof(first, size, roots_over(log.chunks, some))
+        assert root_of_inclusion(first, size, leaves[first], proof) == log.root
+        assert sum(read) <= 2 * CHUNK

@@ -73,14 +73,28 @@ def test_a_file_of_heads_is_only_appended_to_and_read_back(tmp_path, heads):
     assert HeadWitnesses(settings).last == heads[-1]
 
 
-def test_a_file_that_ends_with_something_else_is_refused(tmp_path):
+def test_a_file_without_a_head_is_refused(tmp_path):
     path = tmp_path / "heads.jsonl"
-    path.write_text("nonsense\n")
-    with pytest.raises(ValueError, match="Expecting"):
-        last_head(path)
-    path.write_text("")
-    with pytest.raises(ValueError, match="holds no head"):
-        last_head(path)
+    for text in ("", "no head\n", '{"number": 1}\n', "[]\n"):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="holds no head"):
+            last_head(path)
+
+
+@pytest.mark.parametrize(
+    "cut", ['{"number": 2, "t_', '{"number": 2, "t_\n', '{"number": 2}\n\n']
+)
+def test_a_line_that_was_cut_off_is_no_head_and_harms_none(tmp_path, heads, cut):
+    """As a volume leaves it that was full while a head was written."""
+    path = tmp_path / "heads.jsonl"
+    settings = LedgerSettings(witness_file=path)
+    told(settings, heads[:1])
+    with path.open("a") as file:
+        file.write(cut)
+    assert HeadWitnesses(settings).last == heads[0]
+    told(settings, heads[1:2])
+    assert HeadWitnesses(settings).last == heads[1]
+    assert Head.of(json.loads(path.read_text().splitlines()[-1])) == heads[1]
 
 
 def test_an_address_gets_each_head_as_json(heads):

@@ -309,6 +309,8 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/twins/{twin_id}/plan", "/api/v1/fleet/plan",
         "/api/v1/twins/{twin_id}/quarantine", "/api/v1/twins/{twin_id}/quarantine/{number}",
         "/api/v1/twins/{twin_id}/quarantine/{number}/release",
+        "/api/v1/twins/{twin_id}/ledger", "/api/v1/ledger/chains/{chain}/consistency",
+        "/api/v1/ledger/chains/{chain}/inclusion",
         "/api/v1/holdings",
         "/api/v1/holdings/{holding_id}",
         "/api/v1/composites/{composite_id}/events",

@@ -41,6 +41,7 @@ class Shard:
 
     def __init__(self, index):
         self.index, self.goes_on = index, threading.Event()
+        self.notes: list[str] = []
         self.asked: list[tuple[str, str, dict[str, str]]] = []
         shard = self
 
@@ -88,6 +89,8 @@ class Shard:
             return json.dumps({"twins": twins}).encode()
         if path.startswith("/api/v1/fleet/plan"):
             return json.dumps(plan_of(self.index)).encode()
+        if path == "/readyz":
+            return json.dumps({"status": "ok", "notes": self.notes}).encode()
         if path == "/metrics":
             return METRICS.format(index=self.index).encode()
         return json.dumps({"shard": self.index, "body": body.decode()}).encode()
@@ -215,6 +218,24 @@ def test_a_dead_shard_is_named_and_the_others_answer(front, fleet, how):
         assert "Shard 1 of 3 does not answer" in found.json()["detail"]
     assert front.get("/healthz").status_code == 200
     assert front.get("/").status_code == 200
+
+
+def test_what_fails_in_a_shard_that_is_ready_is_named(front, fleet):
+    assert front.get("/readyz").json() == {"status": "ok"}
+    fleet.shards[2].notes.append("The ledger is not signed any more.")
+    answer = front.get("/readyz")
+    assert answer.status_code == 200
+    assert answer.json() == {
+        "status": "degraded",
+        "notes": ["Shard 2: The ledger is not signed any more."],
+    }
+
+
+@pytest.mark.parametrize("what", ["consistency?first=3", "inclusion?boot=b&sequence=1"])
+def test_proofs_of_a_chain_come_from_the_shard_of_its_twin(front, what):
+    for asset in ASSETS:
+        answer = front.get(f"/api/v1/ledger/chains/lab.{asset}/{what}")
+        assert answer.json()["shard"] == owner(asset)
 
 
 def test_signed_heads_are_those_of_the_shard_named(front):

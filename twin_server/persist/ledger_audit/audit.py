@@ -11,6 +11,7 @@ from twin_server.persist.tables.levels import wrong_buckets
 from twin_server.persist.tables.search import SHIFT, Span, whole
 
 from .chain_walk import Seal, Walk, walk
+from .column_types import wrong_types
 from .counters import Counters
 from .result import Audit
 from .rows import compare_features, compare_states, compare_tables
@@ -43,7 +44,9 @@ def audit(
     tell
         Told the name of each chain and how many entries it has.
     """
-    found = Audit()
+    found = Audit(wrong=wrong_types(reader))
+    if found.wrong:
+        return found  # nothing more can be compared
     vouched = check_heads(reader, found, public, kept)
     features, counts, buckets = 0, dict.fromkeys(COVERED, 0), 0
     counters = Counters()
@@ -89,14 +92,17 @@ class _ChainAudit:
         self._leaf = found.standing.leaves.get(owner)
         self._against = vouched.against.get(owner)
         is_sealed = any(leaf.tree for leaf in found.standing.leaves.values())
-        covered = self._leaf.length if self._leaf is not None else 0
+        self._signed = self._leaf.length if self._leaf is not None else 0
+        """Number of entries that the last head covers."""
         self.walked: Walk = walk(
             reader,
             owner,
             vouched.leaves.get(owner, {}),
-            covered if is_sealed else None,
+            self._against.length if self._against is not None else 0,
+            self._signed if is_sealed else None,
             seal,
         )
+        self._is_sealed = is_sealed and seal is not None
         found.ends[owner] = self.walked.end, self.walked.log
         self.features = self.buckets = 0
         self.counts: dict[str, int] = {}
@@ -104,16 +110,22 @@ class _ChainAudit:
     def check(self) -> bool:
         """Check chain and rows; return whether the chain was sound enough to compare rows."""
         found, walked = self._found, self.walked
-        against = self._against.length if self._against is not None else 0
+        against = walked.covered
         found.vouched += min(against, walked.end.length)
         found.waiting += max(walked.end.length - against, 0)
         if walked.wrong is not None:
             found.blame(self._owner, walked.wrong)
             return False
-        covered = self._leaf.length if self._leaf is not None else 0
-        if self._seal is None and walked.deleted > covered > 0:
-            found.blame(self._owner, "it was deleted, and no head vouches for that")
+        if self._is_unproven(walked.deleted):
+            found.blame(self._owner, "it was deleted, and no head vouches for that yet")
             return False
+        if self._is_unproven(walked.remade):
+            found.blame(
+                self._owner,
+                f"its states were estimated anew at entry {walked.remade}, and no head vouches "
+                "for that yet",
+            )
+        found.replaced += walked.replaced
         self._check_seals()
         self._check_basis(against)
         spans = whole(self._reader, self._owner)
@@ -125,9 +137,13 @@ class _ChainAudit:
             wrong, read = wrong_buckets(self._reader, span.number, span.last & _LOW)
             self.buckets += read
             found.blame_each(self._owner, (f"{what} of boot {span.boot}" for what in wrong))
-        if self._leaf is not None and not self._leaf.tree and not found.wrong:
+        if not found.wrong:
             self._check_history(spans)
         return True
+
+    def _is_unproven(self, entry: int) -> bool:
+        """Whether an operation on all of a twin, at an entry, may be that of a stranger."""
+        return entry > self._signed > 0 and not self._is_sealed and not self.walked.is_let
 
     def _check_seals(self) -> None:
         if self.walked.unsealed is not None:
@@ -141,9 +157,15 @@ class _ChainAudit:
         """Tell what was chained anew behind the head that the audit refers to."""
         if self._against is None:
             return
-        is_let = self._seal is not None and self.walked.unsealed is None
+        is_let = self.walked.is_let and self.walked.unsealed is None
         if self.walked.basis > against and is_let:
             return  # a server with the key has done so, as its operator said
+        if self.walked.deleted > against:
+            self._found.notes.append(
+                f"{self._owner}: it was deleted with its history at entry "
+                f"{self.walked.deleted}, behind the head"
+            )
+            return
         if self.walked.basis > against:
             what = (
                 f"all its rows were chained anew at entry {self.walked.basis}, behind head "
@@ -164,16 +186,18 @@ class _ChainAudit:
 
     def _check_history(self, spans: list[Span]) -> None:
         """Compare the states with the hash of the history in a head of version 10 or older."""
-        assert self._leaf is not None
-        if self.walked.reordered or self.walked.deleted > self._leaf.length:
+        walked, leaf = self.walked, self.walked.treeless
+        if leaf is None or walked.is_let or max(walked.remade, walked.deleted) > leaf.length:
             return
+        if self._against is None or self._against.tree:
+            return  # a later head, before whose signature the server compared all of it
         rolling = RollingHash()
         for row, boot in _stated(self._reader, spans):
-            if rolling.count == self._leaf.history_count:
+            if rolling.count == leaf.history_count:
                 break
-            rolling.take(row, boot)
-        stated = (self._leaf.history_count, self._leaf.history)
-        if (rolling.count, rolling.hexadecimal) != stated:
+            if row.key not in walked.late:
+                rolling.take(row, boot)
+        if (rolling.count, rolling.hexadecimal) != (leaf.history_count, leaf.history):
             self._found.blame(
                 self._owner, "its states are not those that followed from what it was told"
             )

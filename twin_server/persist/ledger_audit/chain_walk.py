@@ -1,6 +1,7 @@
 """Follows one chain from its beginning, and finds what its last entries say of each row."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,6 +10,7 @@ from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import GONE, WIDTH
 from twin_server.persist.chains.coverage import COVERED, OF_KIND
 from twin_server.persist.tables.checksums import DIGESTS, LEDGER, opened
+from twin_server.persist.tables.counted import BITS
 from twin_server.persist.tables.search import SHIFT
 
 Seal = Callable[[bytes], bytes]
@@ -37,15 +39,24 @@ class Walk:
         By boot, first feature and digest of groups of states.
     unsealed
         First block behind the last head that the server's key did not seal; None if none.
-    reordered
-        Whether features came before others since the last head.
+    late
+        Features behind the newest leaf without a tree that came before others.
     greatest
-        Greatest key of each kind of row, of removed rows as well.
+        Greatest key of each kind of row, of removed rows as well; apart those whose key has the
+        place of a twin (see `tables.counted`).
     twice
         Rows that were written again, though none of their table ever is.
+    replaced
+        By kind, how many rows that the head covers were written again or removed since.
+    is_let
+        Whether the server's key has sealed the last basis: its operator asked for it.
     """
 
     end: Link
+    covered: int = 0
+    """Number of entries that the head covers to which the audit refers."""
+    treeless: Leaf | None = None
+    """Newest leaf that a head of version 10 or older signed; its hash covers the states."""
     log: CompactRange = dataclasses.field(default_factory=CompactRange)
     wrong: str | None = None
     deleted: int = 0
@@ -54,9 +65,11 @@ class Walk:
     rows: dict[bytes, dict[int, tuple[bytes, int]]] = dataclasses.field(default_factory=dict)
     states: dict[int, list[tuple[int, bytes]]] = dataclasses.field(default_factory=dict)
     unsealed: int | None = None
-    reordered: bool = False
-    greatest: dict[bytes, int] = dataclasses.field(default_factory=dict)
+    late: set[int] = dataclasses.field(default_factory=set)
+    greatest: dict[tuple[bytes, bool], int] = dataclasses.field(default_factory=dict)
     twice: list[str] = dataclasses.field(default_factory=list)
+    replaced: Counter[str] = dataclasses.field(default_factory=Counter)
+    is_let: bool = False
 
     def void(self) -> None:
         """Forget what rows have to be, because they were deleted or chained anew."""
@@ -80,6 +93,7 @@ def walk(
     reader: Any,
     owner: str,
     leaves: dict[int, Leaf],
+    covered: int,
     sealed_after: int | None,
     seal: Seal | None,
 ) -> Walk:
@@ -87,10 +101,14 @@ def walk(
 
     Parameters
     ----------
+    covered
+        Number of entries that the head covers to which the audit refers.
     sealed_after
         Number of entries behind which all blocks have to be sealed; None for nowhere.
     """
-    found = Walk(beginning(owner))
+    treeless = [leaf for leaf in leaves.values() if not leaf.tree]
+    newest_treeless = max(treeless, key=lambda leaf: leaf.length, default=None)
+    found = Walk(beginning(owner), covered, newest_treeless)
     ends, newest = {0}, max(leaves, default=0)
     last = -1
     for count, block, link in blocks(reader, owner):
@@ -104,13 +122,15 @@ def walk(
         if not _is_vouched(found, leaves.get(count), with_tree=seal is not None):
             found.wrong = f"its chain is not the one vouched for at {count}"
             return found
-        last = _take(found, count, block, last, is_newer=count > newest)
-        if sealed_after is not None and seal is not None and count > sealed_after:
+        last = _take(found, count, block, last)
+        if seal is not None:
             is_sealed = _is_sealed(before, block, seal)
-            if is_sealed and found.basis == count:
+            if found.basis == count:
+                found.is_let = is_sealed
+            if found.is_let and found.basis == count:
                 found.unsealed = None  # the operator has let it begin anew
-            elif not is_sealed and found.unsealed is None:
-                found.unsealed = count
+            elif sealed_after is not None and count > sealed_after and not is_sealed:
+                found.unsealed = found.unsealed or count
     missing = sorted(leaves.keys() - ends)
     if found.end.length < newest:
         found.wrong = "its chain has been cut off"
@@ -133,13 +153,15 @@ def _is_sealed(before: Link, block: bytes, seal: Seal) -> bool:
     return own[9:] == seal(followed(before, block[:-WIDTH]).digest)
 
 
-def _take(found: Walk, count: int, block: bytes, last: int, *, is_newer: bool) -> int:
+def _take(found: Walk, count: int, block: bytes, last: int) -> int:
     """Note what the entries of a block say; return the id of the last feature so far."""
     is_remade = False
+    is_hashed = found.treeless is None or count <= found.treeless.length
     for at in range(0, len(block), WIDTH):
         kind, key = block[at : at + 1], int.from_bytes(block[at + 1 : at + 9], "big")
         if kind == _FEATURES:
-            found.reordered |= is_newer and key < last
+            if not is_hashed and key < last:
+                found.late.add(key)
             last = max(last, key)
         elif kind == _STATES:
             digest = block[at + 9 : at + WIDTH]
@@ -159,7 +181,9 @@ def _take(found: Walk, count: int, block: bytes, last: int, *, is_newer: bool) -
             rows = found.rows.setdefault(kind, {})
             if coverage.is_appended and key in rows and not (digest == GONE and is_remade):
                 found.twice.append(coverage.name_of_missing(key))
+            if 0 < rows.get(key, (b"", 0))[1] <= found.covered < count:
+                found.replaced[coverage.table.name] += 1
             rows[key] = digest, count
-            found.greatest[kind] = max(key, found.greatest.get(kind, 0))
-    found.reordered |= is_newer and found.remade == count
+            of_kind = kind, key >> BITS > 0
+            found.greatest[of_kind] = max(key, found.greatest.get(of_kind, 0))
     return last

@@ -10,7 +10,7 @@ from twin_server.persist.tables.checksums import (
     QUARANTINE,
     opened,
 )
-from twin_server.persist.tables.counted import BITS
+from twin_server.persist.tables.counted import BITS, OVER_ALL_TWINS
 
 from .chain_walk import Walk
 
@@ -34,10 +34,11 @@ class Counters:
         for what, table in _OF_ALL.items():
             self._note(what, walked, table)
         for table in _OF_TWINS:
-            self._note(f"{table} of {owner}", walked, table)
+            self._note(f"{table} of {owner}", walked, table, has_place=True)
+            self._note(OVER_ALL_TWINS[table], walked, table)
 
-    def _note(self, what: str, walked: Walk, table: str) -> None:
-        number = walked.greatest.get(COVERED[table].kind.encode(), 0)
+    def _note(self, what: str, walked: Walk, table: str, *, has_place: bool = False) -> None:
+        number = walked.greatest.get((COVERED[table].kind.encode(), has_place), 0)
         if number:
             self._last[what] = max(number, self._last.get(what, 0))
 

@@ -1,6 +1,7 @@
 """The result of an audit."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable
 
 from slowtime_services.ledger import CompactRange, Head, Link, MerkleTree
@@ -25,10 +26,14 @@ class Audit:
         The head that the rest refers to: the one that was kept elsewhere, else the last one.
     vouched, waiting
         Number of entries that this head covers, and of those behind it.
+    replaced
+        By table, how many rows that this head covers were written again or removed since.
     notes
         Checks that could not be made, and why.
     standing
         Leaves that the last head signs.
+    signed_ns
+        Time of the head that signed each of these leaves [ns since 1970].
     ends
         End of each chain, and the Merkle tree of its entries, for who has the key.
     """
@@ -40,8 +45,10 @@ class Audit:
     against: Head | None = None
     vouched: int = 0
     waiting: int = 0
+    replaced: Counter[str] = dataclasses.field(default_factory=Counter)
     notes: list[str] = dataclasses.field(default_factory=list)
     standing: MerkleTree = dataclasses.field(default_factory=MerkleTree)
+    signed_ns: dict[str, int] = dataclasses.field(default_factory=dict)
     ends: dict[str, tuple[Link, CompactRange]] = dataclasses.field(default_factory=dict)
 
     def blame(self, chain: str, what: str) -> None:

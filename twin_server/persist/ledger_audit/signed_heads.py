@@ -41,6 +41,7 @@ def check_heads(reader: Any, found: Audit, public: str | None, kept: Head | None
                 return vouched
             for leaf in leaves:
                 vouched.leaves.setdefault(leaf.asset, {})[leaf.length] = leaf
+                found.signed_ns[leaf.asset] = row.t_ns
             if kept == found.last:
                 seen, vouched.against = True, dict(found.standing.leaves)
     if public is not None and found.last is not None and found.last.public != public:

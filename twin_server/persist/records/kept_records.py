@@ -124,6 +124,11 @@ class SqlRecords(QuarantineTable):
         with self._reading() as reader:
             return ledger_table.entries(reader, twin_id, after)
 
+    def entries_between(self, twin_id: str, begin: int, end: int) -> list[bytes]:
+        """Read the packed entries of a chain from one index up to, without, another."""
+        with self._reading() as reader:
+            return ledger_table.entries_between(reader, twin_id, begin, end)
+
     @contextlib.contextmanager
     def snapshot(self) -> Iterator[Connection]:
         """Hold a connection that sees one moment of the database, for an audit."""

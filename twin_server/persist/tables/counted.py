@@ -19,7 +19,7 @@ _COUNT = (1 << BITS) - 1
 NUMBERED = f"(number & {_COUNT}) = ?"
 """Condition on the number of a row, to be asked beside its twin."""
 
-_OVER_ALL_TWINS = {"events": "event", "diagnoses": "diagnosis", "quarantine": "quarantine"}
+OVER_ALL_TWINS = {"events": "event", "diagnoses": "diagnosis", "quarantine": "quarantine"}
 """What the last number over all twins was kept as, by table."""
 
 
@@ -81,7 +81,7 @@ def _last_keys(writer: Connection, table: Table, twins: list[str]) -> dict[str, 
 
 def _counts_of_before(writer: Connection, table: Table, twins: list[str]) -> dict[str, int]:
     """Return where the counts of twins go on that have rows with a number over all twins."""
-    last = last_number(writer, _OVER_ALL_TWINS[table.name]) or 0
+    last = last_number(writer, OVER_ALL_TWINS[table.name]) or 0
     found: dict[str, int] = {}
     for first in range(0, len(twins), KEYS_PER_QUERY):
         asked = twins[first : first + KEYS_PER_QUERY]

@@ -15,12 +15,12 @@ from slowtime_services.ledger import (
     Link,
     beginning,
     features_digest,
-    linked,
+    followed,
     packed,
     unpacked,
 )
 from slowtime_services.ledger import chain as kinds
-from slowtime_services.ledger.chain import words_digest
+from slowtime_services.ledger.chain import WIDTH, words_digest
 
 from .checksums import FEATURES, HEADS, LEDGER, TWINS, opened
 from .search import SHIFT, whole
@@ -63,10 +63,11 @@ class ChainEnds:
         end = self._known.get(twin_id) or _end(writer, twin_id)
         for first in range(0, len(entries), _AT_ONCE):
             part = entries[first : first + _AT_ONCE]
-            block, end = packed(part), linked(end, part)
+            block = packed(part)
+            end = followed(end, block)
             if self.seal is not None:
-                seal = [Entry(kinds.SEAL, 0, self.seal(end.digest))]
-                block, end = block + packed(seal), linked(end, seal)
+                seal = Entry(kinds.SEAL, 0, self.seal(end.digest)).written
+                block, end = block + seal, followed(end, seal)
             insert_blocks(writer, [(twin_id, end.length, block, end.digest)])
         self._known[twin_id] = end
 
@@ -112,6 +113,24 @@ def entries(reader: Any, twin_id: str, after: int) -> list[Entry]:
         (twin_id, after),
     )
     return [entry for row in opened(LEDGER, rows) for entry in unpacked(row[2])]
+
+
+def entries_between(reader: Any, twin_id: str, begin: int, end: int) -> list[bytes]:
+    """Read the packed entries of a chain from one index up to, without, another."""
+    rows = reader.execute(
+        f"select {', '.join(LEDGER.all_columns)} from ledger where twin = ? and count > ? "
+        "and count <= ? order by count",
+        (twin_id, begin, end + _AT_ONCE),  # the last block may end so much later, by its seal
+    )
+    found: list[bytes] = []
+    for row in rows:
+        [(_, count, block, _)] = opened(LEDGER, [row])
+        at = count - len(block) // WIDTH
+        first, past = max(begin - at, 0), min(end, count) - at
+        found += (block[n * WIDTH : (n + 1) * WIDTH] for n in range(first, past))
+        if count >= end:
+            break
+    return found
 
 
 def insert_head(writer: Any, row: HeadRow) -> None:

@@ -23,10 +23,12 @@ from slowtime_services.ledger import (
     Leaf,
     Link,
     MerkleTree,
+    TreeHead,
     beginning,
     headed,
     linked,
     packed,
+    tree_head,
 )
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import MOST_TOLD
@@ -104,6 +106,7 @@ class LedgerSigner:
         self._every_ns = round(settings.every_s * 1e9)
         self.merkle = MerkleTree()
         self.head: Head | None = None
+        self._signed: dict[str, tuple[Leaf, int]] = {}
         self.refusal = ""
         """Why nothing is signed any more; empty if all is well."""
         self._unsaid: dict[str, str] = {}
@@ -136,14 +139,19 @@ class LedgerSigner:
             self._witness.close()
 
     @property
-    def refused(self) -> bool:
-        """Whether nothing is signed, because the store does not prove consistent."""
-        return bool(self.refusal)
-
-    @property
     def missed(self) -> int:
         """How often a head could not be kept elsewhere."""
         return 0 if self._witness is None else self._witness.failures
+
+    def tree_head(self, owner: str) -> tuple[TreeHead, Sequence[bytes]] | None:
+        """Return the signed tree head of a chain, and the roots of its chunks.
+
+        None where no head covers it, or nothing is signed any more. Any thread may ask.
+        """
+        leaf, t_ns = self._signed.get(owner, (None, 0))
+        if leaf is None or not leaf.tree or self.refusal:
+            return None
+        return tree_head(leaf, t_ns, self._signer), self._proven[owner][1].chunks
 
     def take_unsaid(self) -> dict[str, str]:
         """Return once, by twin, what its people have to be told."""
@@ -173,6 +181,7 @@ class LedgerSigner:
         body = json.dumps({"head": head._asdict(), "leaves": leaves}, separators=(",", ":"))
         self._store.add_head(HeadRow(head.number, head.t_ns, body))
         self.head = head
+        self._signed.update({leaf.asset: (leaf, head.t_ns) for leaf in leaves})
         if self._witness is not None:
             self._witness.take(head)
         for leaf in leaves:
@@ -205,6 +214,10 @@ class LedgerSigner:
         if not found.wrong:
             self._store.seal_with(seal)
             self.merkle, self.head, self._proven = found.standing, found.last, found.ends
+            self._signed = {
+                owner: (leaf, found.signed_ns[owner])
+                for owner, leaf in found.standing.leaves.items()
+            }
 
     def _extend(self, owner: str, end: Link) -> bool:
         """Compare what was chained since the last signature with what the server chained."""

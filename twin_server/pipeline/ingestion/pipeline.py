@@ -357,6 +357,11 @@ class Pipeline:
         return self._election.trouble
 
     @property
+    def ledger_refusal(self) -> str:
+        """Why heads are not signed any more; empty where all is well, or there is no key."""
+        return "" if self.ledger_signer is None else self.ledger_signer.refusal
+
+    @property
     def waiting(self) -> int:
         """Number of messages in the inbox."""
         return len(self._inbox)
@@ -372,9 +377,7 @@ class Pipeline:
             "held_bytes": account.held_bytes,
             "boots": account.boots,
             "inbox": self.waiting,
-            "ledger_refused": int(
-                self.ledger_signer is not None and self.ledger_signer.refused
-            ),
+            "ledger_refused": int(bool(self.ledger_refusal)),
             "aside": self.setting_aside.quarantine.gauge(),
         }
 

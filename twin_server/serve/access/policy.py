@@ -47,7 +47,7 @@ _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "/forecast",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
-    "/memberships", "/quarantine",
+    "/memberships", "/quarantine", "/ledger",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
@@ -81,7 +81,10 @@ POLICY: tuple[Rule, ...] = (
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
     Rule("GET", f"{_V1}/fleet/plan", Reach.LISTED),
+    # Entries hold numbers of boots, which are counted over all sites.
     Rule("GET", f"{_V1}/ledger/heads", Reach.ALL),
+    Rule("GET", f"{_V1}/ledger/chains/{{chain}}/consistency", Reach.ALL),
+    Rule("GET", f"{_V1}/ledger/chains/{{chain}}/inclusion", Reach.ALL),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),
     Rule("PUT", _RECORDING, Reach.LISTED, Scope.OPERATOR),

@@ -282,6 +282,7 @@ class ModesModel(BaseModel):
 
 
 class HealthModel(BaseModel):
-    """That the server lives."""
+    """That the server lives; `degraded` where it takes readings, and something else fails."""
 
-    status: str = Field(examples=["ok"])
+    status: Literal["ok", "degraded"] = Field(examples=["ok"])
+    notes: list[str] = Field([], description="What fails; only where the status is `degraded`.")

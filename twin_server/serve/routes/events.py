@@ -1,4 +1,4 @@
-"""Routes of events, of the live stream, and of signed heads of the ledger."""
+"""Routes of events and of the live stream."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated
@@ -14,7 +14,7 @@ from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.http.quotas import over_quota
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.live import Hub, LiveResponse
-from twin_server.serve.models.history import EventList, HeadList
+from twin_server.serve.models.history import EventList
 from twin_server.serve.state_rendering import json_response
 
 from .twin_path import TwinId
@@ -36,14 +36,6 @@ def routes(
     """Make the routes; `known` returns the registration of the twin in the path."""
     api = APIRouter(tags=["twins"])
     Known = Annotated[Registration, Depends(known)]
-
-    @api.get("/ledger/heads", response_model=HeadList, responses=_PROBLEMS)
-    def heads(
-        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
-        limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
-    ) -> Response:
-        """Return the newest signed head of the ledger; with `after`, those that follow."""
-        return json_response({"heads": knowledge.heads(after, limit)})
 
     @api.get("/twins/{twin_id}/events", response_model=EventList, responses=_PROBLEMS)
     def events(

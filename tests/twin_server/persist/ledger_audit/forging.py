@@ -50,8 +50,8 @@ class House:
     """
 
     database: object
-    key: str
-    kept: Head
+    key: object
+    kept: Head | None
     old: dict[str, list[tuple[object, ...]]]
     known: dict[str, list[tuple[object, ...]]]
 

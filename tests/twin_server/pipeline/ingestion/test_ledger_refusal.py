@@ -53,7 +53,7 @@ def test_a_server_with_a_forged_database_refuses_and_tells_the_twin_concerned(ho
         fresh = Pipeline(settings, other)
         assert fresh.gauges()["ledger_refused"] == 0
     signer = forging.signer_of(forged, house.key)
-    assert signer.refused
+    assert signer.refusal
     assert "lab.beam: the row of events with number 1" in signer.refusal
     told = signer.take_unsaid()
     assert told.keys() == {"lab.beam"}
@@ -82,12 +82,12 @@ def test_an_operator_may_go_on_behind_the_last_head_and_audits_say_so(house, sou
     for number, refused in ((2, True), (3, False)):
         with contextlib.closing(forging.open_unverified(house.database)) as opened:
             signer = forging.signer_of(opened, house.key, continue_after_head=number)
-            assert signer.refused == refused
+            assert bool(signer.refusal) == refused
             assert (signer.sign(2 * 10**18) is None) == refused
     for _ in range(2):  # and once more, without being asked to
         with contextlib.closing(forging.open_unverified(house.database)) as opened:
             signer = forging.signer_of(opened, house.key)
-            assert not signer.refused
+            assert not signer.refusal
             opened.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "more")]))
             assert signer.sign(3 * 10**18) is not None
     assert audit_file(house.database, public=sound[1]).wrong == []
@@ -120,7 +120,7 @@ def test_a_row_that_is_changed_under_the_server_is_found_by_the_next_audit(house
     signer = forging.signer_of(store, house.key, audit_every_s=0.05)
     forging.forge_open(house, store, forging.edit, forging.BY_NAME["events"])
     until = time.monotonic() + 60.0
-    while not signer.refused and time.monotonic() < until:
+    while not signer.refusal and time.monotonic() < until:
         signer.step()
         time.sleep(0.02)
     assert "the row of events" in signer.refusal
@@ -158,6 +158,6 @@ def test_a_database_that_lacks_a_head_of_the_witness_is_not_signed(house, store)
     assert "has another there" in begun(house.kept._replace(root="ab" * 32))[0].refusal
     signer, witness = begun(house.kept)
     store.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "more")]))
-    assert witness.took == [] or not signer.refused
+    assert witness.took == [] or not signer.refusal
     head = signer.sign(2 * 10**18)
     assert witness.took == [head]

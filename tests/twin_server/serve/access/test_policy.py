@@ -20,7 +20,7 @@ CALLERS = (
 FILLED = {
     "{twin_id}": "lab.beam", "{composite_id}": "lab.line",
     "{name}": "report.json", "{number}": "1", "{event_id}": "0" * 32,
-    "{holding_id}": "0" * 16,
+    "{holding_id}": "0" * 16, "{chain}": "lab.beam",
 }  # fmt: skip
 HEAD = """\
 # Who may ask what

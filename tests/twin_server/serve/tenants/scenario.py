@@ -121,9 +121,12 @@ def _twins(t: Tenant) -> Iterator[None]:
         "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
         "/forecast", "/plan", "/risk", "/events", "/events/recorded", "/gap", "/fatigue",
         "/virtual", "/quarantine", "/alarms", "/alarms/deliveries", "/memberships",
-        "/diagnoses",
+        "/diagnoses", "/ledger",
     ):  # fmt: skip
         t.get(twin + path)
+    for site in (t.site, other):
+        for path in ("consistency?first=1", "inclusion?boot=b1&sequence=1"):
+            t.get(f"/ledger/chains/{site}.beam/{path}")
     yield
     for form in ("csv", "parquet"):
         t.get(f"{twin}/history/export", params={"format": form})

@@ -20,9 +20,20 @@ BEFORE_ROUTES = {
 UNREACHED: dict[str, tuple[str, ...]] = {
     "for tokens of all sites": (
         "get /ledger/heads 200",
-        "get /ledger/heads 404",
         "get /ledger/heads 422",
+        "get /ledger/chains/{chain}/consistency 200",
+        "get /ledger/chains/{chain}/consistency 404",
+        "get /ledger/chains/{chain}/consistency 409",
+        "get /ledger/chains/{chain}/consistency 422",
+        "get /ledger/chains/{chain}/inclusion 200",
+        "get /ledger/chains/{chain}/inclusion 404",
+        "get /ledger/chains/{chain}/inclusion 409",
+        "get /ledger/chains/{chain}/inclusion 422",
         "get /metrics 200",
+    ),
+    "needs a key; a tree head is a hash of entries that are sealed with it": (
+        "get /twins/{twin_id}/ledger 200",
+        "get /twins/{twin_id}/ledger 409",
     ),
     "a token of any site may": (
         "get /composites 403",
