@@ -301,31 +301,46 @@ def app(verbose: int, quiet: bool, log_format: Format) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit status.
 
-    0 is success, 2 that the input is wrong (a sentence on stderr), 1 a failure of ours, 130
-    that Ctrl-C ended a job before its end; what runs until Ctrl-C ends with 0.
+    0 is success, 2 that the input is wrong (a sentence on stderr), 1 a failure of ours or an
+    output that nobody reads any more, 130 that Ctrl-C ended a job before its end; what runs
+    until Ctrl-C ends with 0.
     """
+    try:
+        status = _status_of(arguments)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:  # as by `| head`; of what a verb writes, click makes an exit
+        status = 1
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    sys.exit(status)
+
+
+def _status_of(arguments: Sequence[str] | None) -> int:
     try:
         status = app.main(arguments, prog_name="slowtime", standalone_mode=False)
     except click.UsageError as error:
         click.UsageError(without_internals(error.format_message()), error.ctx).show()
-        sys.exit(2)
+        return 2
     except click.ClickException as error:
         _say(error.format_message())
-        sys.exit(2)
+        return 2
     except (KeyboardInterrupt, click.Abort):
         _say("Ended by Ctrl-C.")
-        sys.exit(130)
+        return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        raise
     except (ValueError, OSError) as error:
         if is_validation_error(error):
             _say(validation_message(error))
-            sys.exit(2)
+            return 2
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
         _say(reason_of(error) if isinstance(error, OSError) else str(error))
-        sys.exit(2)
+        return 2
+    except MemoryError as error:
+        _say(f"{reason_of(error)} Give a smaller file, or more memory.")
+        return 2
     except Exception as error:
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
@@ -333,8 +348,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"Internal error in slowtime: {type(error).__name__}: {error}. Run again with "
             "SLOWTIME_DEBUG=1 for the traceback, and include it in a bug report."
         )
-        sys.exit(1)
-    sys.exit(status if isinstance(status, int) else 0)
+        return 1
+    return status if isinstance(status, int) else 0
 
 
 def _say(sentence: str) -> None:

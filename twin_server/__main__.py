@@ -212,7 +212,6 @@ def _serve(
     workers = WorkerProcesses(
         limits.workers + limits.spare_workers, limits.work_timeout_s, processors
     )
-    workers.warm()
     queue = ComputeQueue(
         limits.workers, limits.max_waiting, limits.max_waiting_of_one, limits.spare_workers,
         processors.usage,
@@ -280,6 +279,7 @@ def _serve(
         if ready is not None:
             ready(url)
         heartbeat.ready()
+        workers.warm()  # only now: loading takes seconds of a processor that the start needs
         while not stop.wait(0.2) and door.is_alive():
             pass
     finally:

@@ -36,6 +36,9 @@ WITHHELD = "withheld.json"
 MOST_DROPPED = 1_000
 """Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
 
+TAKEN_AWAY = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
+"""What reading a segment fails with whose path leads nowhere, or to something else."""
+
 
 class Held(NamedTuple):
     """Range of one boot in the spool; `first` is one past `last` where all was dropped."""
@@ -189,16 +192,16 @@ class Spool:
         """
         with self._lock:
             wanted = [
-                (segment.path, segment.size, segment.first, segment.last)
+                (segment.path, segment.size, segment.first, segment.last, self._open(segment))
                 for segment in self._segments
                 if segment.boot == boot
                 and segment.last >= first
                 and (last is None or segment.first <= last)
             ]
-        for path, size, begins, ends in wanted:
+        for path, size, begins, ends, current in wanted:
             try:
-                data = path.read_bytes()[:size]
-            except FileNotFoundError:  # acknowledged or dropped since, or taken away
+                data = path.read_bytes()[:size] if current is None else current
+            except TAKEN_AWAY:  # also where it was acknowledged or dropped since
                 self._note_damage(path, boot, b"", Damage(0, 0, begins, ends))
                 continue
             due, sound = begins, list[int]()
@@ -256,6 +259,12 @@ class Spool:
             if self._guard is not None:
                 unlock(self._guard)
                 self._guard = None
+
+    def _open(self, segment: _Segment) -> bytes | None:
+        """Return what is in the segment that is being written, wherever its file is now."""
+        if self._file is None or segment is not self._segments[-1] or not hasattr(os, "pread"):
+            return None
+        return os.pread(self._file, segment.size, 0)
 
     def _note_damage(self, path: Path, boot: str, data: bytes, damage: Damage) -> None:
         with self._lock:

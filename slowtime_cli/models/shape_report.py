@@ -9,6 +9,8 @@ from slowtime.finite_elements.eigenvalues import lowest_modes
 from slowtime.finite_elements.reduction import AdaptiveModel
 from slowtime.identification.mode_shapes.criteria import mac_matrix
 from slowtime_schemas.files.modes import ModesFile
+from slowtime_services.documents.bounds import RESULT
+from slowtime_services.documents.document_files import read_checked_json
 from slowtime_services.matrices import MatrixModel
 from slowtime_services.reports import Chart, Scene, Section, Table, write_page
 from slowtime_services.wireframes import (
@@ -111,7 +113,7 @@ def measured_of(path: Path, pairs: list[int]) -> MeasuredShapes:
     -------
     The modes, NaN in shapes that the file does not have.
     """
-    file = ModesFile.model_validate_json(path.read_bytes())
+    file = read_checked_json(path, ModesFile, RESULT)
     modes = [mode for mode in file.modes or () if mode.kind == "structural"]
     shapes = np.full((len(modes), len(file.channels)), np.nan, dtype=complex)
     for row, mode in enumerate(modes):

@@ -20,6 +20,8 @@ from slowtime_services.replay import RecordingError, verdicts
 if TYPE_CHECKING:
     from twin_server.persist import Audit
 
+MOST_BYTES_OF_A_STAMP = 1 << 20
+"""Of an answer of a time-stamping authority, with its certificates [bytes]."""
 SQLITE = b"SQLite format 3\0"
 """First bytes of a database file."""
 TRIES = 3
@@ -225,6 +227,11 @@ def database_audit(database: Path | str, public: str | None, kept: Head | None) 
         raise click.ClickException(str(error)) from error
 
 
+def _stamp(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(MOST_BYTES_OF_A_STAMP)
+
+
 def _verify_timestamp(
     kept: Head | None, timestamp: Path | None, authority: Path | None
 ) -> None:
@@ -234,7 +241,7 @@ def _verify_timestamp(
             "authority: give --head, --timestamp and --authority together."
         )
     try:
-        found = stamped(kept.hashed, timestamp.read_bytes(), authority)
+        found = stamped(kept.hashed, _stamp(timestamp), authority)
     except TimestampError as error:
         raise click.ClickException(str(error)) from error
     click.echo(f"Head {kept.number} existed at {found.t:%Y-%m-%d %H:%M:%S} UTC ({timestamp}).")

@@ -7,13 +7,14 @@ from typing import Any
 
 import click
 import numpy as np
-from pydantic import ValidationError
 
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.merging import MergedMode, SetUp, merge
 from slowtime.identification.modes import Mode
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.files.modes import FoundMode, ModesFile
+from slowtime_services.documents.bounds import RESULT, DocumentError
+from slowtime_services.documents.document_files import read_checked_json
 
 from .merge_before import merged_records
 from .modes_file import write_modes_file
@@ -94,11 +95,10 @@ def modes_of_file(path: Path) -> tuple[tuple[str, ...], list[Mode]]:
 
 def _read(path: Path) -> ModesFile:
     try:
-        found = ModesFile.model_validate_json(path.read_bytes())
-    except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
+        found = read_checked_json(path, ModesFile, RESULT)
+    except DocumentError as error:
         raise click.UsageError(
-            f"{path.name} is not a valid modes file ({fault['msg']}). Give what "
+            f"{path.name} is not a valid modes file ({error!s:.400}). Give what "
             "`slowtime identify "
             "RECORD --method modes --out modes.json` wrote."
         ) from None

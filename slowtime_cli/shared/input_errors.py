@@ -1,5 +1,6 @@
 """Messages about invalid input."""
 
+import reprlib
 import sys
 from typing import TYPE_CHECKING, Any, TypeGuard
 
@@ -7,6 +8,12 @@ from slowtime_schemas.plain_text import refused_character
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+
+SHOWN = 8
+"""Faults of one input that a message lists."""
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 3, 200, 200
 
 
 def is_validation_error(error: Exception) -> "TypeGuard[ValidationError]":
@@ -18,12 +25,16 @@ def is_validation_error(error: Exception) -> "TypeGuard[ValidationError]":
 def validation_message(error: "ValidationError") -> str:
     """Name the invalid value, its place, and the values allowed."""
     parts = []
-    for item in error.errors(include_url=False):
+    faults = error.errors(include_url=False)
+    for item in faults[:SHOWN]:
         where = ".".join(str(step) for step in item["loc"]) or "input"
         said = item["msg"].removeprefix("Value error, ").rstrip(".")
         parts.append(
-            f"{where}={item['input']!r}: {said}{invisible_character(item['input'], said)}"
+            f"{where}={_SHORT.repr(item['input'])}: "
+            f"{said}{invisible_character(item['input'], said)}"
         )
+    if len(faults) > SHOWN:
+        parts.append(f"and {len(faults) - SHOWN} more")
     return "; ".join(parts)
 
 

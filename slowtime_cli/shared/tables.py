@@ -8,8 +8,7 @@ import click
 import numpy as np
 from jaxtyping import Float
 
-MAX_BYTES = 256 << 20
-"""Size of a table that is read at most [bytes]."""
+from slowtime_services.documents.bounds import DATA, DocumentError, document_text
 
 
 def read_columns(path: Path) -> dict[str, Float[np.ndarray, " row"]]:
@@ -20,19 +19,18 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " row"]]:
     click.UsageError
         For a file without rows, a name given twice, or a field that is no finite number.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise click.UsageError(f"{path.name} is larger than 256 MiB. Give fewer rows.")
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise click.UsageError(
-            f"{path.name} is not UTF-8 text. Give a table of text."
-        ) from None
+        lines = document_text(path, DATA).splitlines()
+    except DocumentError as error:
+        raise click.UsageError(str(error)) from None
     lines = [line for line in lines if line.strip()]
     if len(lines) < 2:
         raise click.UsageError(f"{path.name} has no rows below a heading. Give some.")
     delimiter = max(",;\t", key=lines[0].count)
-    rows = list(csv.reader(lines, delimiter=delimiter))
+    try:
+        rows = list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:
+        raise click.UsageError(f"{path.name} is not a table: {error}.") from None
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names) or "" in names:
         raise click.UsageError(f"{path.name} has columns {names}. Give each a name, once.")

@@ -12,6 +12,7 @@ from slowtime_cli.shared.terminal import plural
 from slowtime_schemas.slow_times import one_unit_in_words, span_in_words
 from slowtime_services.client import AnswerError, Client, Composite, UnreachableError
 from slowtime_services.documents.bounds import DocumentError, document_text
+from slowtime_services.documents.validation import validated
 from slowtime_services.documents.yaml_lines import YamlError, read_with_lines
 from slowtime_services.reasons import reason_of
 
@@ -23,8 +24,11 @@ LEVELS = 64
 
 def add(file: Path, composite_id: str, server: str) -> None:
     """Register a composite from a file."""
+    from twin_server.composites.composite import Composite as Registration
+
     try:
-        content, _ = read_with_lines(document_text(file), NAMES, depth=LEVELS)
+        text = document_text(file)
+        content, _ = read_with_lines(text, NAMES, depth=LEVELS)
     except YamlError as error:
         raise click.UsageError(f"{file}, line {error.line}: {error}") from error
     except DocumentError as error:
@@ -34,6 +38,7 @@ def add(file: Path, composite_id: str, server: str) -> None:
             f"{file} holds no composite. Give at least `members:` with ids of twins, such as "
             "[demo.tower, demo.mast]."
         )
+    validated(Registration, content, len(text))
     with _sentences():
         found = Client(server).register_composite(composite_id, content)
     click.echo(_sentence(found))

@@ -24,7 +24,7 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.slow_times import unit_in_words
 from slowtime_schemas.streams import ASSET_EVENT, FEATURES, parse_key
 from slowtime_services.bus import Sample
-from slowtime_services.documents.bounds import DATA, DocumentError
+from slowtime_services.documents.bounds import DATA, DocumentError, document_text
 from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.replay import contents, read_recording
 from twin_server.history.rendering import points, state_objects
@@ -188,11 +188,9 @@ def _widened(mode: dict[str, Any], factor: float) -> dict[str, Any]:
 
 def _of_text(source: Path) -> Iterator[Features]:
     try:
-        lines = source.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise click.UsageError(
-            f"{source} is not UTF-8 text: {error}. Save it as such."
-        ) from error
+        lines = document_text(source, DATA).splitlines()
+    except DocumentError as error:
+        raise click.UsageError(str(error)) from error
     header = lines[0] if lines else ""
     table = csv.DictReader(lines, delimiter=max(",;\t", key=header.count))
     missing = sorted({*NEEDED} - {*(table.fieldnames or ())})

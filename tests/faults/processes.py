@@ -86,7 +86,7 @@ def shard(home: Path, settings: TwinSettings, *rest: Any) -> None:
     """Run one shard of a fleet."""
     _begin(home, f"shard-{settings.shards.index}")
     clock = SkewedClock(Dial(home / "twin.clock"))
-    shard_process.run = functools.partial(twin_process.run, clock=clock)  # type: ignore[attr-defined]
+    twin_process.run = functools.partial(twin_process.run, clock=clock)
     shard_process.serve_shard(settings, *rest)
 
 

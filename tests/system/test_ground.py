@@ -1,8 +1,12 @@
 """Files of running processes that are moved, deleted or overwritten."""
 
+import contextlib
 import shutil
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +33,16 @@ EDGE = {
     },
 }  # fmt: skip
 AWAY_S = 6.0
+HELD_S = 60.0
+"""How long another process holds the database; beyond all limits of waiting and of silence."""
+HOLDER = """
+import sqlite3, sys
+held = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=30)
+held.execute(sys.argv[2])
+held.execute("select count(*) from features").fetchone()
+print(flush=True)
+sys.stdin.read()
+"""
 
 
 class Acknowledged:
@@ -58,6 +72,25 @@ def lost(house):
         if event["kind"] == "features_lost"
         for number in range(event["details"]["first"], event["details"]["last"] + 1)
     }
+
+
+def kinds(house):
+    events = house.get("/api/v1/twins/lab.beam/events?limit=1000")["events"]
+    return [event["kind"] for event in events]
+
+
+@contextlib.contextmanager
+def held(path, statement):
+    """Let another process hold a database."""
+    command = [sys.executable, "-c", HOLDER, str(path), statement]
+    holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        yield
+    finally:
+        holder.communicate()
+        assert holder.returncode == 0
 
 
 def beside(path, *ends):
@@ -118,11 +151,53 @@ def test_nothing_that_was_acknowledged_is_lost_with_a_database_that_is_taken_awa
     else:
         assert not gone
     assert said.count(" ERROR ") <= 8
+    if harm == "moved":
+        assert kinds(house).count("database_away") == 1
     told.bus.close()
 
 
+@pytest.mark.parametrize("statement", ["begin exclusive", "begin"])
+def test_a_database_that_another_process_holds_is_read_and_loses_nothing(
+    house, statement, capsys
+):
+    house.router()
+    house.twin()
+    told = Acknowledged(house.endpoint)
+    house.edge(EDGE)
+    house.until(lambda: told.sequence > 50, "the first acknowledgements")
+    writes, slowest_s = statement == "begin exclusive", 0.0
+    with held(house.home / "twin.sqlite", statement):
+        at_hold, begun_s = told.sequence, time.monotonic()
+        while time.monotonic() < begun_s + HELD_S:
+            asked_s = time.monotonic()
+            assert house.history("lab.beam")
+            slowest_s = max(slowest_s, time.monotonic() - asked_s)
+            time.sleep(1.0)
+        at_end = told.sequence
+        if writes:
+            assert house.get("/readyz") is None
+    house.until(lambda: len(house.history("lab.beam")) >= FEATURES, "all features")
+    assert sequences(house) == list(range(FEATURES))
+    assert not lost(house)
+    if writes:
+        assert at_end <= at_hold + 20  # of messages that were under way
+        assert "locked" in house.said("twin")
+        assert "Another process holds it: end that one" in house.said("twin")
+        assert kinds(house).count("database_away") == 1
+    else:
+        assert at_end > at_hold + RATE * HELD_S / 4
+    with capsys.disabled():
+        print(
+            f"\nheld for {HELD_S:.0f} s by `{statement}`: acknowledged {at_hold} before and "
+            f"{at_end} at its end; slowest read {slowest_s:.1f} s; {FEATURES} of {FEATURES} in "
+            "history"
+        )
+    told.bus.close()
+
+
+@pytest.mark.parametrize("harm", ["deleted", "moved", "replaced"])
 def test_an_agent_whose_spool_is_taken_away_and_a_recorder_lose_nothing_that_is_current(
-    house, capsys
+    house, harm, capsys
 ):
     house.router()
     house.twin()
@@ -132,14 +207,24 @@ def test_an_agent_whose_spool_is_taken_away_and_a_recorder_lose_nothing_that_is_
     house.until(lambda: len(house.history("lab.beam")) > 100, "the first features")
     house.kill("twin")  # so that the spool holds what follows
     time.sleep(3.0)
-    shutil.rmtree(house.home / "edge-spool")
-    shutil.rmtree(house.home / "rec")
+    for name in ("edge-spool", "rec"):
+        folder = house.home / name
+        if harm == "deleted":
+            shutil.rmtree(folder)
+            continue
+        folder.rename(house.home / f"{name}-elsewhere")
+        if harm == "replaced":
+            former = house.home / f"{name}-elsewhere"
+            for file in filter(Path.is_file, former.rglob("*")):
+                other = folder / file.relative_to(former)
+                other.parent.mkdir(parents=True, exist_ok=True)
+                other.write_bytes(b"another file")
     time.sleep(3.0)
     house.twin()
     house.until(lambda: len(house.history("lab.beam")) >= FEATURES, "all features")
     assert sequences(house) == list(range(FEATURES))
     assert "It is written again" in house.said("edge")
     house.until(lambda: "the recording goes on in" in house.said("recorder"), "the recorder")
-    assert (house.home / "rec" / "a.mcap").exists()
+    assert list((house.home / "rec").glob("a*.mcap"))
     with capsys.disabled():
-        print(f"\nspool deleted beside a killed server: {FEATURES} of {FEATURES} in history")
+        print(f"\nspool {harm} beside a killed server: {FEATURES} of {FEATURES} in history")

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from slowtime_schemas.plain_text import plain_text
+from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.operating_system import access_of_others, lock_file
 
 from .principals import Principal, Scope
@@ -199,7 +200,7 @@ class TokenFile:
         with self._lock:
             found = os.stat(self.path)
             try:
-                kept = json.loads(self.path.read_bytes())
+                kept = read_json_file(self.path)
                 tokens = [Token(**t | {"sites": tuple(t["sites"])}) for t in kept["tokens"]]
                 self._key = bytes.fromhex(self._key_path.read_text().strip())
             except (ValueError, TypeError, KeyError, OSError) as error:

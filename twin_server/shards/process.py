@@ -5,13 +5,15 @@ import logging
 import sys
 import threading
 from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
 
 from slowtime_services.logs import Format, formatter
-from twin_server.__main__ import run
-from twin_server.settings import TwinSettings
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 
-def settings_of(settings: TwinSettings, index: int) -> TwinSettings:
+def settings_of(settings: "TwinSettings", index: int) -> "TwinSettings":
     """Return the settings of one shard of a fleet.
 
     It listens on loopback, without encryption, for the front alone. The workers that compute
@@ -34,7 +36,7 @@ def settings_of(settings: TwinSettings, index: int) -> TwinSettings:
     )
 
 
-def serve_shard(settings: TwinSettings, pipe: Connection, level: int, form: Format) -> None:
+def serve_shard(settings: "TwinSettings", pipe: Connection, level: int, form: Format) -> None:
     """Serve until the other end of `pipe` is closed; tell it the URL once it answers.
 
     Parameters
@@ -46,6 +48,8 @@ def serve_shard(settings: TwinSettings, pipe: Connection, level: int, form: Form
     level, form
         Least level of the log, and how it is written.
     """
+    from twin_server.__main__ import run  # loaded before the fork (`supervisor.LOADED`)
+
     handler = logging.StreamHandler()
     handler.setFormatter(formatter(form))
     logging.basicConfig(level=level, handlers=[handler])

@@ -5,15 +5,16 @@ import logging
 import os
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from slowtime_services.engines import import_ray
-from slowtime_services.logs import Format, formatter
-from twin_server.persist import is_url
-from twin_server.settings import TwinSettings
+from slowtime_services.logs import Format
 
-from .process import settings_of
+from .shard_actor import FleetSettings, Place, ShardActor
 from .supervisor import SOUND_S
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
 
@@ -28,14 +29,13 @@ CLUSTER_S = 5.0
 """How often the cluster is asked whether it still knows this driver's node [s]; an answer takes
 some milliseconds, and a new head in place of a lost one is seen after so long."""
 
-PARENT_S = 1.0
-"""How often an actor looks whether its node's raylet lives [s]; the next actor of its shard is
-refused by the lock of the database for so long."""
-
 NICENESS = ("RAY_worker_niceness", "0")
 """Variable by which a raylet is told the niceness of its workers, and its value here. Ray's
 default is 15, with which a shard gets 1/28 of a core beside one busy process of niceness 0
 (weights 36 and 1024 of Linux's scheduler), and does not come up."""
+
+CORES = 1.0
+"""What a shard reserves until its settings are there: the default of `shards.cores`."""
 
 THREADS = 4
 """Calls that an actor answers at once: where it answers, its end, and that it shall end."""
@@ -45,7 +45,7 @@ class EngineError(ValueError):
     """An engine that cannot run the shards; the text says what to do."""
 
 
-def check_engine(settings: TwinSettings) -> None:
+def check_engine(settings: "TwinSettings") -> None:
     """Refuse an engine that is not installed, or a database that other nodes cannot open.
 
     Raises
@@ -53,6 +53,8 @@ def check_engine(settings: TwinSettings) -> None:
     EngineError
         Which says what to do.
     """
+    from twin_server.persist import is_url
+
     engine = settings.shards.engine
     if engine == "local":
         return
@@ -67,104 +69,6 @@ def check_engine(settings: TwinSettings) -> None:
             "Allowed: a PostgreSQL that all nodes reach (--database postgresql://...), or "
             "--engine ray, which uses this machine only."
         )
-
-
-class Place(NamedTuple):
-    """Where a shard answers.
-
-    Parameters
-    ----------
-    url
-        Empty where the shard ended before it answered.
-    pid
-        Process of the actor, on its node.
-    node
-        Ray's name of the node.
-    """
-
-    url: str
-    pid: int
-    node: str
-
-
-class ShardActor:
-    """One shard: a twin server of its assets, in a thread of the process of an actor.
-
-    Parameters
-    ----------
-    settings
-        Of the whole fleet.
-    index
-        Which shard it is.
-    level, form
-        Least level of the log, and how it is written.
-    """
-
-    def __init__(self, settings: TwinSettings, index: int, level: int, form: Format) -> None:
-        ray = import_ray()
-        handler = logging.StreamHandler()
-        handler.setFormatter(formatter(form))
-        logging.basicConfig(level=level, handlers=[handler], force=True)
-        self._node = str(ray.get_runtime_context().get_node_id())
-        own = settings_of(settings, index)
-        if settings.shards.engine != "ray":
-            own = _reachable(own, ray.util.get_node_ip_address())
-        self._stop, self._told = threading.Event(), threading.Event()
-        self._url, self._code = "", 0
-        self._thread = threading.Thread(target=self._run, args=(own,), name="shard")
-        self._thread.start()
-        threading.Thread(
-            target=self._until_orphaned, args=(os.getppid(),), name="raylet", daemon=True
-        ).start()
-
-    def place(self) -> tuple[str, int, str]:
-        """Wait until the shard answers, and return where."""
-        self._told.wait()
-        return Place(self._url, os.getpid(), self._node)
-
-    def ended(self, url: str) -> int | None:
-        """Wait until the shard has ended, and return its code; None if it is not at `url`."""
-        if url != self._url:
-            return None  # started again since it was asked where it is
-        self._thread.join()
-        return self._code
-
-    def stop(self) -> None:
-        """Let the shard end."""
-        self._stop.set()
-
-    def _run(self, own: TwinSettings) -> None:
-        from twin_server.__main__ import run
-
-        try:
-            self._code = run(own, stop=self._stop, ready=self._answers, owned=True)
-        except Exception:
-            logger.exception("The shard has failed.")
-            self._code = 1
-        self._told.set()
-
-    def _until_orphaned(self, parent: int) -> None:
-        """End the shard once the raylet that started this process has ended.
-
-        An actor whose cluster got a new head outlives its raylet, and would keep the lock of
-        the database from the actor that the new head starts.
-        """
-        while os.getppid() == parent:
-            time.sleep(PARENT_S)
-        logger.error("The raylet of this shard has ended, and the shard ends.")
-        self.stop()
-        self._thread.join()
-        os._exit(1)
-
-    def _answers(self, url: str) -> None:
-        self._url = url
-        self._told.set()
-
-
-def _reachable(own: TwinSettings, address: str) -> TwinSettings:
-    """Return settings of a shard that listens for a front on another node."""
-    access = own.access.model_copy(update={"hosts": (*own.access.hosts, address)})
-    return own.model_copy(update={"host": address, "access": access})
 
 
 class _Shard:
@@ -190,8 +94,10 @@ class RayShards:
 
     Parameters
     ----------
-    settings
-        Of the whole fleet; `shards.engine` names the cluster.
+    engine
+        Names the cluster.
+    count
+        How many shards there will probably be.
     stop
         Set where the fleet ends; also from here, where the cluster is lost: `lost` says why.
     level, form
@@ -200,16 +106,20 @@ class RayShards:
 
     def __init__(
         self,
-        settings: TwinSettings,
+        engine: str,
+        count: int,
         stop: threading.Event,
         *,
         level: int = logging.INFO,
         form: Format = "text",
     ) -> None:
-        self._settings, self._log, self._stop = settings, (level, form), stop
-        self._shards = [_Shard(index) for index in range(settings.shards.count)]
+        self._engine, self._count, self._log, self._stop = engine, count, (level, form), stop
+        self._ahead: list[Any] = []
+        self._settings: FleetSettings  # once they are wanted
+        self._shards: list[_Shard] = []
         self._ray = import_ray()
-        self._connected, self._error = threading.Event(), ""
+        self._connected, self._wanted = threading.Event(), threading.Event()
+        self._error = ""
         # All calls of Ray are made in this thread: in the main thread it takes the signals.
         self._thread = threading.Thread(target=self._run, name="shards", daemon=True)
         self.restarts, self.lost = 0, ""
@@ -228,8 +138,8 @@ class RayShards:
         """Where a shard answers, with its process and its node; None while it does not."""
         return self._shards[index].place
 
-    def start(self) -> None:
-        """Join the cluster, start all shards, and keep them running.
+    def join(self) -> None:
+        """Join the cluster, and load the code of shards there until `start`.
 
         Raises
         ------
@@ -240,6 +150,11 @@ class RayShards:
         self._connected.wait()
         if self._error:
             raise EngineError(self._error)
+
+    def start(self, settings: FleetSettings) -> None:
+        """Start all shards, and keep them running."""
+        self._settings = settings
+        self._wanted.set()
 
     def stop(self) -> None:
         """End all shards: those that do not end in good time are killed."""
@@ -252,7 +167,7 @@ class RayShards:
             self._join()
         except Exception as error:
             self._error = (
-                f"--engine {self._settings.shards.engine} was given, and the Ray cluster "
+                f"--engine {self._engine} was given, and the Ray cluster "
                 f"cannot be joined: {error}. Start it (ray start --head), or correct the "
                 "address."
             )
@@ -260,8 +175,10 @@ class RayShards:
         finally:
             self._connected.set()
         try:
-            self._watch()
-            self._end()
+            if self._are_wanted():
+                self._shards = [_Shard(index) for index in range(self._settings.count)]
+                self._watch()
+                self._end()
         except Exception as error:
             self.lost = f"{type(error).__name__}: {error}."
             self._stop.set()
@@ -273,21 +190,40 @@ class RayShards:
             self._ray.shutdown()
 
     def _join(self) -> None:
-        engine = self._settings.shards.engine
-        address = {"ray": "local", "ray:auto": "auto"}.get(engine, engine)
+        address = {"ray": "local", "ray:auto": "auto"}.get(self._engine, self._engine)
         if address == "local":
             os.environ.setdefault(*NICENESS)
         more = {"include_dashboard": False} if address == "local" else {}
         self._ray.init(address=address, logging_level="error", **more)
 
-    def _begin(self, shard: _Shard) -> None:
+    def _are_wanted(self) -> bool:
+        """Wait until shards are wanted; False where the fleet ends before.
+
+        Actors of a cluster of this machine load their code meanwhile.
+        """
+        if self._engine == "ray":
+            self._ahead = [self._actor(CORES) for _ in range(self._count)]
+        while not self._wanted.wait(LOOK_S):
+            if self._stop.is_set():
+                return False
+        if self._settings.cores != CORES:
+            for actor in self._ahead:
+                self._ray.kill(actor)
+            self._ahead = []
+        return True
+
+    def _actor(self, cores: float) -> Any:
         made = self._ray.remote(
-            num_cpus=self._settings.shards.cores,
+            num_cpus=cores,
             max_restarts=-1,
             max_concurrency=THREADS,
             scheduling_strategy="SPREAD",
         )(ShardActor)
-        shard.actor = made.remote(self._settings, shard.index, *self._log)
+        return made.remote(*self._log)
+
+    def _begin(self, shard: _Shard) -> None:
+        ahead = self._ahead
+        shard.actor = ahead.pop(0) if ahead else self._actor(self._settings.cores)
         self._started(shard)
 
     def _started(self, shard: _Shard) -> None:
@@ -296,7 +232,8 @@ class RayShards:
 
     def _ask(self, shard: _Shard) -> None:
         """Ask where a shard is, once it is started."""
-        shard.placing, shard.ending = shard.actor.place.remote(), None
+        asked = shard.actor.place.remote(self._settings.packed, shard.index)
+        shard.placing, shard.ending = asked, None
 
     def _watch(self) -> None:
         for shard in self._shards:
@@ -379,10 +316,10 @@ class RayShards:
     def _failed(self, shard: _Shard, code: int | str) -> None:
         """Start a shard again that has ended by itself, after a while."""
         shard.place = shard.placing = shard.ending = None
-        shards = self._settings.shards
+        settings = self._settings
         if time.monotonic() - shard.began_s > SOUND_S:
             shard.failures = 0
-        wait_s = min(shards.backoff_s * 2.0**shard.failures, shards.max_backoff_s)
+        wait_s = min(settings.backoff_s * 2.0**shard.failures, settings.max_backoff_s)
         shard.failures += 1
         shard.again_s = time.monotonic() + wait_s
         self.restarts += 1
@@ -408,7 +345,7 @@ class RayShards:
             logger.warning(
                 "Shard %d of %d is not up after %.0f s. Each needs a node with %g free cores: "
                 "add nodes, or lower shards.cores.",
-                shard.index, self.count, PLACED_S, self._settings.shards.cores,
+                shard.index, self.count, PLACED_S, self._settings.cores,
             )  # fmt: skip
 
     def _end(self) -> None:

@@ -12,14 +12,17 @@ import threading
 import time
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from slowtime_services.logs import Format, formatter
 from slowtime_services.shutdown import ended_by_signals
-from twin_server.settings import TwinSettings
 
-from .ray_actors import EngineError, Place, RayShards
+from .ray_actors import EngineError, RayShards
+from .shard_actor import FleetSettings, Place
 from .supervisor import LOOK_S, SOUND_S
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
 
@@ -39,13 +42,13 @@ class News(NamedTuple):
     restarts: int
 
 
-def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) -> None:
-    """Join the cluster and run the shards until the other end of `pipe` is closed.
+def drive(engine: str, count: int, pipe: Connection, level: int, form: Format) -> None:
+    """Join the cluster, and run the shards of the settings that come, until `pipe` is closed.
 
     Parameters
     ----------
-    settings
-        Of the whole fleet.
+    engine, count
+        As those of `RayShards`.
     pipe
         To the process of the front. It is told why the cluster cannot be joined or is lost, as
         text, and `News` whenever a shard answers or no longer does.
@@ -56,15 +59,18 @@ def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) ->
     handler.setFormatter(formatter(form))
     logging.basicConfig(level=level, handlers=[handler])
     stop = threading.Event()
-    shards = RayShards(settings, stop, level=level, form=form)
+    shards = RayShards(engine, count, stop, level=level, form=form)
     with contextlib.suppress(BrokenPipeError), ended_by_signals(stop):
         try:
-            shards.start()
+            shards.join()
         except EngineError as error:
             pipe.send(str(error))
             return
         with ended_by_signals(stop):  # again: Ray has taken SIGTERM
-            threading.Thread(target=_until_closed, args=(pipe, stop), daemon=True).start()
+            listening = threading.Thread(
+                target=_hear_front, args=(pipe, shards, stop), daemon=True
+            )
+            listening.start()
             told = None
             while not stop.wait(LOOK_S):
                 news = News(tuple(map(shards.place, range(shards.count))), shards.restarts)
@@ -78,11 +84,34 @@ def drive(settings: TwinSettings, pipe: Connection, level: int, form: Format) ->
             shards.stop()
 
 
-def _until_closed(pipe: Connection, stop: threading.Event) -> None:
-    """Set `stop` once the process of the front has closed its end, or has ended."""
+def _hear_front(pipe: Connection, shards: RayShards, stop: threading.Event) -> None:
+    """Start the shards once the front says so; set `stop` once it has closed its end."""
     with contextlib.suppress(EOFError, OSError):
+        shards.start(pipe.recv())
         pipe.recv()
     stop.set()
+
+
+class Driver(NamedTuple):
+    """A driver that was begun, and the pipe to it."""
+
+    process: BaseProcess
+    pipe: Connection
+
+
+def begin_driver(engine: str, count: int, level: int, form: Format) -> Driver:
+    """Let a driver join a cluster, before all settings are known.
+
+    It ends once the pipe is closed.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(
+        target=drive, args=(engine, count, theirs, level, form), name="Ray's driver"
+    )
+    process.start()
+    theirs.close()
+    return Driver(process, ours)
 
 
 class RayFleet:
@@ -97,24 +126,28 @@ class RayFleet:
         Of the whole fleet; `shards.engine` names the cluster.
     stop
         Set where the fleet ends, so that the cluster is not joined again.
+    begun
+        A driver that joins the cluster already.
     level, form
         Least level of the log of driver and shards, and how it is written.
     """
 
     def __init__(
         self,
-        settings: TwinSettings,
+        settings: "TwinSettings",
         stop: threading.Event,
         *,
+        begun: Driver | None = None,
         level: int = logging.INFO,
         form: Format = "text",
     ) -> None:
-        self._settings, self._log, self._stop = settings, (level, form), stop
-        self._context = multiprocessing.get_context("spawn")
+        self._settings, self._log, self._stop = FleetSettings.of(settings), (level, form), stop
         self._places: list[Place | None] = [None] * settings.shards.count
         self._news: News | None = None
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
+        if begun is not None:
+            self._process, self._pipe = begun
         self._refusal = ""
         self._failures, self._began_s, self._restarts = 0, 0.0, 0
         self._first = threading.Event()
@@ -145,6 +178,11 @@ class RayFleet:
         """Where a shard answers, with its process and its node, as `url`."""
         return self._places[index]
 
+    def prepare(self) -> None:
+        """Join the cluster, so that it is there when the front has loaded its code."""
+        if self._process is None:
+            self._begin()
+
     def start(self) -> None:
         """Join the cluster, start all shards, and keep them running.
 
@@ -153,7 +191,8 @@ class RayFleet:
         EngineError
             If the cluster cannot be joined.
         """
-        self._begin()
+        self.prepare()
+        self._release()
         self._thread.start()
         self._first.wait()
         if self._news is None and not self._stop.is_set():
@@ -181,7 +220,7 @@ class RayFleet:
                 self._hear()  # what it told at its end
                 if not self._first.is_set():
                     self._refusal = self._refusal or (
-                        f"--engine {self._settings.shards.engine} was given, and Ray's driver "
+                        f"--engine {self._settings.engine} was given, and Ray's driver "
                         f"ended with code {self._process.exitcode} before it had joined the "
                         "cluster. The lines before this one say why."
                     )
@@ -201,7 +240,7 @@ class RayFleet:
         if isinstance(told, str):
             self._refusal = told
             return
-        before = (None,) * self.count if self._news is None else self._news.places
+        before = (() if self._news is None else self._news.places) + (None,) * self.count
         for index, place in enumerate(told.places):
             if place is not None or before[index] is not None:
                 self._places[index] = place
@@ -209,33 +248,36 @@ class RayFleet:
         self._first.set()
 
     def _begin(self) -> None:
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(
-            target=drive, args=(self._settings, theirs, *self._log), name="Ray's driver"
-        )
-        process.start()
-        theirs.close()
-        self._process, self._pipe, self._began_s = process, ours, time.monotonic()
+        settings = self._settings
+        self._process, self._pipe = begin_driver(settings.engine, settings.count, *self._log)
+        self._began_s = time.monotonic()
+
+    def _release(self) -> None:
+        """Let the driver start the shards."""
+        with contextlib.suppress(OSError):  # it has ended, and `_watch` says so
+            assert self._pipe is not None
+            self._pipe.send(self._settings)
 
     def _ended(self, process: BaseProcess) -> None:
         """Join the cluster again after a while."""
         self._close()
         self._restarts, self._news = self.restarts, None
-        shards = self._settings.shards
+        settings = self._settings
         if time.monotonic() - self._began_s > SOUND_S:
             self._failures = 0
-        wait_s = min(shards.backoff_s * 2.0**self._failures, shards.max_backoff_s)
+        wait_s = min(settings.backoff_s * 2.0**self._failures, settings.max_backoff_s)
         self._failures += 1
         logger.error(
             "The Ray cluster of --engine %s is lost: %s It is joined again in %.3g s, and the "
             "shards are started there; they continue from their database, and edges keep what "
             "they miss.",
-            shards.engine, self._refusal or f"its driver ended with code {process.exitcode}.",
+            settings.engine, self._refusal or f"its driver ended with code {process.exitcode}.",
             wait_s,
         )  # fmt: skip
         self._refusal = ""
         if not self._stop.wait(wait_s):
             self._begin()
+            self._release()
             self.rejoined += 1
 
     def _close(self) -> None:

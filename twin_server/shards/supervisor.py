@@ -3,16 +3,19 @@
 import contextlib
 import logging
 import multiprocessing
+import multiprocessing.forkserver
 import threading
 import time
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from slowtime_services.logs import Format
-from twin_server.settings import TwinSettings
 
 from .process import serve_shard, settings_of
+
+if TYPE_CHECKING:
+    from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +29,7 @@ Several times what a start with a large history takes to fail.
 """
 
 
-LOADED = "twin_server.shards.process"
+LOADED = "twin_server.shards.loaded"
 """Module that the process has loaded from which shards are forked."""
 
 
@@ -41,6 +44,12 @@ def loaded_context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([LOADED])
     return context
+
+
+def load_ahead() -> None:
+    """Begin to load the code of the shards, while this process goes on to load its own."""
+    if loaded_context().get_start_method() == "forkserver":
+        multiprocessing.forkserver.ensure_running()
 
 
 class Shards(Protocol):
@@ -83,7 +92,7 @@ class Supervisor:
 
     def __init__(
         self,
-        settings: TwinSettings,
+        settings: "TwinSettings",
         stop: threading.Event,
         *,
         level: int = logging.INFO,
@@ -110,6 +119,10 @@ class Supervisor:
         process = self._shards[index].process
         return None if process is None else process.pid
 
+    def prepare(self) -> None:
+        """Begin what takes long and needs no shard, so that it is done while others load."""
+        load_ahead()
+
     def start(self) -> None:
         """Start all shards, and keep them running."""
         self._thread.start()
@@ -117,7 +130,8 @@ class Supervisor:
     def stop(self) -> None:
         """End all shards: those that do not end in good time are killed."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
         for shard in self._shards:
             self._close(shard)
         until = time.monotonic() + self._settings.shutdown_s + 10.0

@@ -6,8 +6,13 @@ import json
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import BaseModel, Field
+
+from slowtime_services.documents.document_files import read_checked_json
 from slowtime_services.engines import Engine, Job, Limits, Outcome
+from slowtime_services.engines.jobs import Status
 
 from .cases import Case
 
@@ -78,14 +83,24 @@ def run_batch(batch: Batch, engine: Engine, stop: threading.Event) -> Iterator[O
         yield outcome
 
 
+class _KeptOutcome(BaseModel):
+    """An outcome as it is written, which others may have changed since."""
+
+    inputs: str
+    name: str
+    status: Status
+    seconds: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    attempts: int
+    message: str = ""
+
+
 def _kept(folder: Path, mark: str) -> Outcome | None:
     """Give the outcome of an earlier run of the same inputs, if it would be the same again."""
     try:
-        body = json.loads((folder / OUTCOME).read_text())
-        same = body.pop("inputs") == mark
-        outcome = Outcome(**body)
-    except (OSError, ValueError, KeyError, TypeError):
+        kept = read_checked_json(folder / OUTCOME, _KeptOutcome)
+    except (OSError, ValueError):
         return None
+    same, outcome = kept.inputs == mark, Outcome(**kept.model_dump(exclude={"inputs"}))
     finished = outcome.status == "failed" or (
         outcome.status == "done" and (folder / REPORT).is_file()
     )

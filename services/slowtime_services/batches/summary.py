@@ -1,12 +1,16 @@
 """One table of all cases of a batch."""
 
 import csv
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from slowtime_services.documents.bounds import DATA, DocumentError
+from slowtime_services.documents.document_files import read_checked_json
 from slowtime_services.engines import Outcome
+from slowtime_services.reasons import reason_of
 
 from .runs import REPORT
 
@@ -64,22 +68,54 @@ def row_of(out: Path, outcome: Outcome) -> dict[str, Any]:
     if outcome.status != "done":
         lines = outcome.message.splitlines()
         return {**row, "sentence": lines[-1] if lines else ""}
-    report = json.loads((out / outcome.name / REPORT).read_text())
-    gap, effects = report["gap"], report["effects"]
+    try:
+        report = read_checked_json(out / outcome.name / REPORT, _Report, DATA)
+    except (OSError, DocumentError) as error:
+        return {**row, "sentence": f"Its report cannot be read: {reason_of(error)}"}
+    gap, effects = report.gap, report.effects
     return {
         **row,
-        "verdict": report["verdict"],
+        "verdict": report.verdict,
         "effects": "; ".join(map(_label, effects)),
-        "probability": min((one["probability"] for one in effects), default=""),
-        "undecided": "; ".join(map(_label, report["undecided"])),
-        "error_as_given": gap["nominal"],
-        "error_refitted": gap["refitted_nominal"],
-        "error_augmented": gap["augmented"],
-        "noise_floor": gap["noise_floor"],
-        "sentence": report["sentence"],
+        "probability": min(
+            (one.probability for one in effects if one.probability is not None), default=""
+        ),
+        "undecided": "; ".join(map(_label, report.undecided)),
+        "error_as_given": gap.nominal,
+        "error_refitted": gap.refitted_nominal,
+        "error_augmented": gap.augmented,
+        "noise_floor": gap.noise_floor,
+        "sentence": report.sentence,
     }
 
 
-def _label(effect: Mapping[str, Any]) -> str:
-    where = effect["where"]
-    return f"{effect['effect']}@{where['id'] or where['kind']}"
+def _label(effect: "_Effect") -> str:
+    return f"{effect.effect}@{effect.where.id or effect.where.kind}"
+
+
+class _Where(BaseModel):
+    kind: str
+    id: str | None = None
+
+
+class _Effect(BaseModel):
+    effect: str
+    where: _Where
+    probability: float | None = None
+
+
+class _Gap(BaseModel):
+    nominal: float | None
+    refitted_nominal: float | None
+    augmented: float | None
+    noise_floor: float | None
+
+
+class _Report(BaseModel):
+    """What the table tells of a report, which others may have changed since it was written."""
+
+    verdict: str
+    sentence: str
+    effects: tuple[_Effect, ...]
+    undecided: tuple[_Effect, ...]
+    gap: _Gap

@@ -9,7 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.history_diagnosis import Covariate
+from slowtime_services.documents.bounds import DATA, document_text
 from slowtime_services.files import RecordError
+from slowtime_services.files.binary.numpy_arrays import read_npz
+from slowtime_services.reasons import reason_of
 
 Series = Float[np.ndarray, " epoch"]
 Quantity = Literal["stiffness_change", "frequency_ratio"]
@@ -98,17 +101,18 @@ def read_history(path: Path) -> History:
 
 def _columns(path: Path) -> Mapping[str, Series]:
     if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as kept:
-            found = {key: kept[key] for key in kept.files if kept[key].ndim == 1}
+        arrays = read_npz(path, DATA.most_bytes)
+        found = {key: array for key, array in arrays.items() if array.ndim == 1}
     else:
         try:
             table = np.genfromtxt(
-                path, delimiter=",", names=True, dtype=float, encoding="utf-8", deletechars=""
-            )
-        except (ValueError, UnicodeDecodeError) as error:
+                document_text(path, DATA).splitlines(), delimiter=",", names=True, dtype=float,
+                deletechars="",
+            )  # fmt: skip
+        except (ValueError, TypeError, IndexError) as error:
             raise RecordError(
-                f"{path.name} is not a table: {error} Give text with one line of names, then "
-                "numbers between commas, or .npz."
+                f"{path.name} is not a table: {reason_of(error)} Give text with one line of "
+                "names, then numbers between commas, or .npz."
             ) from None
         found = {key: np.atleast_1d(table[key]) for key in table.dtype.names or ()}
     numbers = {k: v.astype(float) for k, v in found.items() if v.dtype.kind in "fiu"}

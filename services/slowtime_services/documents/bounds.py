@@ -41,6 +41,9 @@ BOUNDS = Bounds()
 DATA = Bounds(most_bytes=256 * MEBIBYTE, most_values=20_000_000)
 """Of results that a command has written and that another one reads: windows of weeks."""
 
+RESULT = Bounds(most_bytes=64 * MEBIBYTE, most_values=1_000_000)
+"""Of modes of a whole record: 1,000 channels, 300 modes, and three numbers for each."""
+
 _MARKS = ",[{\n"
 """What parts values in YAML and JSON; each value but the first has one of these before it."""
 

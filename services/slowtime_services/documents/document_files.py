@@ -3,9 +3,12 @@
 import pathlib
 from typing import Any
 
+from pydantic import ValidationError
+
 from .bounds import BOUNDS, Bounds, DocumentError, document_text
 from .json_documents import read_json
 from .toml_documents import read_toml
+from .validation import Content, validated
 
 
 def read_settings_file(path: pathlib.Path, bounds: Bounds = BOUNDS) -> Any:
@@ -26,3 +29,24 @@ def read_settings_file(path: pathlib.Path, bounds: Bounds = BOUNDS) -> Any:
 def read_json_file(path: pathlib.Path, bounds: Bounds = BOUNDS) -> Any:
     """Read a .json file, as `read_json` does."""
     return read_json(document_text(path, bounds), bounds)
+
+
+def read_checked_json(
+    path: pathlib.Path, kind: type[Content], bounds: Bounds = BOUNDS
+) -> Content:
+    """Read a .json file of a kind.
+
+    Raises
+    ------
+    DocumentError
+        Where it is no JSON, more than is allowed, or of another kind; says the first fault.
+        OSError where it cannot be opened.
+    """
+    text = document_text(path, bounds)
+    try:
+        return validated(kind, read_json(text, bounds), len(text))
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(map(str, fault["loc"]))
+        said = fault["msg"].removeprefix("Value error, ")
+        raise DocumentError(f"{where}: {said}" if where else said) from None

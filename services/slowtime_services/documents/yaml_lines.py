@@ -5,6 +5,7 @@ size), no key twice. JSON is YAML, and read alike. Values are made from the pars
 by one, since a tree of nodes takes several times the memory of its values.
 """
 
+import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -20,6 +21,10 @@ NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 WORDED_CHARACTERS = 1 << 16
 """Size up to which a text with an error is read again by PyYAML's own parser [1], which says
 in plain words what is wrong, ten times more slowly than LibYAML."""
+MOST_KEYS = 10_000
+"""Keys of one table at most [1]; the largest that people write have some hundreds."""
+_SHORT_NUMBER = re.compile(r"[-+]?(?:0|[1-9][0-9]{0,14})(\.[0-9]{1,17})?([eE][-+]?[0-9]{1,2})?")
+"""Numbers that are read without asking the loader, by far the most of a large document."""
 _SHOWN = 40
 """Characters of a value that an error quotes [1]."""
 
@@ -130,9 +135,12 @@ class _Document:
             raise YamlError(
                 line, f"`*{event.anchor[:_SHOWN]}` is an alias. Write the value out."
             )
-        self.lines.setdefault(path, line)
         if isinstance(event, yaml.ScalarEvent):
+            # The line of an item is kept where it is another than that of its list.
+            if not path or isinstance(path[-1], str) or line != self.lines[path[:-1]]:
+                self.lines.setdefault(path, line)
             return self._scalar(event, path, line)
+        self.lines.setdefault(path, line)
         if depth == self._depth:
             raise YamlError(line, f"More than {self._depth} levels deep. Check brackets.")
         if isinstance(event, yaml.SequenceStartEvent):
@@ -157,6 +165,10 @@ class _Document:
                 raise YamlError(
                     line, f"`{key[:_SHOWN]}` stands here twice, first on line {first}."
                 )
+            if len(values) == MOST_KEYS:
+                raise YamlError(
+                    line, f"A table has more than {MOST_KEYS:,} keys. Check the indentation."
+                )
             self.lines[(*path, key)] = line
             values[key] = self._value(self._loader.get_event(), (*path, key), depth)
         return values
@@ -165,6 +177,13 @@ class _Document:
         """Return one value; refuse numbers of thousands of digits."""
         text: str = event.value
         tag = event.tag
+        if (
+            tag is None
+            and event.implicit[0]
+            and (short := _SHORT_NUMBER.fullmatch(text)) is not None
+            and self._names.isdisjoint(path)
+        ):
+            return int(text) if short.lastindex is None else float(text)
         if tag is None or tag == "!":
             tag = self._loader.resolve(yaml.ScalarNode, text, event.implicit)
         if tag == "tag:yaml.org,2002:str" or (

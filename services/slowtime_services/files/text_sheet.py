@@ -19,10 +19,22 @@ from slowtime_services.files.times.stamps import DateOrder, read_stamps
 from slowtime_services.files.times.zones import stated_zone
 
 from .delimited.column_names import read_heading
-from .delimited.dialect import HEAD_LINES, LONGEST_LINE, Dialect, Kind, Layout, find_layout
+from .delimited.dialect import (
+    HEAD_LINES,
+    LONGEST_FIELD,
+    LONGEST_LINE,
+    Dialect,
+    Kind,
+    Layout,
+    find_layout,
+    longest_rows,
+    no_rows,
+)
 from .delimited.encoding import decode
 from .delimited.oscilloscopes import plain_table
 
+HEAD_CHARACTERS = 1 << 20
+"""Of a text, in which its first lines are looked for [1]."""
 MOST_BEYOND = 0.2
 """Share of rows [1] that may have a value in a last column whose other rows end empty."""
 MOST_FOOTER = 12
@@ -60,7 +72,21 @@ def read_text(
         Where there are no rows, or a line is not like the others.
     """
     refuse_binary(path)
-    return read_lines(decode(path).splitlines(), path.name, skip_lines, date_order)
+    text = decode(path)
+    if skip_lines is None:
+        _refuse_without_rows(text, path.name)
+    return read_lines(text.splitlines(), path.name, skip_lines, date_order)
+
+
+def _refuse_without_rows(text: str, name: str) -> None:
+    """Refuse a long text that begins without rows, before it is parted into all its lines."""
+    head = text[:HEAD_CHARACTERS].splitlines()[:HEAD_LINES]
+    whole = len(text) > HEAD_CHARACTERS and len(head) == HEAD_LINES
+    if not whole or any(form.reader.recognise(head) for form in FORMATS):
+        return
+    plain = _without_monitor_prefixes(plain_table(head))
+    if longest_rows(plain[:HEAD_LINES], 0) is None:
+        raise no_rows(head, name, None)
 
 
 def read_lines(
@@ -73,6 +99,7 @@ def read_lines(
     if not any(line.strip() for line in lines):
         raise RecordError(f"{name} is empty. Give a file with at least two rows of numbers.")
     _refuse_long_lines(lines[:HEAD_LINES], name)
+    lines[:HEAD_LINES] = [line[:LONGEST_LINE] for line in lines[:HEAD_LINES]]
     if skip_lines is None:
         for form in FORMATS:
             if form.reader.recognise(lines[:HEAD_LINES]):
@@ -306,16 +333,22 @@ class _Rows:
         if kind == "word":
             return Column(name, unit, np.array(texts, dtype=object), "word")
         dialect = self._layout.dialect
+        plain = dialect.decimal == "." and not dialect.grouped
         values = np.empty(len(texts))
         missing = None
         for row, text in enumerate(texts):
             try:
-                plain = dialect.decimal == "." and "_" not in text and not dialect.grouped
-                value = float(text) if plain else dialect.number(text)
+                quick = plain and "_" not in text and len(text) <= LONGEST_FIELD
+                value = float(text) if quick else self._number(text, numbers[row])
             except ValueError:
                 value = self._number(text, numbers[row])
             if np.isnan(value):
                 missing = missing or (numbers[row], at + 1, text)
+            elif np.isinf(value) and "inf" not in text.casefold():
+                raise RecordError(
+                    f"Line {numbers[row]} has {text[:40]!r}: it is larger than 1.8e308, the "
+                    "largest number. Correct or remove that line."
+                )
             elif np.isinf(value) and (missing is None or not np.isinf(values[:row]).any()):
                 missing = (numbers[row], at + 1, text)
             values[row] = value

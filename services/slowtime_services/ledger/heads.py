@@ -150,7 +150,7 @@ def last_head(path: Path) -> Head:
     with path.open("rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - LONGEST_LINE))
-        lines = file.read().splitlines()
+        lines = file.read(LONGEST_LINE).splitlines()
     why: ValueError | TypeError = ValueError("it is empty")
     for line in reversed(lines):
         try:

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from slowtime.dynamics.units import unit_factor
 from slowtime.evolution.structures import MeasuredModes
 from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime_schemas.files.modes import FoundMode, ModesFile
+from slowtime_services.documents.bounds import RESULT, DocumentError
+from slowtime_services.documents.document_files import read_checked_json
 
 from .errors import MatrixFileError
 from .matrix_model import MatrixModel
@@ -44,11 +45,10 @@ def read_measured_modes(
         Where it is another file, or none of its modes is structural.
     """
     try:
-        found = ModesFile.model_validate_json(path.read_bytes())
-    except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
+        found = read_checked_json(path, ModesFile, RESULT)
+    except DocumentError as error:
         raise MatrixFileError(
-            f"{path.name} is not a valid modes file ({fault['msg']}). Give what "
+            f"{path.name} is not a valid modes file ({error!s:.400}). Give what "
             "`slowtime identify "
             "RECORD --method modes --out modes.json` wrote."
         ) from None

@@ -1,6 +1,7 @@
 """Datasets of a universal file as text: their kinds and lines, and numbers of fixed width."""
 
 import dataclasses
+import itertools
 import math
 import re
 from pathlib import Path
@@ -8,7 +9,10 @@ from pathlib import Path
 from slowtime_services.files import RecordError
 
 _MARK = re.compile(r"\s*-1\s*$")
+_MARK_LINE = re.compile(rb"^[ \t]*-1[ \t]*\r?$", re.MULTILINE)
 MOST_BYTES = 256 << 20
+MOST_DATASETS = 20_000
+"""Datasets of a file at most [1]: each mode is one, and each mark between them is a line."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -29,26 +33,34 @@ def datasets_of(path: Path) -> list[Dataset]:
     RecordError
         Where it is no universal file, or ends within a dataset.
     """
-    if path.stat().st_size > MOST_BYTES:
+    with path.open("rb") as file:  # not `stat`: pipes and devices have no size
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
         raise RecordError(
             f"{path.name} is larger than {MOST_BYTES >> 20} MiB. Give a file of modes and "
             "geometry without records."
         )
-    lines = path.read_bytes().decode("latin-1").splitlines()
-    marks = [number for number, line in enumerate(lines) if _MARK.fullmatch(line)]
-    if not marks or any(line.strip() for line in lines[: marks[0]]):
+    marks = itertools.islice(_MARK_LINE.finditer(content), 2 * MOST_DATASETS + 1)
+    if sum(1 for _ in marks) > 2 * MOST_DATASETS:
+        raise RecordError(
+            f"{path.name} has more than {MOST_DATASETS:,} datasets. Give a file of modes and "
+            "geometry without records."
+        )
+    lines = content.decode("latin-1").splitlines()
+    places = [number for number, line in enumerate(lines) if _MARK.fullmatch(line)]
+    if not places or any(line.strip() for line in lines[: places[0]]):
         raise RecordError(
             f"{path.name} is not a valid universal file: it does not begin with a "
             "line -1. Give one."
         )
-    if len(marks) % 2:
+    if len(places) % 2:
         raise RecordError(
-            f"{path.name} ends within the dataset that begins in line {marks[-1] + 1}: it is "
+            f"{path.name} ends within the dataset that begins in line {places[-1] + 1}: it is "
             "cut short. Export it again."
         )
     return [
         Dataset(path.name, kind, tuple(lines[first + 2 : last]), first + 3)
-        for first, last in zip(marks[::2], marks[1::2], strict=True)
+        for first, last in zip(places[::2], places[1::2], strict=True)
         if (kind := lines[first + 1][:6].strip() or lines[first + 1].strip())
     ]
 

@@ -2,11 +2,14 @@
 
 import csv
 import dataclasses
+import itertools
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from slowtime_services.documents.bounds import DocumentError, document_text
 from slowtime_services.files import RecordError
 
 from .datasets import Dataset, datasets_of, integers, numbers
@@ -16,7 +19,8 @@ _NAMES = {value: name for name, value in AXES.items()}
 _NODE = re.compile(r"node (\d{1,9}) ([+-][XYZ])")
 _AXIS_AT_END = re.compile(r"(?P<stem>.*?)[\s_.\-]*(?P<sign>[+-])?(?P<axis>[xyzXYZ])")
 UNIVERSAL = (".uff", ".unv")
-MOST_BYTES = 64 << 20
+MOST_CHANNELS = 20_000
+"""Rows of a table of channels at most [1]; records have up to some thousand channels."""
 NEEDED = ("channel", "x", "y", "z")
 
 
@@ -119,8 +123,6 @@ def read_geometry(path: Path) -> Geometry:
     RecordError
         Where it is neither, or holds no node.
     """
-    if path.stat().st_size > MOST_BYTES:
-        raise RecordError(f"{path.name} is larger than a geometry can be. Give another file.")
     if path.suffix.lower() in UNIVERSAL:
         found = geometry_of(datasets_of(path))
         if not found.nodes:
@@ -149,6 +151,11 @@ def geometry_of(datasets: Sequence[Dataset]) -> Geometry:
         elif one.kind == "82":
             count = integers(one, 0, [10, 10])[1]
             words = " ".join(one.lines[2:]).split()
+            if count > len(words):
+                raise RecordError(
+                    f"A dataset 82 of {one.file} states {count:,} nodes and lists "
+                    f"{len(words):,}: it is cut short, or was changed. Export it again."
+                )
             traced = tuple(int(float(word)) for word in words[:count] if _is_number(word))
             lines.append(traced)
     return Geometry(nodes, tuple(lines))
@@ -158,31 +165,52 @@ def _is_number(word: str) -> bool:
     return re.fullmatch(r"-?\d{1,9}(\.0*)?", word) is not None
 
 
+def _length(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]!r} is not a finite number")
+    return value
+
+
+def _label(text: str) -> int | None:
+    if text.strip() and re.fullmatch(r"\s*\d{1,9}\s*", text) is None:
+        raise ValueError(f"{text[:40]!r} is not the number of a node")
+    return int(text) if text.strip() else None
+
+
 def _of_table(path: Path) -> Geometry:
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordError(f"{path.name} is not CSV text: {error}. Save it as CSV.") from error
+        lines = document_text(path).splitlines()
+        rows = list(itertools.islice(csv.DictReader(lines), MOST_CHANNELS + 1))
+    except DocumentError as error:
+        raise RecordError(str(error)) from None
+    except csv.Error as error:
+        raise RecordError(f"{path.name} is not CSV text: {error}. Save it as CSV.") from None
+    if len(rows) > MOST_CHANNELS:
+        raise RecordError(
+            f"{path.name} has more than {MOST_CHANNELS:,} rows. Give one for each channel."
+        )
     nodes: dict[int, tuple[float, float, float]] = {}
+    labels: dict[tuple[float, float, float], int] = {}
     places: dict[str, Place] = {}
     for number, row in enumerate(rows, start=2):
         known = {(key or "").strip().casefold(): (value or "") for key, value in row.items()
                  if isinstance(value, str)}  # fmt: skip
         try:
-            point = (float(known["x"]), float(known["y"]), float(known["z"]))
+            point = (_length(known["x"]), _length(known["y"]), _length(known["z"]))
             channel = known["channel"].strip()
-            same = next((label for label, other in nodes.items() if other == point), None)
-            label = int(known.get("node") or same or len(nodes) + 1)
+            label = _label(known.get("node", "")) or labels.get(point) or len(nodes) + 1
             direction = (known.get("direction") or "+X").strip().upper()
             axis = AXES[direction if direction[:1] in "+-" else f"+{direction}"]
         except (KeyError, ValueError) as error:
             raise RecordError(
-                f"Line {number} of {path.name} is not a row of a geometry ({error}). Give the "
+                f"Line {number} of {path.name} is not a row of a geometry ({error!s:.100}). "
+                "Give the "
                 f"columns {', '.join(NEEDED)}, and direction (+X, -X, +Y ...) and node where "
                 "they are known."
             ) from None
         nodes[label], places[channel] = point, Place(label, axis)
+        labels.setdefault(point, label)
     if not places:
         raise RecordError(f"{path.name} has no rows. Give one for each channel.")
     return Geometry(nodes, (), places)

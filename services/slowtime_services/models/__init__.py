@@ -3,7 +3,6 @@
 from slowtime_services.descriptions import description_of
 
 from .model_reader import (
-    MAX_BYTES,
     ModelFileError,
     read_description,
     read_finite_elements,
@@ -13,7 +12,6 @@ from .model_writer import model_file_of, model_text, write_model
 from .simulation import ambient_model, run_model
 
 __all__ = [
-    "MAX_BYTES",
     "ModelFileError",
     "ambient_model",
     "description_of",

@@ -21,6 +21,8 @@ from slowtime_schemas.files.model_v2 import (
     is_finite_elements,
 )
 from slowtime_services.descriptions import description_of
+from slowtime_services.documents.bounds import DocumentError, document_text
+from slowtime_services.documents.validation import validated
 from slowtime_services.documents.yaml_lines import (
     EmptyYamlError,
     Path,
@@ -28,8 +30,6 @@ from slowtime_services.documents.yaml_lines import (
     read_with_lines,
 )
 
-MAX_BYTES = 4 << 20
-"""Largest model file [bytes]: some ten matrices over 200 coordinates."""
 VERSIONS = (1, 2)
 """Versions of model files that are read."""
 SHOWN = 8
@@ -82,24 +82,18 @@ def read_finite_elements(path: str | pathlib.Path) -> FiniteElementFile | None:
         (a ValueError) naming line and cure. OSError where it cannot be opened.
     """
     path = pathlib.Path(path)
-    values, lines = _content(_text(path), path.name)
+    text = _text(path)
+    values, lines = _content(text, path.name)
     if not is_finite_elements(values):
         return None
-    return _validated(FiniteElementFile, values, lines, path.name)
+    return _validated(FiniteElementFile, values, lines, path.name, len(text))
 
 
 def _text(path: pathlib.Path) -> str:
-    if path.stat().st_size > MAX_BYTES:
-        raise ModelFileError(
-            f"{path.name} has {path.stat().st_size / 2**20:.1f} MiB; a model file has at most "
-            f"{MAX_BYTES / 2**20:.0f} MiB. Is it a record?"
-        )
     try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ModelFileError(
-            f"{path.name} is not text (byte {error.start}). Give a model file, in UTF-8."
-        ) from None
+        return document_text(path)
+    except DocumentError as error:
+        raise ModelFileError(str(error)) from None
 
 
 def read_description(
@@ -131,7 +125,7 @@ def parse_model(
             f"{name} is a finite-element model. Allowed here are nodes and elements on a line; "
             "reduce it first: slowtime reduce MODEL --band-hz F --out REDUCED.yaml."
         )
-    model = _validated(_family(values), values, lines, name)
+    model = _validated(_family(values), values, lines, name, len(text))
     try:
         description = description_of(model)
         ours = tuple(entry for entry in description.effects if entry["effect"] not in own)
@@ -176,10 +170,14 @@ def _family(values: Mapping[str, Any]) -> type[ModelFile]:
 
 
 def _validated(
-    kind: type[File], values: dict[str, Any], lines: Mapping[Path, int], name: str
+    kind: type[File],
+    values: dict[str, Any],
+    lines: Mapping[Path, int],
+    name: str,
+    characters: int,
 ) -> File:
     try:
-        return kind.model_validate(values)
+        return validated(kind, values, characters)
     except ValidationError as error:
         faults = [_fault(item, values, lines, kind) for item in error.errors(include_url=False)]
         faults = sorted(dict.fromkeys(faults))

@@ -6,6 +6,13 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from slowtime_services.documents.bounds import (
+    MEBIBYTE,
+    Bounds,
+    DocumentError,
+    document_text,
+)
+from slowtime_services.documents.validation import validated
 from slowtime_services.documents.yaml_lines import (
     EmptyYamlError,
     Path,
@@ -13,8 +20,8 @@ from slowtime_services.documents.yaml_lines import (
     read_with_lines,
 )
 
-MAX_BYTES = 1 << 20
-"""[bytes] Size up to which a file is read; a larger one is a record by mistake."""
+SIZE = Bounds(most_bytes=MEBIBYTE)
+"""Up to which a file is read; a larger one is a record by mistake."""
 SHOWN = 8
 """[faults] Of one file that an error lists."""
 
@@ -33,14 +40,10 @@ def read_text(path: pathlib.Path, failure: Failure) -> str:
     ValueError
         As `failure` makes it. OSError where the file cannot be opened.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise failure(f"{path.name} is larger than 1 MiB. Is it a record?")
     try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise failure(
-            f"{path.name} is not text (byte {error.start}). Give a YAML or JSON file, in UTF-8."
-        ) from None
+        return document_text(path, SIZE)
+    except DocumentError as error:
+        raise failure(str(error)) from None
 
 
 def parse_checked(
@@ -71,7 +74,7 @@ def parse_checked(
     if not isinstance(values, dict):
         raise failure(f"{name} is no {kind} file. Begin it with `slowtime_{kind}: 1`.")
     try:
-        return schema.model_validate(values), lines
+        return validated(schema, values, len(text)), lines
     except ValidationError as error:
         told = sorted({_fault(item, lines) for item in error.errors(include_url=False)})
         said = [f"{name}, line {line}: {sentence}" for line, sentence in told[:SHOWN]]

@@ -85,6 +85,7 @@ class Expression:
             raise ExpressionError(f"{error} {ALLOWED} Else give a Python file.") from None
         self.text, self.names = text, tuple(names)
         self._check(self._tree)
+        self._refuse_infinite()
 
     @property
     def used(self) -> frozenset[str]:
@@ -124,6 +125,18 @@ class Expression:
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
                 return self._check_call(name, given)
         raise ExpressionError(f"{ast.unparse(node)[:80]!r} is not allowed. {ALLOWED}")
+
+    def _refuse_infinite(self) -> None:
+        """Refuse operations on numbers alone whose value is none, such as 9**9**9."""
+        for node in ast.walk(self._tree):
+            alone = isinstance(node, ast.BinOp) and not any(
+                isinstance(part, ast.Name) and part.id in self.names for part in ast.walk(node)
+            )
+            with np.errstate(all="ignore"):
+                if alone and not np.isfinite(_value(node, {})):
+                    raise ExpressionError(
+                        f"{ast.unparse(node)[:80]!r} is not a finite number. {ALLOWED}"
+                    )
 
     def _check_call(self, name: str, given: list[ast.expr]) -> None:
         if name not in FUNCTIONS:

@@ -16,6 +16,7 @@ from mcap.summary import Summary as McapSummary
 from mcap.writer import MCAP0_MAGIC
 
 from slowtime_schemas.streams import STREAMS, Stream, current_key, parse_key
+from slowtime_services.reasons import reason_of
 from slowtime_services.record.chunks import Unpacking
 
 LAST_NS = 2**63
@@ -80,7 +81,7 @@ def contents(path: Path | str, *, streams: Collection[Stream] = STREAMS) -> Cont
             said = (m.metadata for m in reader.iter_metadata() if m.name == "slowtime")
             metadata = next(said, {})
         except Exception as error:
-            raise RecordingError(_is_damaged(Path(path), str(error))) from error
+            raise RecordingError(_is_damaged(Path(path), reason_of(error))) from error
         return Contents(
             counts=_counted(wanted, per_channel),
             topics=tuple(c.topic for c in wanted if per_channel.get(c.id)),
@@ -129,7 +130,7 @@ def _messages(
                 if first <= message.log_ns <= last:
                     yield message
         except Exception as error:
-            raise RecordingError(_is_damaged(path, str(error))) from error
+            raise RecordingError(_is_damaged(path, reason_of(error))) from error
 
 
 def _every_message(
@@ -197,7 +198,7 @@ def _opened(path: Path) -> Iterator[tuple[McapReader, McapSummary]]:
         try:
             summary = reader.get_summary()
         except Exception as error:
-            raise RecordingError(_is_damaged(path, str(error))) from error
+            raise RecordingError(_is_damaged(path, reason_of(error))) from error
         if summary is None:
             raise RecordingError(_is_damaged(path, "it has no index"))
         yield reader, summary
@@ -222,8 +223,8 @@ def _check_ends(path: Path, file: BinaryIO) -> None:
 
 def _is_damaged(path: Path, how: str) -> str:
     return (
-        f"{path} is damaged: {how}. Run `slowtime recover {path} --out OUT.mcap`, which keeps "
-        "all that can be read, and use OUT.mcap."
+        f"{path} is damaged: {how.rstrip('.')}. Run `slowtime recover {path} --out OUT.mcap`, "
+        "which keeps all that can be read, and use OUT.mcap."
     )
 
 

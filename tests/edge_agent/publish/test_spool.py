@@ -398,14 +398,34 @@ def test_a_current_segment_that_is_taken_away_is_written_again_with_all_that_was
     assert list(again.read("b1")) == [payload(n) for n in range(31)]
 
 
-def test_of_a_full_segment_that_is_taken_away_the_features_are_said_to_be_damaged(tmp_path):
+@pytest.mark.parametrize("harm", ["deleted", "a folder"])
+def test_of_a_full_segment_that_is_taken_away_the_features_are_said_to_be_damaged(
+    tmp_path, harm
+):
     spool = fill(tmp_path, "b1", range(500), segment_bytes=4096)
     first, second, *_ = sorted(tmp_path.glob("*.spool"))
     first.unlink()
+    if harm == "a folder":
+        first.mkdir()
     missing = int(second.name.split(".")[2])
     assert list(spool.read("b1")) == [payload(n) for n in range(missing, 500)]
     assert spool.damaged_ranges("b1") == [(0, missing - 1)]
     assert spool.damaged == missing
+
+
+@pytest.mark.skipif(os.name == "nt", reason="open files cannot be moved there")
+def test_a_segment_whose_folder_became_a_file_is_read_and_written_again(tmp_path):
+    folder = tmp_path / "spool"
+    spool = fill(folder, "b1", range(30))
+    folder.rename(tmp_path / "elsewhere")
+    folder.write_bytes(b"of somebody else")
+    assert list(spool.read("b1")) == [payload(n) for n in range(30)]
+    assert spool.damaged == 0
+    with pytest.raises(SpoolError, match="cannot write"):
+        spool.append(30, payload(30))
+    folder.unlink()
+    spool.append(30, payload(30))
+    assert list(spool.read("b1")) == [payload(n) for n in range(31)]
 
 
 def test_what_can_be_read_after_all_is_not_said_to_be_damaged(tmp_path):

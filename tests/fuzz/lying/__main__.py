@@ -3,7 +3,7 @@
 import sys
 
 from .cases import Case
-from .test_lying_files import CASES, MOST_MIB, MOST_S, _cost, honest
+from .test_lying_files import AWAY, CASES, MOST_MIB, MOST_S, _cost, honest
 
 
 def _row(case: Case) -> str:
@@ -11,6 +11,7 @@ def _row(case: Case) -> str:
     usual, lying = honest(kind), _cost(case, case.lying)
     seconds, mib = lying.processor_s - usual.processor_s, lying.peak_mib - usual.peak_mib
     refused = lying.status == 2 or (case.harmless and lying.status == 0)
+    refused &= AWAY not in lying.said and (usual.status == 0 or AWAY in usual.said)
     good = refused and seconds < MOST_S and mib < MOST_MIB
     said = " ".join(lying.said.split())[-160:]
     return (

@@ -17,6 +17,7 @@ from scipy import sparse
 from .cases import Case
 
 Maker = Callable[[Path], None]
+GOLDEN = Path(__file__).parents[3] / "schemas/golden"
 ROWS = 30
 FAR = 1_900_000_000
 """Rows that a file of a few lines states: 15 GB of row starts."""
@@ -41,18 +42,20 @@ LIES: dict[str, str] = {
     "anchors": "".join(f"a{n}: &b{n} 1\n" for n in range(100_000)),
     "syntax_at_the_end": "a: [" + "1, " * 90_000 + "}\n",
     "large": "a: 1\n" * 2_000_000,
+    "wrong_items": "nodes: [" + "1," * 450_000 + "1]\n",
+    "empty_items": "inputs: [" + "{}," * 150_000 + "{}]\n",
 }  # fmt: skip
 """What a text document can lie about."""
 
 MODEL = """slowtime_model: 1
 name: rig
 nodes: [{id: m1, mass_kg: 1.9}]
-elements: [{id: k1, between: [base, m1], stiffness_n_per_m: 4.0e3, damping_ns_per_m: 2.0}]
-inputs: [{channel: f, at: m1, kind: force}]
-sensors: [{channel: a, at: m1, quantity: acceleration}]
+elements: [{id: k1, between: [base, m1], stiffness_n_per_m: 4.0e3, damping_n_s_per_m: 2.0}]
+initial: [{node: m1, velocity_m_per_s: 0.1}]
+sensors: [{channel: a, quantity: acceleration, node: m1, unit: m/s^2}]
 """
 PROBLEM = """slowtime_reliability: 1
-inputs: {r: {law: normal, mean: 10, sd: 1}, s: {law: normal, mean: 5, sd: 1}}
+inputs: {r: {marginal: normal, mean: 10, sd: 1}, s: {marginal: normal, mean: 5, sd: 1}}
 limit_state: r - s
 """
 FORMULAS: dict[str, str] = {
@@ -73,7 +76,7 @@ FORMULAS: dict[str, str] = {
     "long": "r - " + "1 + " * 5000 + "1",
 }
 
-HARMLESS = frozenset(("powers", "continuations", "tabs", "many_directions", "traces"))
+HARMLESS = frozenset(("continuations", "tabs", "many_directions"))
 """Lies that are read as what they are: infinite, repeated or blank."""
 
 
@@ -126,12 +129,14 @@ def _json_lies() -> list[Case]:
 def _modes(path: Path) -> None:
     epochs = [
         {
-            "t_s": 60.0 * k,
+            "start_s": 60.0 * k,
+            "end_s": 60.0 * (k + 1),
             "modes": [
                 {
                     "frequency_hz": {"value": 5.0, "sd": 0.01},
                     "damping_ratio": {"value": 0.01, "sd": 0.001},
                     "correlation": 0.0,
+                    "flags": [],
                 }
             ],
         }
@@ -214,7 +219,6 @@ name: rods
 matrices:
   stiffness: {file: %(file)s}
   mass: {file: m.mtx}
-sensors: [{channel: a, row: 1, quantity: acceleration}]
 """
 
 
@@ -457,7 +461,7 @@ def _matrix_cases() -> list[Case]:
         ".op4": (output4, (output4_of_more_rows, output4_of_more_numbers)),
         ".pch": (dmig, (dmig_of_digits,)),
     }
-    command = ("reduce", "{file}", "--modes", "2", "--out", "r.yaml")
+    command = ("reduce", "{file}", "--modes", "2", "--out", "r.npz")
     return [
         Case(
             f"matrix_{lie.__name__}",
@@ -503,12 +507,96 @@ UNIVERSAL = {
 
 
 def _modal() -> list[Case]:
-    command = ("merge", "{file}", "{file}")
+    beside = ("--rate-hz", "100", "--method", "modes", "--out", "o.uff")
+    lies = {
+        ("modes", "--model", "m.uff", SHAPES): UNIVERSAL,
+        ("geometry", "--geometry", "g.csv", PLACES): GEOMETRIES,
+        ("nodes", "--geometry", "g.uff", NODES): NODE_FILES,
+    }
     return [
-        Case(f"modes_of_{name}", "m.uff", text(SHAPES), text(lie), command, name in HARMLESS)
-        for name, lie in UNIVERSAL.items()
-    ]
+        Case(
+            f"{kind}_of_{name}", file, _beside_a_record(honest), _beside_a_record(lie),
+            ("identify", "r.csv", option, "{file}", *beside), name in HARMLESS,
+        )
+        for (kind, option, file, honest), some in lies.items()
+        for name, lie in some.items()
+    ]  # fmt: skip
 
+
+@functools.cache
+def _beside_a_record(content: str) -> Maker:
+    """Write a file, and a record of two channels in its folder."""
+
+    def write(path: Path) -> None:
+        noise = np.random.default_rng(3).normal(size=(600, 2))
+        rows = "".join(f"{a:.4f},{b:.4f}\n" for a, b in np.cumsum(noise, axis=0) * 0.1)
+        path.with_name("r.csv").write_text("a,b\n" + rows)
+        path.write_text(content)
+
+    return write
+
+
+def _results() -> list[Case]:
+    """Files that a command has written, read again by another one."""
+    honest = json.loads((GOLDEN / "modes_file/v1.json").read_text())
+    whole = json.dumps(honest)
+    lies = {
+        "levels": "[" * 200_000 + "]" * 200_000,
+        "digits": whole.replace('"slowtime_modes": 1', f'"slowtime_modes": {"9" * 5000}'),
+        "some_digits": json.dumps(honest | {"rate_hz": "@"}).replace('"@"', "9" * 401),
+        "infinity": json.dumps(honest | {"rate_hz": "@"}).replace('"@"', "1e400"),
+        "no_number": json.dumps(honest | {"rate_hz": "@"}).replace('"@"', "NaN"),
+        "wrong_type": json.dumps(honest | {"modes": {"a": 1}}),
+        "wrong_items": json.dumps(honest | {"modes": [1] * 400_000}),
+        "empty_items": json.dumps(honest | {"modes": [{}] * 400_000}),
+        "long_shapes": json.dumps(honest | {"channels": ["x"] * 1_000_000}),
+        "key_twice": whole[:-1] + ', "slowtime_modes": 1}',
+    }
+    tables = {
+        "digits": HISTORY + "9" * 5_000_000 + ",1,2\n",
+        "columns": ",".join(f"a{k}" for k in range(300_000)) + "\n" + HISTORY,
+        "one_field": HISTORY + '"' + "1," * 3_000_000,
+        "blanks": HISTORY + " " * 20_000_000,
+    }
+    merge = ("merge", "{file}", "{file}", "--out", "o.json")
+    return [
+        Case(f"result_of_{name}", "m.json", text(whole), text(lie), merge)
+        for name, lie in lies.items()
+    ] + [
+        Case(
+            f"table_of_{name}", "t.csv", text(HISTORY), text(lie),
+            ("surrogate", "{file}", "--output", "y", "--kind", "chaos"), name in HARMLESS,
+        )
+        for name, lie in tables.items()
+    ]  # fmt: skip
+
+
+PLACES = "channel,x,y,z,direction,node\na,0,0,0,+X,1\nb,0,0,1,+X,2\n"
+GEOMETRIES = {
+    "infinity": PLACES.replace("0,0,1", "0,0,1e400"),
+    "no_number": PLACES.replace("0,0,1", "0,0,nan"),
+    "digits": PLACES.replace("+X,2", f"+X,{'9' * 5000}"),
+    "rows": PLACES + "".join(f"c{k},{k},0,0,+X,\n" for k in range(200_000)),
+    "rows_at_one_place": PLACES + "c,0,0,0,+X,\n" * 300_000,
+    "one_field": PLACES + '"' + "1," * 1_500_000,
+    "columns": "channel,x,y,z" + ",a" * 400_000 + "\n" + "a,0,0,0\n" * 3,
+}
+NODES = _universal(
+    [
+        "  2411",
+        *(
+            "".join(f"{n:>10}" for n in (node, 1, 1, 11)) + "\n" + f"{node:>25.16E}" * 3
+            for node in (1, 2)
+        ),
+    ]
+)
+NODE_FILES = {
+    "digits": NODES.replace(f"{2:>10}", "9" * 5000),
+    "infinity": NODES.replace("2.0000000000000000E+00", "2.000000000000000E+400"),
+    "marks": "    -1\n    -1\n" * 500_000,
+    "half_a_dataset": NODES + "    -1\n  2411\n" + "1 " * 2_000_000,
+}
+HISTORY = "x,y\n" + "".join(f"{k},{k * k}\n" for k in range(12))
 
 CASES: list[Case] = [
     *_texts("model", "m.yaml", MODEL, ("simulate", "--model", "{file}", "--duration", "5", "--rate-hz", "100", "--out", "o.npz")),
@@ -522,4 +610,5 @@ CASES: list[Case] = [
     *_meshes(),
     *_matrix_cases(),
     *_modal(),
+    *_results(),
 ]  # fmt: skip

@@ -14,6 +14,8 @@ from .measure import Cost, cost_of
 
 MOST_S, MOST_MIB = 2.0, 100.0
 """Processor time and memory that a lying file may take beyond an honest one of its kind."""
+AWAY = "did not answer"
+"""What is said of an honest file that goes to a server, which is not there."""
 LIBRARIES = {
     ".h5": "h5py", ".xlsx": "openpyxl", ".tdms": "nptdms", ".uff": "pyuff", ".mseed": "obspy",
     ".sac": "obspy", ".gcf": "obspy", ".sg2": "obspy", ".parquet": "pyarrow",
@@ -41,6 +43,8 @@ def test_a_lying_file_is_refused_for_little_more_than_an_honest_one_costs(case):
         pytest.importorskip(library)
     kind = Case("honest", case.file, case.honest, case.honest, case.command)
     usual, lying = honest(kind), _cost(case, case.lying)
+    assert usual.status == 0 or AWAY in usual.said, usual
+    assert AWAY not in lying.said, lying
     assert lying.status == 2 or (case.harmless and lying.status == 0), lying
     assert lying.processor_s - usual.processor_s < MOST_S, (lying, usual)
     assert lying.peak_mib - usual.peak_mib < MOST_MIB, (lying, usual)

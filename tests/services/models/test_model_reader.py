@@ -10,8 +10,8 @@ from slowtime.dynamics.builders import beam, chain, shear_frame
 from slowtime.dynamics.description import Tolerance, assemble
 from slowtime_schemas.files.registry import DOCUMENTS
 from slowtime_schemas.frozen import folder
+from slowtime_services.documents.bounds import BOUNDS
 from slowtime_services.models import (
-    MAX_BYTES,
     ModelFileError,
     description_of,
     model_file_of,
@@ -219,7 +219,7 @@ def test_all_faults_are_told_at_once_and_not_too_many():
         (b"", "empty. Begin it with `slowtime_model: 1`"),
         (b"just words", "Begin it with"),
         (b"\xff\xfe\x00", "not text"),
-        (b"#" * (MAX_BYTES + 1), "Is it a record"),
+        (b"#" * (BOUNDS.most_bytes + 1), "Is it a record"),
     ],
 )
 def test_what_is_no_model_file_is_told_so(tmp_path, content, words):

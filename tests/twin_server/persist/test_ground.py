@@ -5,15 +5,28 @@ import logging
 import os
 import shutil
 import sqlite3
+import tempfile
 import threading
+from pathlib import Path
 
 import pytest
 
-from twin_server.persist import SqliteStore, StoreError, WriteBatch, backup, ground
+from twin_server.persist import (
+    SqliteStore,
+    StoreError,
+    WriteBatch,
+    WrongStoreError,
+    backup,
+    ground,
+)
 from twin_server.persist import sqlite as sqlite_module
 from twin_server.persist.tables.rows import TwinRow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="open files cannot be moved there")
+
+
+NOBODY = 65_534
+"""User and group without rights, by custom."""
 
 
 def note(store, number):
@@ -84,6 +97,59 @@ def test_a_folder_that_is_moved_away_takes_nothing_until_it_is_back(store, path,
     (tmp_path / "elsewhere").rename(path.parent)
     note(store, 3)
     assert names(store) == ["lab.t1", "lab.t3"]
+
+
+@pytest.fixture
+def ordinary_folder():
+    """A folder of an ordinary user, as whom the test goes on; root may write anywhere."""
+    folder = Path(tempfile.mkdtemp(prefix="slowtime-ground-"))
+    former = os.geteuid()
+    if former == 0:
+        os.chown(folder, NOBODY, NOBODY)
+    yield folder
+    os.seteuid(former)
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def test_a_folder_that_becomes_read_only_costs_nothing_and_is_said_at_the_next_start(
+    ordinary_folder,
+):
+    path = ordinary_folder / "twin.sqlite"
+    with contextlib.closing(SqliteStore(path)) as store:
+        note(store, 1)
+        if os.geteuid() == 0:
+            for file in ordinary_folder.iterdir():
+                os.chown(file, NOBODY, NOBODY)
+            os.seteuid(NOBODY)
+        ordinary_folder.chmod(0o555)
+        note(store, 2)  # into files that are open
+        assert names(store) == ["lab.t1", "lab.t2"]
+        with pytest.raises(StoreError, match=r"attempt cannot be written: Permission denied"):
+            store.attempts.write(b"a new file")
+    for file in ordinary_folder.iterdir():
+        file.chmod(0o444)
+    with pytest.raises(WrongStoreError, match=r"cannot be written: Permission .* let this"):
+        SqliteStore(path)
+    ordinary_folder.chmod(0o755)
+    for file in ordinary_folder.iterdir():
+        file.chmod(0o644)
+    assert reopened(path) == ["lab.t1", "lab.t2"]
+
+
+def test_a_database_that_another_process_holds_is_read_meanwhile_and_goes_on(path, store):
+    store.close()
+    with (
+        contextlib.closing(SqliteStore(path, lock_s=0.05)) as store,
+        contextlib.closing(sqlite3.connect(path, isolation_level=None)) as holder,
+    ):
+        holder.execute("begin exclusive")
+        with pytest.raises(StoreError, match=r"locked.* Another process holds it"):
+            note(store, 2)
+        assert names(store) == ["lab.t1"]
+        holder.execute("rollback")
+        note(store, 3)
+        assert names(store) == ["lab.t1", "lab.t3"]
 
 
 def test_another_database_in_its_place_takes_and_answers_nothing(store, path, tmp_path):

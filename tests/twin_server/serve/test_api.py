@@ -256,7 +256,7 @@ def test_every_error_is_a_problem_document(server, method, path, status, slug, s
 @pytest.mark.parametrize(
     ("body", "says"),
     [
-        (b"{", "JSON decode error"),
+        (b"{", "This is not JSON: Expecting property name"),
         (b"[]", "object"),
         (b'{"changes": "colour"}', "body.changes, 'colour' was given"),
         (b'{"chages": "mass"}', "body.chages, 'mass' was given"),

@@ -7,8 +7,9 @@ import pytest
 
 from twin_server.settings import TwinSettings
 from twin_server.shards import ray_driver
-from twin_server.shards.ray_actors import EngineError, Place
+from twin_server.shards.ray_actors import EngineError
 from twin_server.shards.ray_driver import News, RayFleet
+from twin_server.shards.shard_actor import FleetSettings, Place
 
 
 class Driver:
@@ -26,7 +27,8 @@ class Driver:
 
     def join(self, _limit_s=None):
         try:
-            self.pipe.recv()  # nothing is sent: it waits until the front has closed its end
+            while True:
+                self.pipe.recv()  # until the front has closed its end
         except (EOFError, OSError):
             self.exitcode = 0
 
@@ -64,7 +66,7 @@ class Context:
 
     def Process(self, target, args, name):
         assert target is ray_driver.drive
-        self.drivers.append(Driver(args[1]))
+        self.drivers.append(Driver(args[2]))
         return self.drivers[-1]
 
 
@@ -163,20 +165,27 @@ def test_at_the_end_the_driver_is_waited_for_and_no_other_is_started(context, fl
     assert (driver.exitcode, driver.killed, fleet.url(0)) == (0, False, None)
 
 
+SETTINGS = FleetSettings.of(TwinSettings())
+
+
 class Shards:
     """Shards of a driver; they answer at once, and the cluster is lost if it is said so."""
 
     refuses = loses = ""
     latest: "Shards"
 
-    def __init__(self, settings, stop, *, level, form):
+    def __init__(self, engine, count, stop, *, level, form):
         self.count, self.restarts, self.lost, self.ended = 2, 0, "", False
+        self.started = None
         self._stop = stop
         Shards.latest = self
 
-    def start(self):
+    def join(self):
         if self.refuses:
             raise EngineError(self.refuses)
+
+    def start(self, settings):
+        self.started = settings
         if self.loses:
             self.lost = self.loses
             threading.Timer(0.2, self._stop.set).start()
@@ -197,13 +206,16 @@ def pipe(monkeypatch):
     ours.close()
 
 
-def test_a_driver_ends_its_shards_once_the_front_has_left(pipe, eventually):
+def test_a_driver_starts_its_shards_when_the_front_says_so_and_ends_them_with_it(
+    pipe, eventually
+):
     ours, theirs = pipe
-    driver = threading.Thread(
-        target=ray_driver.drive, args=(TwinSettings(), theirs, 20, "text")
-    )
+    driver = threading.Thread(target=ray_driver.drive, args=("ray", 2, theirs, 20, "text"))
     driver.start()
     assert ours.recv() == News(FIRST, 0)
+    assert not Shards.latest.started
+    ours.send(SETTINGS)
+    assert eventually(lambda: Shards.latest.started == SETTINGS)
     assert not Shards.latest.ended
     ours.close()
     driver.join(30)
@@ -213,7 +225,7 @@ def test_a_driver_ends_its_shards_once_the_front_has_left(pipe, eventually):
 def test_a_driver_tells_why_the_cluster_cannot_be_joined(pipe, monkeypatch):
     ours, theirs = pipe
     monkeypatch.setattr(Shards, "refuses", "nobody there")
-    ray_driver.drive(TwinSettings(), theirs, 20, "text")
+    ray_driver.drive("ray", 2, theirs, 20, "text")
     assert ours.recv() == "nobody there"
 
 
@@ -228,8 +240,9 @@ def test_a_driver_tells_that_the_cluster_is_lost_and_ends_at_once(pipe, monkeypa
     monkeypatch.setattr("os._exit", leave)
     monkeypatch.setattr("logging.shutdown", lambda: None)
     monkeypatch.setattr(Shards, "loses", "the head is gone")
+    ours.send(SETTINGS)
     with pytest.raises(SystemExit):
-        ray_driver.drive(TwinSettings(), theirs, 20, "text")
+        ray_driver.drive("ray", 2, theirs, 20, "text")
     assert ours.recv() == News(FIRST, 0)
     assert ours.recv() == "the head is gone"
     assert codes == [1]

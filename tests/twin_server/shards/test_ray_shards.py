@@ -1,6 +1,7 @@
 """How shards are watched that Ray runs, before a Ray that only pretends."""
 
 import os
+import pickle
 import sys
 import threading
 import types
@@ -9,8 +10,9 @@ from typing import Any
 import pytest
 
 from twin_server.settings import TwinSettings
-from twin_server.shards import ray_actors
+from twin_server.shards import ray_actors, shard_actor
 from twin_server.shards.ray_actors import EngineError, RayShards
+from twin_server.shards.shard_actor import FleetSettings
 
 
 class ActorError(Exception):
@@ -131,9 +133,12 @@ def ray(monkeypatch):
 @pytest.fixture
 def shards(ray, eventually):
     """Two shards that answer."""
-    settings = TwinSettings(shards={"count": 2, "engine": "ray", "cores": 0.5})
-    made = RayShards(settings, threading.Event())
-    made.start()
+    settings = TwinSettings(shards={"count": 2, "engine": "ray"})
+    made = RayShards("ray", 2, threading.Event())
+    made.join()
+    assert eventually(lambda: len(ray.actors) == 2)  # which load their code
+    assert not any(actor.calls["place"] for actor in ray.actors)
+    made.start(FleetSettings.of(settings))
     assert eventually(lambda: [len(actor.calls["place"]) for actor in ray.actors] == [1, 1])
     assert made.url(0) is None
     for index, actor in enumerate(ray.actors):
@@ -145,9 +150,32 @@ def shards(ray, eventually):
 
 def test_each_shard_is_an_actor_that_ray_starts_again_for_ever(ray, shards):
     assert ray.address == "local"
-    assert [actor.arguments[1] for actor in ray.actors] == [0, 1]
-    assert (ray.asked_for["max_restarts"], ray.asked_for["num_cpus"]) == (-1, 0.5)
+    told = [actor.calls["place"][0][1] for actor in ray.actors]
+    assert [index for _, index in told] == [0, 1]
+    assert pickle.loads(told[0][0]).shards.engine == "ray"
+    assert (ray.asked_for["max_restarts"], ray.asked_for["num_cpus"]) == (-1, 1.0)
     assert shards.place(1) == ("http://first/1", 101, "node-1")
+
+
+@pytest.mark.parametrize("engine", ["ray", "ray:auto"])
+def test_actors_reserve_what_the_settings_say(ray, engine, eventually):
+    shards = {"count": 2, "engine": engine, "cores": 0.5}
+    made = RayShards(engine, 2, threading.Event())
+    made.join()
+    assert eventually(lambda: len(ray.actors) == (2 if engine == "ray" else 0))
+    made.start(FleetSettings.of(TwinSettings(shards=shards)))
+    assert eventually(lambda: ray.asked_for.get("num_cpus") == 0.5)
+    assert eventually(lambda: [len(one.calls["place"]) for one in ray.actors[-2:]] == [1, 1])
+    assert len(ray.killed) == len(ray.actors) - 2
+    made.stop()
+
+
+def test_a_fleet_that_ends_before_it_starts_serves_nothing(ray, eventually):
+    made = RayShards("ray", 2, threading.Event())
+    made.join()
+    made.stop()
+    assert ray.left == 1
+    assert not any(actor.calls["place"] for actor in ray.actors)
 
 
 def test_a_lost_shard_has_no_address_until_it_answers_elsewhere(ray, shards, eventually):
@@ -185,7 +213,7 @@ def test_an_actor_that_ray_gives_up_is_made_anew(ray, shards, eventually):
     assert eventually(lambda: len(ray.actors[0].calls["place"]) == 2)
     ray.actors[0].last("place").tell(ActorError())
     assert eventually(lambda: len(ray.actors) == 3)
-    assert ray.actors[2].arguments[1] == 0
+    assert ray.actors[2].calls["place"][0][1][1] == 0
     ray.actors[2].last("place").tell(("http://third/0", 300, "node-1"))
     assert eventually(lambda: shards.url(0) == "http://third/0")
 
@@ -193,7 +221,7 @@ def test_an_actor_that_ray_gives_up_is_made_anew(ray, shards, eventually):
 def test_a_shard_that_finds_no_node_is_told_of(ray, shards, eventually, caplog, monkeypatch):
     monkeypatch.setattr(ray_actors, "PLACED_S", 0.05)
     ray.actors[0].last("ended").tell(UnavailableError())
-    assert eventually(lambda: "needs a node with 0.5 free cores" in caplog.text)
+    assert eventually(lambda: "needs a node with 1 free cores" in caplog.text)
 
 
 def test_at_the_end_shards_end_by_themselves_before_they_are_killed(ray, shards):
@@ -206,10 +234,9 @@ def test_at_the_end_shards_end_by_themselves_before_they_are_killed(ray, shards)
 
 def test_a_cluster_that_cannot_be_joined_is_refused_with_what_to_do(ray):
     ray.refuses = ConnectionError("nobody there")
-    settings = TwinSettings(shards={"count": 2, "engine": "ray://head:10001"})
-    made = RayShards(settings, threading.Event())
+    made = RayShards("ray://head:10001", 2, threading.Event())
     with pytest.raises(EngineError, match=r"nobody there\. Start it \(ray start --head\)"):
-        made.start()
+        made.join()
 
 
 def test_a_lost_cluster_is_told_and_left_without_waiting_for_it(ray, shards, eventually):
@@ -259,11 +286,10 @@ def test_an_actor_ends_its_shard_and_itself_once_its_raylet_has_ended(
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     monkeypatch.setattr("os.getppid", lambda: parents.pop(0) if len(parents) > 1 else 1)
     monkeypatch.setattr("os._exit", codes.append)
-    monkeypatch.setattr(ray_actors, "PARENT_S", 0.01)
-    actor = ray_actors.ShardActor(
-        TwinSettings(shards={"count": 2, "engine": "ray"}), 0, 20, "text"
-    )
-    assert actor.ended(actor.place()[0]) == 0
+    monkeypatch.setattr(shard_actor, "PARENT_S", 0.01)
+    packed = pickle.dumps(TwinSettings(shards={"count": 2, "engine": "ray"}))
+    actor = shard_actor.ShardActor(20, "text")
+    assert actor.ended(actor.place(packed, 0)[0]) == 0
     assert eventually(lambda: codes == [1])
 
 
@@ -283,8 +309,8 @@ def test_an_actor_serves_its_share_where_the_front_reaches_it(ray, monkeypatch, 
     monkeypatch.setattr("twin_server.__main__.run", run)
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     fleet = TwinSettings(host="0.0.0.0", shards={"count": 2, "engine": engine, "key": "secret"})
-    actor = ray_actors.ShardActor(fleet, 1, 20, "text")
-    assert actor.place() == ("http://here", os.getpid(), "node-1")
+    actor = shard_actor.ShardActor(20, "text")
+    assert actor.place(pickle.dumps(fleet), 1) == ("http://here", os.getpid(), "node-1")
     assert actor.ended("http://before") is None
     actor.stop()
     assert actor.ended("http://here") == 2

@@ -1,5 +1,6 @@
 """What a fleet of shards refuses to start with."""
 
+import multiprocessing
 import sys
 import types
 
@@ -8,8 +9,51 @@ import pytest
 from twin_server.serve.access import NotSecuredError
 from twin_server.serve.access.guard import check_secured
 from twin_server.settings import ShardSettings, TwinSettings
-from twin_server.shards import run
+from twin_server.shards import begun, run
 from twin_server.shards.process import settings_of
+from twin_server.shards.ray_driver import Driver
+
+
+@pytest.fixture
+def ahead(monkeypatch):
+    """What is begun before the settings are there."""
+    module, done = sys.modules["twin_server.shards.run"], list[str]()
+    ours, theirs = multiprocessing.Pipe()
+
+    def begin_driver(engine, count, level, form):
+        done.append(f"{count} by {engine}")
+        return Driver(multiprocessing.Process(), ours)
+
+    monkeypatch.setattr(module, "load_ahead", lambda: done.append("loading"))
+    monkeypatch.setattr(module, "begin_driver", begin_driver)
+    monkeypatch.setitem(sys.modules, "ray", types.ModuleType("ray"))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
+    yield done, ours
+    ours.close()
+    theirs.close()
+
+
+@pytest.mark.parametrize("count", [None, 1])
+def test_a_single_server_begins_nothing_ahead(ahead, count):
+    with begun(count, "ray") as driver:
+        assert driver is None
+    assert ahead[0] == []
+
+
+def test_code_of_local_shards_is_loaded_beside_that_of_the_front(ahead):
+    with begun(2, None) as driver:
+        assert driver is None
+    assert ahead[0] == ["loading"]
+
+
+def test_a_driver_of_ray_is_begun_ahead_and_ends_with_the_command(ahead):
+    done, ours = ahead
+    with begun(2, "ray") as driver:
+        assert driver is not None
+        assert driver.pipe is ours
+        assert not ours.closed
+    assert done == ["2 by ray"]
+    assert ours.closed
 
 
 def test_an_engine_that_does_not_exist_is_refused():

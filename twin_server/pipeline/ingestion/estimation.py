@@ -182,6 +182,21 @@ def registration_event(
     )
 
 
+def interrupted_event(site: str, asset: str, seconds: float, now_ns: int) -> EventRow:
+    """Make an event of a time in which the database took nothing."""
+    return note_event(
+        site,
+        asset,
+        "database_away",
+        "warning",
+        f"The server stored nothing for {seconds:.0f} s, because its database was not "
+        "available. Nothing was acknowledged meanwhile; the edge agent keeps its readings and "
+        "sends them again. The server's log gives the reason.",
+        {"seconds": round(seconds, 1)},
+        now_ns,
+    )
+
+
 def note_event(
     site: str,
     asset: str,

@@ -60,6 +60,7 @@ from .asset_limit import AssetLimit
 from .estimation import (
     EMPTY_ESTIMATE,
     estimate_next,
+    interrupted_event,
     new_twin,
     note_event,
     reestimate,
@@ -458,6 +459,7 @@ class Pipeline:
                         self._guarded(self._publisher.acknowledge)
                     self._guarded(lambda: self._publisher.announce_all(self._twins))
                     self._guarded(self._sign_ledger)
+                    self._guarded(self._tell_interruption)
             if self._hurried or (
                 self._inbox.closed and not samples and not self._inbox and self._may_end()
             ):
@@ -497,6 +499,21 @@ class Pipeline:
             self.ledger_signer.step()
         for twin_id, message in self.ledger_signer.take_unsaid().items():
             self._note(twin_id, "ledger_refused", "alarm", message, {})
+
+    def _tell_interruption(self) -> None:
+        """Tell twins whose readings came while the database took nothing, once it does."""
+        if (over := self._failure_log.over) is None:
+            return
+        now_ns = self._clock.now_ns()
+        since_ns = now_ns - round(1e9 * (time.monotonic() - over.began_s))
+        events = [
+            interrupted_event(*key, over.took_s, now_ns)
+            for key in self._twins
+            if self._heard.get(key, 0) >= since_ns
+        ]
+        if events:
+            self._keep(events, self.routing.deliveries(events, self._twins, now_ns))
+        self._failure_log.over = None
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""

@@ -24,6 +24,7 @@ from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
+from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models.history import EventList
 from twin_server.serve.routes.twin_path import TwinId
@@ -62,7 +63,7 @@ def routes(
     queue
         Where it is waited for what takes long.
     """
-    api = APIRouter(tags=["composites"])
+    api = APIRouter(route_class=DocumentRoute, tags=["composites"])
     listing, changing, reading = BoundedThreads(2), BoundedThreads(1), BoundedThreads(4)
     Known = Annotated[Registration, Depends(known)]
 

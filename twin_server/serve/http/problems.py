@@ -13,7 +13,7 @@ from pydantic_core import to_json
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from slowtime_services.reasons import without_internals
+from slowtime_services.reasons import MOST_CHARACTERS, without_internals
 
 logger = logging.getLogger(__name__)
 
@@ -71,6 +71,13 @@ class ProblemError(Exception):
         self.status, self.slug, self.detail, self.headers = status, slug, detail, headers
 
 
+class UnreadableBodyError(HTTPException):
+    """A body that is no JSON, or more than is allowed of it; FastAPI lets it through."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(422, reason)
+
+
 def problem(
     status: int, slug: str, detail: str, instance: str, **more: Any
 ) -> tuple[int, bytes]:
@@ -97,6 +104,7 @@ def install(app: FastAPI) -> None:
     """Convert every error of `app` to a problem document."""
     app.add_exception_handler(ProblemError, _ours)
     app.add_exception_handler(RequestValidationError, _not_valid)
+    app.add_exception_handler(UnreadableBodyError, _unreadable)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(ClientDisconnect, _left)
     app.add_exception_handler(Exception, _fault)
@@ -133,9 +141,9 @@ async def _not_valid(request: Request, error: Exception) -> Response:
     faults = error.errors()
     errors = [
         {
-            "where": ".".join(str(part) for part in fault["loc"]),
+            "where": ".".join(str(part) for part in fault["loc"])[:MOST_CHARACTERS],
             "given": _short(fault.get("input")),
-            "problem": fault["msg"].removeprefix("Value error, ").removesuffix("."),
+            "problem": _problem(fault["msg"]),
         }
         for fault in faults[:MOST_ERRORS]
     ]
@@ -146,6 +154,14 @@ async def _not_valid(request: Request, error: Exception) -> Response:
         "again."
     )
     return respond(request, 422, "not-valid", detail, errors=errors)
+
+
+async def _unreadable(request: Request, error: Exception) -> Response:
+    assert isinstance(error, UnreadableBodyError)
+    reason = error.detail.removesuffix(".")
+    detail = f"The body cannot be read: {reason}. Correct it and send it again."
+    fault = {"where": "body", "problem": reason}
+    return respond(request, 422, "not-valid", detail, errors=[fault])
 
 
 async def _http(request: Request, error: Exception) -> Response:
@@ -189,6 +205,12 @@ async def _fault(request: Request, error: Exception) -> Response:
         "of the request; its log says more. Try again, and report it."
     )
     return respond(request, 500, "fault-of-ours", detail)
+
+
+def _problem(message: str) -> str:
+    """Return what pydantic says, which quotes some values whole, at its largest length."""
+    text = message.removeprefix("Value error, ").removesuffix(".")
+    return text if len(text) <= MOST_CHARACTERS else f"{text[:MOST_CHARACTERS]} ..."
 
 
 def _short(given: Any) -> str:

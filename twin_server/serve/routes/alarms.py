@@ -10,6 +10,7 @@ from twin_server.events.deliveries import Tally
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
+from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.models import alarms as models
 
 from .twin_path import TwinId
@@ -63,7 +64,7 @@ def routes(
     known
         Gives the registration of the twin in the path, or raises.
     """
-    api = APIRouter(tags=["alarms"])
+    api = APIRouter(route_class=DocumentRoute, tags=["alarms"])
 
     Known = Annotated[Registration, Depends(known)]
     Limit = Annotated[int, Query(ge=1, le=1_000)]

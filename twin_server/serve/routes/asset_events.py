@@ -19,6 +19,7 @@ from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.document_route import DocumentRoute
 
 from .twin_path import TwinId
 
@@ -106,7 +107,7 @@ def routes(
     known
         Gives the registration of the twin in the path, or raises.
     """
-    api = APIRouter(tags=["events"])
+    api = APIRouter(route_class=DocumentRoute, tags=["events"])
     recording = BoundedThreads(2)
 
     Known = Annotated[Registration, Depends(known)]

@@ -12,6 +12,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
 
@@ -100,7 +101,7 @@ def routes(
     changing
         Threads for what has a history estimated anew.
     """
-    api = APIRouter(tags=["diagnoses"])
+    api = APIRouter(route_class=DocumentRoute, tags=["diagnoses"])
     ordering = BoundedThreads(4)  # an edge that is asked for samples may take seconds to answer
 
     Known = Annotated[Registration, Depends(known)]

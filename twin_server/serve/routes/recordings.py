@@ -17,6 +17,7 @@ from slowtime_schemas.quantities import Plain
 from twin_server.identity.principals import Principal, principal_of
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.document_route import DocumentRoute
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap$"
 Name = Annotated[
@@ -151,7 +152,7 @@ class RecordingService(Protocol):
 
 def routes(recording_service: RecordingService) -> APIRouter:
     """Make the routes."""
-    api = APIRouter(tags=["recordings"])
+    api = APIRouter(route_class=DocumentRoute, tags=["recordings"])
     threads = BoundedThreads(2)  # a file of which nothing is known yet is read to its end
 
     async def recording_response(request: Request, status: int = 200) -> Response:

@@ -13,6 +13,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.compute_queue import ComputeQueue
+from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.knowledge import Knowledge
 
 from .twin_path import TwinId
@@ -132,7 +133,7 @@ def routes(
     queue
         Where it is waited for what takes long.
     """
-    api = APIRouter(tags=["twins"])
+    api = APIRouter(route_class=DocumentRoute, tags=["twins"])
 
     @api.post("/twins/{twin_id}/simulate", response_model=SimulationModel, responses=_PROBLEMS)
     async def simulate(

@@ -13,6 +13,7 @@ from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
@@ -51,7 +52,7 @@ def routes(
     composite_service
         Says which ids are those of composites, and is told of each twin that was deleted.
     """
-    api = APIRouter(tags=["twins"])
+    api = APIRouter(route_class=DocumentRoute, tags=["twins"])
     listing = BoundedThreads(2)
     Known = Annotated[Registration, Depends(known)]
 

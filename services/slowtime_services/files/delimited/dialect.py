@@ -148,7 +148,21 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
         Where no dialect gives rows with a number in them.
     """
     offset = skip or 0
-    head = lines[offset : offset + HEAD_LINES]
+    layout = longest_rows(lines[offset : offset + HEAD_LINES], offset)
+    if layout is None:
+        raise no_rows(lines, name, skip)
+    _refuse_split_decimals(lines, layout, name)
+    return _with_thousands(lines, layout, name)
+
+
+def longest_rows(head: Sequence[str], offset: int) -> Layout | None:
+    """Find the layout with the most rows in the first lines; None where none has any.
+
+    Parameters
+    ----------
+    offset
+        Lines of the file before these [1].
+    """
     best: tuple[tuple[int, int, int], Layout] | None = None
     for dialect in DIALECTS:
         mark = dialect.delimiter
@@ -163,10 +177,7 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
         if best is None or score > best[0]:
             first = offset + _first_row(head, dialect, run)
             best = score, Layout(dialect, first, run.kinds)
-    if best is None:
-        raise _no_rows(lines, name, skip)
-    _refuse_split_decimals(lines, best[1], name)
-    return _with_thousands(lines, best[1], name)
+    return None if best is None else best[1]
 
 
 def _with_thousands(lines: Sequence[str], layout: Layout, name: str) -> Layout:
@@ -270,7 +281,8 @@ def _are_decimals(column: Sequence[str] | None) -> bool:
     )
 
 
-def _no_rows(lines: Sequence[str], name: str, skip: int | None) -> RecordError:
+def no_rows(lines: Sequence[str], name: str, skip: int | None) -> RecordError:
+    """Say that the first lines have no row of numbers, and what one is."""
     offset = skip or 0
     if offset >= len(lines):
         return RecordError(

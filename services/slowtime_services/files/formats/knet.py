@@ -7,6 +7,7 @@ References
 """
 
 import datetime
+import math
 import re
 from collections.abc import Sequence
 
@@ -44,7 +45,13 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     scale = _SCALE.search(said.get("scale factor", ""))
     unit, assumptions = "", ("counts, for no scale factor was found",)
     if scale is not None and float(scale.group(3)) > 0:
-        values = values * (float(scale.group(1)) / float(scale.group(3)))
+        factor = float(scale.group(1)) / float(scale.group(3))
+        if not math.isfinite(factor):
+            raise RecordError(
+                f"{name} states a scale of {scale.group(0)[:40]} ..., which is no number. Give "
+                "the file as it was downloaded."
+            )
+        values = values * factor
         unit = scale.group(2)
         assumptions = (f"K-NET file: scaled by {scale.group(0)}",)
     return Sheet(

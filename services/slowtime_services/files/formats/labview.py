@@ -5,6 +5,7 @@ References
 .. [1] National Instruments, "Specification for the LabVIEW Measurement File (.lvm)", 2023.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -35,6 +36,12 @@ def read(lines: Sequence[str], name: str) -> Sheet:
             f"{name} is a LabVIEW measurement (.lvm) with {len(ends)} of the two lines {END} "
             "that stand above its samples: it is cut short. Save it again, or export it as CSV."
         )
+    empty = next((b for a, b in itertools.pairwise(ends) if b == a + 1), None)
+    if empty is not None:
+        raise RecordError(
+            f"Line {empty + 1} of {name} ends a heading that has no line: the file is damaged, "
+            "or was edited. Save it again, or export it as CSV."
+        )
     settings = _settings(lines[: ends[0]])
     mark = _SEPARATORS.get(settings.get("separator", "tab").casefold(), "\t")
     decimal = "," if settings.get("decimal_separator", ".").strip() == "," else "."
@@ -52,9 +59,8 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     titles = [] if unnamed else titles
     last = ends[2] - len(heading) - 1 if len(ends) > 2 else len(lines)
     rows = [line.rstrip("\r\n").split(mark) for line in lines[first:last] if line.strip()]
-    stated = _first(heading, "channels", dialect)
-    most = max(map(len, rows), default=1)
-    count = int(stated) if stated and 1 <= stated <= most else max(len(titles) - 2, 1)
+    count = _channels(heading, dialect, max(map(len, rows), default=1), name)
+    count = count or max(len(titles) - 2, 1)
     rows = _complete_rows(rows, count, name)
     multiple = settings.get("x_columns", "one").casefold() == "multi"
     places = [2 * i + 1 for i in range(count)] if multiple else list(range(1, count + 1))
@@ -107,6 +113,22 @@ def _settings(lines: Sequence[str]) -> dict[str, str]:
         if key.strip() == "Decimal_Separator" and line.rstrip().endswith(","):
             found["decimal_separator"] = ","
     return found
+
+
+def _channels(
+    heading: dict[str, list[str]], dialect: Dialect, widest: int, name: str
+) -> int | None:
+    """Return the number of channels that a heading states; None where it states none."""
+    said = (heading.get("channels") or [""])[0]
+    if not said:
+        return None
+    stated = dialect.number(said) if dialect.is_number(said) else math.nan
+    if not 1 <= stated <= widest:
+        raise RecordError(
+            f"{name} states {said[:40]} channels, and its rows have up to {widest} fields: it "
+            "is damaged, or was edited. Save it again, or correct the line Channels."
+        )
+    return int(stated)
 
 
 def _first(heading: dict[str, list[str]], key: str, dialect: Dialect) -> float | None:

@@ -15,6 +15,10 @@ from slowtime_services.record.chunks import Unpacking
 from .found import Found, Series
 from .inertial_json import Field, stamp_of, vectors_of
 
+MOST_SCHEMA_BYTES = 1 << 16
+"""Size of the definition of a message [bytes]. Those that are read have 2,000, with all that
+they refer to; the library takes 0.1 ms for each of their lines."""
+
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 _ANGULAR = ("angular_velocity", "rad/s")
 _FIELDS = {
@@ -115,6 +119,11 @@ class _Decoders:
         if kind not in _FIELDS or schema is None:
             return None
         if schema.id not in self._cdr:
+            if len(schema.data) > MOST_SCHEMA_BYTES:
+                raise RecordError(
+                    f"{self._path.name} defines {kind} in {len(schema.data):,} bytes. Allowed: "
+                    f"{MOST_SCHEMA_BYTES:,}. It is damaged, or was made to. Record it again."
+                )
             self._factory = self._factory or _decoder(self._path)()
             decoder = self._factory.decoder_for(encoding, schema)
             if decoder is None:

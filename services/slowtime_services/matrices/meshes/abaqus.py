@@ -52,6 +52,8 @@ WITHOUT_EFFECT = frozenset(
 
 LAST_DIRECTION = 6
 """Further ones are temperatures and pressures, or none at all."""
+FARTHEST_DIRECTION = 31
+"""Degrees of freedom of a node at most [1]: temperatures through the thickness end at 30."""
 CHANGES_IN_STEP = frozenset(["MODEL CHANGE", "CHANGE MATERIAL", "SUBSTRUCTURE GENERATE"])
 """Keywords of steps that matter; loads, procedures and requests for output do not."""
 

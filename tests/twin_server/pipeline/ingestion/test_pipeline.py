@@ -29,7 +29,7 @@ from twin_server import estimate as estimators
 from twin_server.history.states import SET_ASIDE
 from twin_server.persist import SqliteStore, StoreError, open_store
 from twin_server.pipeline import Pipeline
-from twin_server.pipeline.ingestion import estimation
+from twin_server.pipeline.ingestion import estimation, failure_log
 from twin_server.pipeline.ingestion.state_publisher import ACK_EVERY_S
 from twin_server.pipeline.progress import isolation
 from twin_server.registration.twin import Registration
@@ -306,6 +306,7 @@ def test_a_disk_that_is_full_for_a_while_loses_nothing(
 def test_what_a_database_that_is_away_did_not_take_is_not_acknowledged(
     open_twin, edge, ageing, sample, tmp_path, eventually, monkeypatch
 ):
+    monkeypatch.setattr(failure_log, "TOLD_S", 0.1)
     messages, acknowledged = ageing(60), []
     with MemoryBus() as bus:
         pipeline, store = open_twin(bus)
@@ -326,6 +327,14 @@ def test_what_a_database_that_is_away_did_not_take_is_not_acknowledged(
             beam.make(message)
         assert eventually(lambda: acknowledged[-1]["sequence"] == 59)
         assert store.digest("lab.beam") == undisturbed(tmp_path, messages, sample)
+
+        def told():
+            events = [json.loads(row.body) for row in store.events("lab.beam")]
+            return [event for event in events if event["kind"] == "database_away"]
+
+        assert eventually(told)
+        assert [event["severity"] for event in told()] == ["warning"]
+        assert told()[0]["details"]["seconds"] > 0.1
 
 
 @pytest.mark.parametrize("fails", ["write", "events"])
