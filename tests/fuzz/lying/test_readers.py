@@ -20,6 +20,8 @@ from tests.slowtime_cli.broken_inputs import INTERNALS
 from . import models, records
 
 MOST_S = 2.0
+YAML_ALL_THE_SAME = ("long_text", "wrong_items", "empty_items")
+"""Lies that are refused as a model, not as YAML."""
 QUICK_MATRICES = [
     (".mtx", models.mtx_of_more_rows), (".mtx", models.mtx_of_more_entries),
     (".mtx", models.mtx_of_a_dense_matrix), (".npz", models.npz_of_more_rows),
@@ -38,7 +40,7 @@ def quickly():
     assert time.process_time() - began < MOST_S
 
 
-@pytest.mark.parametrize("name", [n for n in models.LIES if n not in ("long_text", "anchors")])
+@pytest.mark.parametrize("name", [n for n in models.LIES if n not in YAML_ALL_THE_SAME])
 def test_a_lying_yaml_text_is_refused_with_its_line(name):
     with pytest.raises(YamlError) as refused:
         read_with_lines(models.LIES[name])
@@ -49,7 +51,7 @@ def test_a_lying_yaml_text_is_refused_with_its_line(name):
 @pytest.mark.parametrize(
     ("nodes", "why"),
     [
-        ("[" + "1," * 450_000 + "1]", "not 1"),
+        ("[" + "1," * 250_000 + "1]", "not 1"),
         ("[" + "{}," * 150_000 + "{}]", "`id` is missing"),
         ("[{" + ", ".join(f"k{n}: 1" for n in range(20_000)) + "}]", "more than 10,000 keys"),
     ],
