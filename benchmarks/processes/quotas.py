@@ -167,6 +167,18 @@ class Site:
         """Fetch the whole history as a table."""
         return await self.ask("GET", f"{self.twin}/history/export")
 
+    async def give_back(self) -> None:
+        """End all that is under way for the site, and wait until it has ended."""
+        until_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until_s:
+            listed = (await self.ask("GET", f"{V1}/holdings")).document["holdings"]
+            if not listed:
+                return
+            for one in listed:
+                await self.ask("DELETE", f"{V1}/holdings/{one['id']}")
+            await asyncio.sleep(0.2)
+        raise TimeoutError(f"Work of {self.name} did not end in {PATIENCE_S:g} s.")
+
     async def take_all(self) -> None:
         """Do all of it at once, for ever."""
         many: dict[Callable[[], Awaitable[Any]], int] = {
@@ -252,7 +264,7 @@ class Crowd:
 
     def __init__(self, sites: list[Site]) -> None:
         context = multiprocessing.get_context("spawn")
-        self.statuses = Counter[int]()
+        self._sites, self.statuses = sites, Counter[int]()
         self._pipes: list[Connection] = []
         for site in sites:
             ours, theirs = context.Pipe()
@@ -266,6 +278,8 @@ class Crowd:
         if word == "stop":
             for pipe in self._pipes[:count]:
                 self.statuses.update(pipe.recv())
+            for site in self._sites[:count]:
+                asyncio.run(site.give_back())
 
 
 async def prepare(site: Site) -> None:
@@ -340,7 +354,6 @@ def measured(
         for work in works:
             found[work][1].append(timed(modest, work))
         crowd.tell("stop", greedy)
-        time.sleep(2.0)
     return found
 
 

@@ -76,7 +76,7 @@ FORMULAS: dict[str, str] = {
     "long": "r - " + "1 + " * 5000 + "1",
 }
 
-HARMLESS = frozenset(("continuations", "tabs", "many_directions"))
+HARMLESS = frozenset(("continuations", "tabs"))
 """Lies that are read as what they are: infinite, repeated or blank."""
 
 

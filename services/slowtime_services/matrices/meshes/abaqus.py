@@ -309,6 +309,11 @@ def _hold(reader: _Reader, block: Block) -> None:
             directions = tuple(NAMED_SUPPORTS[word])
         elif word.isdecimal() and all(part.isdecimal() or not part for part in parts[1:3]):
             last = parts[2] if len(parts) > 2 and parts[2] else word
+            if len(last) > 3 or int(last) > FARTHEST_DIRECTION:
+                raise block.error(
+                    f"line {line} ends at direction {last[:20]}. Allowed are 1 to "
+                    f"{FARTHEST_DIRECTION}, of which those up to {LAST_DIRECTION} are motions."
+                )
             directions = tuple(range(int(word) - 1, min(int(last), LAST_DIRECTION)))
         else:
             raise block.error(
