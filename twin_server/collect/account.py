@@ -168,6 +168,9 @@ class Account:
         self, line: AssetRuns, run: Run, last: int, now_s: float, change: Change
     ) -> None:
         """Note the newest sequence that an agent states of a boot."""
+        if last <= run.horizon < run.forgotten:
+            # What it stated far ahead, and did not deliver, says nothing of the true end.
+            run.told = run.forgotten = -1
         if last <= run.told:
             return
         run.told = last

@@ -342,3 +342,17 @@ def test_reasons_are_kept_as_ranges_and_split_a_hole():
     ]  # fmt: skip
     reasons.forget(before=8)
     assert len(reasons) == 2
+
+
+def test_the_true_end_counts_again_after_a_false_one(world):
+    world.alive()
+    world.spool["b1"] = {0}
+    world.arrive(("b1", 0))
+    world.heal(4)
+    world.health("b1", last=2**31)
+    world.heal(20)
+    world.spool["b1"] |= {1, 2}
+    world.health("b1", last=2)
+    world.heal(20)
+    assert [s for _, s in world.order] == [0, 1, 2]
+    assert not world.changes.lost
