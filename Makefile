@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation check bench tutorials site notebooks release extras gallery surrogates real figures pictures clean help
+.PHONY: demo test test-long test-times test-slow blind blind-pairs blind-outside blind-excitations blind-slow peers peers-torch faults load mutation lint check bench tutorials site notebooks release extras gallery surrogates real figures pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -66,11 +66,13 @@ audit: .venv/run  ## ask a vulnerability service about every dependency; it need
 		.venv-audit/bin/python -m pip --disable-pip-version-check --quiet install pip-audit; }
 	.venv-audit/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip
 
-check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
+lint: .venv/dev  ## format, lint, strict types, import contracts
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+check: lint  ## the same, and docs tests
 	$(BIN)/python -m pytest -q -m "not slow and not long" tests/docs
 
 faults: .venv/dev  ## fault-injection tests of real processes; N=200 SEED=1 SECONDS=60 JOBS=4 SHARDS=1
