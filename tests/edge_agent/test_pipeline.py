@@ -372,11 +372,13 @@ def test_a_rerun_says_where_a_raw_block_is_missing_and_takes_none_twice(tmp_path
     processing = house.settings.processing
     twice = [block for block in blocks for _ in range(2)]
     assert list(rerun(twice, processing)) == house.payloads(FEATURES)
-    with pytest.raises(ValueError, match=r"Raw block 0 of boot b1 .* the next one is 1.*Start"):
+    with pytest.raises(
+        ValueError, match=r"Raw block 0 of lab.beam, start b1 .* the next one is 1.*start"
+    ):
         list(rerun(blocks[1:], processing))
     again = rerun([*blocks[:2], blocks[3]], processing)
     assert next(again) == house.payloads(FEATURES)[0]
-    with pytest.raises(ValueError, match=r"Raw block 2 .* is not recorded"):
+    with pytest.raises(ValueError, match=r"Raw block 2 .* is missing"):
         list(again)
 
 

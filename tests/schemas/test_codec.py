@@ -32,7 +32,7 @@ headers = {
     "site": names,
     "asset": names,
     "boot": st.from_regex(r"[0-9A-Za-z][0-9A-Za-z._-]{0,20}", fullmatch=True),
-    "sequence": counts,
+    "sequence": st.integers(0, 2**40 - 1),
 }
 pairs = st.lists(st.complex_numbers(max_magnitude=9, allow_nan=False), min_size=2, max_size=2)
 
@@ -108,9 +108,9 @@ healths = st.builds(
     Health,
     **headers,
     t_ns=counts,
-    last_sequence=st.integers(-1, 2**63 - 1),
+    last_sequence=st.integers(-1, 2**40 - 1),
     first_held=st.integers(-1, 9),
-    uptime_s=positive,
+    uptime_s=st.floats(min_value=0.0, max_value=9e9),
 )
 events = st.builds(
     Event,

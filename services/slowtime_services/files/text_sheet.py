@@ -33,6 +33,8 @@ from .delimited.dialect import (
 from .delimited.encoding import decode
 from .delimited.oscilloscopes import plain_table
 
+_LONG_WORD = re.compile(r"([^\s,;|]{1000})[^\s,;|]+")
+"""A word that no number or name is as long as; cut, its line keeps its fields."""
 HEAD_CHARACTERS = 1 << 20
 """Of a text, in which its first lines are looked for [1]."""
 MOST_BEYOND = 0.2
@@ -99,7 +101,10 @@ def read_lines(
     if not any(line.strip() for line in lines):
         raise RecordError(f"{name} is empty. Give a file with at least two rows of numbers.")
     _refuse_long_lines(lines[:HEAD_LINES], name)
-    lines[:HEAD_LINES] = [line[:LONGEST_LINE] for line in lines[:HEAD_LINES]]
+    lines[:HEAD_LINES] = [
+        line if len(line) <= LONGEST_LINE else _LONG_WORD.sub(r"\1", line)[:LONGEST_LINE]
+        for line in lines[:HEAD_LINES]
+    ]
     if skip_lines is None:
         for form in FORMATS:
             if form.reader.recognise(lines[:HEAD_LINES]):

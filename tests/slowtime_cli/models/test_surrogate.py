@@ -35,7 +35,7 @@ def test_points_are_predicted_and_those_beyond_the_runs_are_told(run, runs):
     assert near["value"] == pytest.approx(1.375, abs=1e-6)
     assert not near["extrapolated"]
     assert far["extrapolated"]
-    assert "1 of 2 points lie where no run was made" in done.err
+    assert "1 of 2 points lie outside the range of the runs" in done.err
     # Var(a) = 1/3; Var(b^2 / 2) = 1/45: shares 15/16 and 1/16.
     assert [one["first"] for one in found["sobol"]] == pytest.approx(
         [15 / 16, 1 / 16], abs=1e-3

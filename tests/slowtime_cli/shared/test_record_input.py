@@ -149,7 +149,10 @@ def replaced(lines, row, line):
         ),
         ("0.48,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
         ("0.47,0.1,0.1", "Time does not run forwards at line 51: column 'time' goes from 0.48"),
-        ("0.49," + "1" * 400_000 + ",0.1", "1111': not a finite number. Cut the record there"),
+        (
+            "0.49," + "1" * 400_000 + ",0.1",
+            "Line 51 has '1111111111111111111111111111111111111111' where",
+        ),
     ],
 )
 @pytest.mark.parametrize("verb", ["identify", "import"])

@@ -63,7 +63,7 @@ def test_a_receiver_that_refuses_is_named_with_its_error_and_the_status_is_1(run
     assert "ops: delivered" in done.out
     assert "deaf: waiting after" in done.out
     assert "503" in done.out
-    assert "1 of 2 receivers have accepted it in 1 s" in done.err
+    assert "1 of 2 receivers have accepted it within 1 s" in done.err
     listed = run("alarms", "deliveries", "lab.beam", "--server", url)
     rows = [line.split("\t") for line in listed.out.splitlines()]
     assert [row[:4] for row in rows] == [

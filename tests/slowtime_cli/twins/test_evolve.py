@@ -153,7 +153,7 @@ def test_json_that_is_wrong_is_refused_by_its_epoch(refused, tmp_path, content, 
 
 def test_binary_that_is_called_text_is_refused(refused, tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)))
-    assert "is not UTF-8 text" in refused("evolve", "a.csv")
+    assert "is not text (byte 128). Give a file in UTF-8" in refused("evolve", "a.csv")
 
 
 def test_flags_that_do_not_go_together_are_refused(refused, softening):

@@ -7,6 +7,8 @@ from slowtime_services.files.record import RecordError
 
 ALLOWED = "Allowed: text, .npy, .npz, .mat and the formats of docs/files.md."
 SAMPLE_BYTES = 4096
+BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""First bytes of text in UTF-16."""
 ZEROS_OF_UTF16 = 0.4
 """Share of zero bytes at every second place from which text is taken for UTF-16: of Latin
 letters and digits it is nearly 1, of other scripts less, of binary numbers both
@@ -27,13 +29,14 @@ def decode(path: Path) -> str:
     """
     with path.open("rb") as file:
         head = file.read(SAMPLE_BYTES)
-        _text(head[:-3], path.name)  # devices have no end, and binary files are refused by it
+        if not head.startswith(BYTE_ORDER_MARKS):
+            _text(head[:-3], path.name)  # devices have no end; binary files are refused by it
         raw = head + file.read()
     return _NARROW.sub("", _text(raw, path.name).translate(_MINUS))
 
 
 def _text(raw: bytes, name: str) -> str:
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if raw.startswith(BYTE_ORDER_MARKS):
         try:
             return raw.decode("utf-16")
         except UnicodeDecodeError as error:

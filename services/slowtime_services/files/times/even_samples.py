@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float, Num
-from scipy.interpolate import make_interp_spline
 
 from .time_axis import TimeAxis, even_times
 
@@ -70,6 +69,9 @@ def _interpolated(
     times: Float[np.ndarray, " sample"],
     column: Float[np.ndarray, " row"],
 ) -> Float[np.ndarray, " sample"]:
+    # Where it is needed: few edges have a file whose rate wanders.
+    from scipy.interpolate import make_interp_spline
+
     assert axis.seconds is not None
     known, values = axis.seconds[rows], column[rows]
     degree = min(DEGREE, 2 * ((len(known) - 2) // 2) + 1)

@@ -93,7 +93,7 @@ def test_a_diagnosis_tells_how_far_it_has_come_and_gives_its_files(learnt):
     assert "which is running" in none.json()["detail"]
     waiting = learnt.post("/diagnoses", {"raw": {}}).json()["number"]
     full = learnt.post("/diagnoses", {"raw": {}})
-    assert (full.status_code, full.json()["type"][-18:]) == (503, "too-many-diagnoses")
+    assert (full.status_code, full.json()["type"][-10:]) == (429, "over-quota")
     cancelled = learnt.server.client.delete(f"{learnt.twin}/diagnoses/{job.number}")
     assert cancelled.status_code == 202
     assert learnt.ended(job.number)["state"] == "cancelled"
