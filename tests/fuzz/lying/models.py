@@ -76,7 +76,7 @@ FORMULAS: dict[str, str] = {
     "long": "r - " + "1 + " * 5000 + "1",
 }
 
-HARMLESS = frozenset(("continuations", "tabs"))
+HARMLESS = frozenset(("continuations", "tabs", "digits_behind_a_field"))
 """Lies that are read as what they are: infinite, repeated or blank."""
 
 
@@ -591,7 +591,7 @@ NODES = _universal(
     ]
 )
 NODE_FILES = {
-    "digits": NODES.replace(f"{2:>10}", "9" * 5000),
+    "digits_behind_a_field": NODES.replace(f"{2:>10}", "9" * 5000),
     "infinity": NODES.replace("2.0000000000000000E+00", "2.000000000000000E+400"),
     "marks": "    -1\n    -1\n" * 500_000,
     "half_a_dataset": NODES + "    -1\n  2411\n" + "1 " * 2_000_000,
