@@ -18,7 +18,7 @@ from twin_server.settings import BackfillSettings
 from .asset_runs import AssetRuns
 from .boots import BootLimits, admit, close_finished, has_room, leave_behind
 from .changes import Change
-from .evidence import MOST_AHEAD, correct
+from .evidence import correct
 from .held import Arrival
 from .rivals import contest, look_for_rivals, look_for_survivor, tell_agents_apart
 from .runs import MAX_JUMP, EdgeQuery, Holding, Run
@@ -53,8 +53,8 @@ class Account:
         max_boots: int = MAX_BOOTS,
         alone: bool = False,
     ) -> None:
-        self._settings, self._max_jump = settings, max_jump
-        self._limits = BootLimits(max_boots, alone)
+        self._settings = settings
+        self._limits = BootLimits(max_boots, alone, max_jump)
         self._lines: dict[tuple[str, str], AssetRuns] = {}
         self._of_site: Counter[str] = Counter()
         self._uneasy: dict[tuple[str, str], AssetRuns] = {}
@@ -66,7 +66,7 @@ class Account:
         """Restore runs that were made durable before, in the order of their numbers."""
         for run in runs:
             line = self._line(run.site, run.asset)
-            run.reach = self._reach(replayed=False)
+            run.reach = self._limits.reach(replayed=False)
             correct(run, self.corrections)
             run.interrupt(run.next)
             run.floor = run.lost[-1][1] + 1 if run.lost else 0
@@ -363,10 +363,6 @@ class Account:
         if not self._of_site[line.site]:
             del self._of_site[line.site]
 
-    def _reach(self, *, replayed: bool) -> int:
-        """How far ahead a sequence is believed; farthest where nobody can be asked."""
-        return MOST_AHEAD if self._limits.alone or replayed else self._max_jump
-
     def _meet(
         self, line: AssetRuns, boot: str, replayed: bool, now_s: float, change: Change
     ) -> Run | None:
@@ -374,7 +370,7 @@ class Account:
         if not has_room(line, boot, self._limits, change):
             return None
         run = Run(line.site, line.asset, boot, since_s=now_s, ack_version=line.ack_version)
-        run.reach = self._reach(replayed=replayed)
+        run.reach = self._limits.reach(replayed=replayed)
         line.replayed = replayed
         line.add(run)
         line.waiting[boot] = run

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from .asset_runs import AssetRuns
 from .changes import Change, LostRange, ReachedLimit
-from .evidence import drop_far, vouch, withdraw
+from .evidence import MOST_AHEAD, drop_far, vouch, withdraw
 from .runs import Holding, Run
 from .sequence import NOT_HELD, lose, pass_over, release_held
 
@@ -22,7 +22,7 @@ that a long account holds up no other asset."""
 
 @dataclasses.dataclass(slots=True)
 class BootLimits:
-    """How many boots an asset may have, and the number that the next one gets.
+    """What is believed of boots: how many there are, and how far ahead their sequences are.
 
     Parameters
     ----------
@@ -30,11 +30,20 @@ class BootLimits:
         Boots of one asset.
     alone
         Whether there is no edge to ask: then a boot is let in as it comes.
+    max_jump
+        How far ahead a sequence is believed where its edge can be asked.
+    next_number
+        That the next boot gets.
     """
 
     max_boots: int
     alone: bool
+    max_jump: int
     next_number: int = 1
+
+    def reach(self, *, replayed: bool) -> int:
+        """How far ahead a sequence is believed; farthest where nobody can be asked."""
+        return MOST_AHEAD if self.alone or replayed else self.max_jump
 
 
 def has_room(line: AssetRuns, boot: str, limits: BootLimits, change: Change) -> bool:
@@ -91,7 +100,8 @@ def admit(
         elif _is_admitted(line, boot):
             continue  # listed twice
         elif has_room(line, boot, limits, change):
-            run = Run(line.site, line.asset, boot, since_s=now_s)
+            reach = limits.reach(replayed=line.replayed)
+            run = Run(line.site, line.asset, boot, since_s=now_s, reach=reach)
             line.add(run)
         else:
             break

@@ -356,3 +356,15 @@ def test_the_true_end_counts_again_after_a_false_one(world):
     world.heal(20)
     assert [s for _, s in world.order] == [0, 1, 2]
     assert not world.changes.lost
+
+
+def test_of_a_boot_known_by_its_edges_account_no_more_is_believed_than_of_others(world):
+    world.alive()
+    world.spool["b1"] = {0}
+    world.heal(4)  # it is let in by the account alone
+    world.health("b1", last=5_000)
+    world.spool["b2"] = {0}
+    world.arrive(("b2", 0))
+    world.heal(40)
+    assert world.order == [("b1", 0), ("b2", 0)]
+    assert not world.lost
