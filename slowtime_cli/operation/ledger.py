@@ -53,51 +53,51 @@ def _asking() -> Iterator[None]:
         raise click.ClickException(str(error)) from error
 
 
-@_asking()
 def head(server: str, out: Path, twin: str | None) -> None:
     """Fetch the newest signed head of a server, or of the chain of one twin."""
-    _must_not_exist(out)
-    if twin is not None:
-        found = Client(server).tree_head(twin)
-        out.write_text(json.dumps(found, indent=2) + "\n")
-        click.echo(
-            f"{out} has the head of {twin}, over the first {found['size']:,} entries of its "
-            "chain. Keep it where the server cannot write."
-        )
-        return
-    told = Client(server).json("GET", "/ledger/heads")
-    heads, refusal = told["heads"], told.get("refusal", "")
-    if not heads and not refusal:
-        raise click.ClickException(
-            f"{server} has no signing key, so it has signed nothing. Create one with "
-            "`slowtime ledger key` and start it with --ledger-key."
-        )
-    if heads:
-        out.write_text(json.dumps(heads[-1], indent=2) + "\n")
-        click.echo(
-            f"{out} has head {heads[-1]['number']}. Keep it where the server cannot write."
-        )
-    if refusal:
-        raise click.ClickException(f"{server} signs nothing behind it. {refusal}")
+    with _asking():
+        _must_not_exist(out)
+        if twin is not None:
+            found = Client(server).tree_head(twin)
+            out.write_text(json.dumps(found, indent=2) + "\n")
+            click.echo(
+                f"{out} has the head of {twin}, over the first {found['size']:,} entries of "
+                "its chain. Keep it where the server cannot write."
+            )
+            return
+        told = Client(server).json("GET", "/ledger/heads")
+        heads, refusal = told["heads"], told.get("refusal", "")
+        if not heads and not refusal:
+            raise click.ClickException(
+                f"{server} has no signing key, so it has signed nothing. Create one with "
+                "`slowtime ledger key` and start it with --ledger-key."
+            )
+        if heads:
+            out.write_text(json.dumps(heads[-1], indent=2) + "\n")
+            click.echo(
+                f"{out} has head {heads[-1]['number']}. Keep it where the server cannot write."
+            )
+        if refusal:
+            raise click.ClickException(f"{server} signs nothing behind it. {refusal}")
 
 
-@_asking()
 def prove(server: str, head: Path, reading: str | None, key: str | None, out: Path) -> None:
     """Fetch a proof that a server's ledger goes on from a kept head, and verify it."""
-    _must_not_exist(out)
-    kept, known = kept_head_of_any_kind(head), None if key is None else public_key_of(key)
-    client = Client(server)
-    if isinstance(kept, Head):
-        if reading is not None:
-            raise click.UsageError(
-                "--reading is proven against the head of one twin. Give a --head of `slowtime "
-                "ledger head --twin`."
-            )
-        told: dict[str, Any] = {"heads": _heads_from(client, kept.number)}
-    else:
-        told = _proof_of_twin(client, kept, reading)
-    out.write_text(json.dumps(told, indent=2) + "\n")
-    _print_proof(told, kept, out, known, key)
+    with _asking():
+        _must_not_exist(out)
+        kept, known = kept_head_of_any_kind(head), None if key is None else public_key_of(key)
+        client = Client(server)
+        if isinstance(kept, Head):
+            if reading is not None:
+                raise click.UsageError(
+                    "--reading is proven against the head of one twin. Give a --head of "
+                    "`slowtime ledger head --twin`."
+                )
+            told: dict[str, Any] = {"heads": _heads_from(client, kept.number)}
+        else:
+            told = _proof_of_twin(client, kept, reading)
+        out.write_text(json.dumps(told, indent=2) + "\n")
+        _print_proof(told, kept, out, known, key)
 
 
 def _must_not_exist(out: Path) -> None:

@@ -126,7 +126,8 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingFlags))}
-    if hasattr(work, "__wrapped__") and given.keys() > of_record:  # handed on as a record
+    if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
+        assert given.keys() > of_record
         given = {name: None for name in given.keys() - of_record} | {"record": 0, "path": 0}
     inspect.signature(work).bind(**given)
 
