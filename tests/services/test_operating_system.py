@@ -148,6 +148,14 @@ def state_of(pid):
         return ""
 
 
+def until(holds):
+    """Wait until it holds: a signal is sent at once and takes effect later."""
+    until_s = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_a_process_that_is_paused_goes_on_or_ends_with_its_parent():
     command = [sys.executable, "-c", PARENT, CHILD]
@@ -156,14 +164,11 @@ def test_a_process_that_is_paused_goes_on_or_ends_with_its_parent():
             assert parent.stdout is not None
             pid = int(parent.stdout.readline())
             pause_process(pid)
-            assert state_of(pid) == "T"
+            until(lambda: state_of(pid) == "T")
             resume_process(pid)
-            assert state_of(pid) != "T"
+            until(lambda: state_of(pid) != "T")
             pause_process(pid)
         finally:
             parent.kill()
-    until_s = time.monotonic() + 60.0
-    while state_of(pid) not in ("", "Z") and time.monotonic() < until_s:
-        time.sleep(0.05)
-    assert state_of(pid) in ("", "Z")
+    until(lambda: state_of(pid) in ("", "Z"))
     pause_process(pid)  # one that has ended is left alone

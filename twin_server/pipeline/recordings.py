@@ -36,6 +36,8 @@ logger = logging.getLogger(__name__)
 CHECKS_AT_ONCE = 8
 """Recordings that are read through at once, of different sites; each has a process of some
 100 MB, of which as many go on as there are processors."""
+STOPPED_S = 5.0
+"""Time that an answer waits for the end of a replay that was stopped [s]."""
 
 
 class _Played(NamedTuple):
@@ -168,13 +170,15 @@ class Recordings:
             one.replay.thread.start()
 
     def stop_playing(self, name: str, site: str | None, principal: Principal) -> None:
-        """End a replay."""
+        """End a replay; return when it has ended, or after a while."""
         path = self.path(name, site, principal)
         with self._lock:
             one = self._played.get(path)
             if one is None or one.replay.state != "playing":
                 raise ProblemError(409, "not-played", f"{name} is not being played.")
             one.replay.stop.set()
+        assert one.replay.thread is not None
+        one.replay.thread.join(STOPPED_S)
 
     def _recording_document(self, kept: Kept) -> dict[str, Any]:
         inside, played = kept.inside, self._played.get(kept.path)
