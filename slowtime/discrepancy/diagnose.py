@@ -14,6 +14,7 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
+from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
@@ -95,6 +96,10 @@ def _diagnose(
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated, decays=decays)
+    if not decays:
+        campaign = dataclasses.replace(
+            campaign, description=with_open_joints(campaign.description)
+        )
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("validating on data that were not fitted", 0.92)
@@ -102,6 +107,7 @@ def _diagnose(
     answer = report(
         campaign, found.trials, findings, found, known, monitor, surface=options.surface
     )
+    answer = strip_joints(answer)
     if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer

@@ -16,7 +16,7 @@ from .channels.checks import (
     check_supports,
     check_unique,
 )
-from .elements import BASE, ROTATION, Beam, Element, Matrix, Node, Spring
+from .elements import BASE, ROTATION, Beam, Element, Matrix, Node, OpenJoint, Spring
 from .structure import Structure
 from .units import UnitOfCoordinate
 
@@ -29,6 +29,7 @@ __all__ = [
     "Input",
     "Matrix",
     "Node",
+    "OpenJoint",
     "Parts",
     "Sensor",
     "Spring",

@@ -88,6 +88,21 @@ class Spring:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class OpenJoint(Spring):
+    """Two points that nothing joins in the model, between which something may act.
+
+    It has neither stiffness nor damping: a diagnosis puts effects on it, as on an element.
+
+    Parameters
+    ----------
+    among
+        How many such pairs the model has.
+    """
+
+    among: int = 1
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Beam:
     r"""A uniform Euler–Bernoulli beam in bending, with cubic shape functions.
 

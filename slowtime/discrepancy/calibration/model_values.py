@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from slowtime.dynamics.description import Beam, Description, Matrix, Spring
+from slowtime.dynamics.description import Beam, Description, Matrix, OpenJoint, Spring
 from slowtime.dynamics.plant import Name
 
 _SPRING = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m"}
@@ -18,7 +18,7 @@ _MATRIX = {
     "damping": "damping_factor",
     "mass": "mass_factor",
 }
-_FIELDS = {Spring: _SPRING, Beam: _BEAM, Matrix: _MATRIX}
+_FIELDS = {Spring: _SPRING, OpenJoint: _SPRING, Beam: _BEAM, Matrix: _MATRIX}
 
 
 def with_values(description: Description, values: Mapping[Name, float]) -> Description:

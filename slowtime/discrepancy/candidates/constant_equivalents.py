@@ -87,9 +87,8 @@ def equivalent_laws(
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
         start = _fit_start(bent, place)
-        able = [
-            kind for kind in simple_kinds(kinds) if is_applicable(kind, bent.plant.description)
-        ]
+        described = bent.plant.description
+        able = [kind for kind in simple_kinds(kinds) if is_applicable(kind, place, described)]
 
         def nearest_law(
             kind: Kind, place: Place = place, motions: list[Motion] = motions,
@@ -205,7 +204,7 @@ def _proportional_laws(
 ) -> Iterator[Effect]:
     """Scale a law, in each shape, so that its linear part is what the constants add."""
     action = kind.action
-    if kind.where != "element" or kind.strength is None or kind.quadrature is not None:
+    if kind.strength is None or kind.quadrature is not None:
         return
     if not isinstance(action, Law | Friction | Hidden):
         return

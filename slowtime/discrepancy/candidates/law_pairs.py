@@ -263,11 +263,11 @@ def _candidate_columns(
     laws = [
         kind
         for kind in simple_kinds(kinds)
-        if _is_proportional(kind) and is_applicable(kind, located.linear.description)
+        if _is_proportional(kind)
     ]
     for place, (space, sign) in spaces.items():
         for kind in laws:
-            if kind.where != place.kind:
+            if not is_applicable(kind, place, located.linear.description):
                 continue
             here = (one.effect for one in tried if label_of(one.effect) == (kind.name, place))
             for parameters in (

@@ -21,7 +21,7 @@ from slowtime.discrepancy.localization import Localization, PlaceGroup
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.workers import map_shared
-from slowtime.dynamics.description import Description, moves_with_base
+from slowtime.dynamics.description import Description, OpenJoint, moves_with_base
 from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 from .force_space import ForceSpace, ForceSpectra
@@ -123,8 +123,7 @@ def library_candidates(
     spaces: dict[Place, ForceSpace] = {}
     least = math.inf
     described = located.linear.description
-    among = simple_kinds(kinds) if among is None else among
-    fits = [kind for kind in among if is_applicable(kind, described)]
+    fits = simple_kinds(kinds) if among is None else among
     leaving = min(group.left for group in located.groups)
     most = max(group.score for group in located.groups)
     tones = [kind for kind in fits if kind.quadrature is not None and kind.where == "node"]
@@ -140,7 +139,7 @@ def library_candidates(
         if worse and not one_line:
             continue
         for place in group.places:
-            own = [k for k in (tones if worse else fits) if k.where == place.kind]
+            own = [k for k in (tones if worse else fits) if is_applicable(k, place, described)]
             if not own:
                 continue
             space = spaces[place] = ForceSpace(fit, located, place)
@@ -253,8 +252,16 @@ def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
     return total
 
 
-def is_applicable(kind: Kind, description: Description) -> bool:
-    """Whether a kind may act in a structure: parameters per radian need angles."""
+def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
+    """Whether a kind may act at a place of a structure.
+
+    Parameters per radian need angles; an open joint has nothing that could change, and two
+    points that are joined already lack no spring.
+    """
+    if kind.where != place.kind:
+        return False
+    if kind.joins is not None and kind.joins != is_open(place, description):
+        return False
     if kind.name == OFFSET:
         return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
     if kind.where == "base" and not moves_with_base(description):
@@ -263,3 +270,9 @@ def is_applicable(kind: Kind, description: Description) -> bool:
         return False  # equivalent to all masses and dampers being smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or description.unit_of_coordinate == "rad"
+
+
+def is_open(place: Place, description: Description) -> bool:
+    """Whether a place is between two points that nothing joins in the model."""
+    joints = (one.id for one in description.elements if isinstance(one, OpenJoint))
+    return place.kind == "element" and place.id in joints

@@ -76,8 +76,10 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
     return iter(sorted((one for one in several if one), key=len))
 
 
-def applicable_laws(kinds: Mapping[str, Kind], description: Description) -> tuple[str, ...]:
-    """Return the kinds that may act in a structure: laws of angles need a model of angles.
+def applicable_laws(
+    kinds: Mapping[str, Kind], place: Place, description: Description
+) -> tuple[str, ...]:
+    """Return the kinds that may act at a place: laws of angles need a model of angles.
 
     Parameters
     ----------
@@ -86,7 +88,7 @@ def applicable_laws(kinds: Mapping[str, Kind], description: Description) -> tupl
     description
         Model of the structure.
     """
-    return tuple(name for name, kind in kinds.items() if is_applicable(kind, description))
+    return tuple(n for n, kind in kinds.items() if is_applicable(kind, place, description))
 
 
 def fit_combinations(
@@ -115,7 +117,7 @@ def fit_combinations(
     """
     found = {frozenset[str](): Combination((), place, (first,))}
     located: dict[Laws, Localization] = {}
-    for laws in law_sets(applicable_laws(kinds, first.plant.description)):
+    for laws in law_sets(applicable_laws(kinds, place, first.plant.description)):
         parents = [found[laws - {law}] for law in laws if laws - {law} in found]
         for parent in sorted(parents, key=lambda one: one.last.cost)[:1]:
             if monitor.is_late:

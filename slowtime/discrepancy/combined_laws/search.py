@@ -110,14 +110,16 @@ def explain_together(
     few = len(description.elements) <= MAX_ELEMENTS
     if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
+    places = [Place("element", e.id) for e in description.elements if isinstance(e, Spring)]
     found = [
         one
-        for element in description.elements
-        if isinstance(element, Spring)
-        for one in fit_combinations(first, trials, Place("element", element.id), kinds, monitor)
+        for place in places
+        for one in fit_combinations(first, trials, place, kinds, monitor)
     ]
-    planned = len(description.elements) * sum(
-        1 for _ in law_sets(applicable_laws(kinds, description))
+    planned = sum(
+        1
+        for place in places
+        for _ in law_sets(applicable_laws(kinds, place, description))
     )
     exhausted = monitor.is_late and len(found) < planned
     ranked = _ranked(first, found, trials, kinds)

@@ -9,8 +9,8 @@ from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
-from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect, Kind, Law
+from slowtime.dynamics.description import Description, OpenJoint
+from slowtime.dynamics.effects import Effect, Kind, Law, Place
 from slowtime.dynamics.plant import Name
 
 KIND_PENALTIES = {"extra_dof": 6.0}
@@ -41,6 +41,8 @@ class FittedCandidate:
 def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
     """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
 
+    All open joints together are as probable as one element, so that many do not outvote it.
+
     Instants that fall between records are not charged for, because the records do not narrow
     them down.
 
@@ -62,6 +64,12 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     )
     against = sum(KIND_PENALTIES.get(effect.kind, 0.0) for effect in fit.plant.effects)
     against += numbers / 2 * math.log(fit.data)
+    against += sum(
+        math.log(joint.among)
+        for joint in fit.plant.description.elements
+        for effect in fit.plant.effects
+        if isinstance(joint, OpenJoint) and effect.place == Place("element", joint.id)
+    )
     for number, effect in enumerate(fit.plant.effects):
         if is_constant_change(kinds[effect.kind]):
             against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))

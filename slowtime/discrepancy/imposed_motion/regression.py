@@ -591,11 +591,12 @@ def applicable_kinds(kinds: Mapping[str, Kind], description: Description) -> lis
     description
         Model of the campaign: laws of angles need one of angles.
     """
+    (element,) = description.elements
+    place = Place("element", element.id)
     return [
         kind
         for kind in kinds.values()
-        if kind.where == "element"
-        and is_applicable(kind, description)
+        if is_applicable(kind, place, description)
         and isinstance(kind.action, Law | Friction)
         and not kind.is_surface
         and not kind.is_by_record

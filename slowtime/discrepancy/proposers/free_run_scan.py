@@ -90,7 +90,6 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         and not kind.states
         and not (isinstance(kind.action, Law) and kind.action.switches)
         and _parameters(kind) <= MAX_PARAMETERS
-        and is_applicable(kind, description)
     ]
     for element in description.elements:
         if not isinstance(element, Spring):
@@ -98,7 +97,8 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         place = Place("element", element.id)
         for kind in kinds:
             law = Effect(kind.name, place, {})
-            if not is_second_curve(law, given.hypothesis.effects, given.kinds):
+            there = is_applicable(kind, place, description)
+            if there and not is_second_curve(law, given.hypothesis.effects, given.kinds):
                 yield kind, place
 
 

@@ -106,8 +106,9 @@ def _started(
         motion = concatenate_motions([run[place] for run in runs])
         spring = stiffness["stiffness", element.id] * motion.e
         for kind in simple_kinds(kinds):
-            there = kind.where == "element" and has_strength(kind)
-            if not there or not is_applicable(kind, before.plant.description):
+            if not (
+                has_strength(kind) and is_applicable(kind, place, before.plant.description)
+            ):
                 continue
             laws = effects_of_strength(
                 kind, place, motion, spring, before.plant.description, START_FORCE_RATIOS

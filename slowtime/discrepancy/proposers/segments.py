@@ -206,11 +206,13 @@ class _SegmentSearch:
         located, numbers = self._located, range(len(self._located.trials))
         described = located.linear.description
         others = [
-            k for k in simple_kinds(self._kinds) if k.where == place.kind and has_strength(k)
+            k
+            for k in simple_kinds(self._kinds)
+            if is_applicable(k, place, described) and has_strength(k)
         ]
         latents = [located.latent(place, i) for i in numbers] if others else []
         for kind in others:
-            if kind.name in tried or not is_applicable(kind, described):
+            if kind.name in tried:
                 continue
             laws = list(
                 effects_of_strength(

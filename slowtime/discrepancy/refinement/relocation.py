@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
+from slowtime.discrepancy.candidates.library_fit import is_applicable
 from slowtime.discrepancy.estimation.candidate_fit import COARSE_HORIZONS
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -41,7 +42,7 @@ def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -
     if len(hypothesis.effects) < 2 or not whole or settled:
         return hypothesis
     best, which, exhausted = last, -1, hypothesis.exhausted
-    for number, place in _other_places(hypothesis):
+    for number, place in _other_places(hypothesis, kinds):
         if tell.is_over:
             exhausted = True
             break
@@ -65,7 +66,9 @@ def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -
     )
 
 
-def _other_places(hypothesis: Hypothesis) -> Iterator[tuple[int, Place]]:
+def _other_places(
+    hypothesis: Hypothesis, kinds: Mapping[str, Kind]
+) -> Iterator[tuple[int, Place]]:
     """Give laws and other places for them: the first that was found first."""
     structure = hypothesis.last.plant.description
     every = {
@@ -77,7 +80,8 @@ def _other_places(hypothesis: Hypothesis) -> Iterator[tuple[int, Place]]:
         sort = answer.effect.place.kind
         for name in every.get(sort, ()):
             place = Place(sort, name)
-            if (answer.effect.kind, place) not in taken:
+            there = is_applicable(kinds[answer.effect.kind], place, structure)
+            if there and (answer.effect.kind, place) not in taken:
                 yield number, place
 
 

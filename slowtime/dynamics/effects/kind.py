@@ -325,6 +325,9 @@ class Kind:
     similar
         Simpler kinds with a force like its own, which it does not become. A kind that contains
         others, or is similar to such, is tried where none of them explains the records.
+    joins
+        True for what joins two points that nothing joins in the model, False for a change of
+        what joins them there; None for what acts between any two points.
     is_surface
         Whether it is no law but a surface with coefficients, fitted where no law explains the
         records.
@@ -350,6 +353,7 @@ class Kind:
     title: str = ""
     contains: tuple[str, ...] = ()
     similar: tuple[str, ...] = ()
+    joins: bool | None = None
     is_surface: bool = False
     contradiction: Callable[[Shape], str | None] = no_contradiction
 

@@ -1,4 +1,4 @@
-"""Linear effects: loss of stiffness, added damping or mass, a hidden oscillator."""
+"""Linear effects: changed stiffness, damping or mass, missing springs, hidden oscillators."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -61,6 +61,21 @@ def softened(p: Values) -> tuple[Square, Square, Square]:
     Mass [kg], damping [N s/m] and stiffness [N/m].
     """
     return _NONE, _NONE, np.array([[-p[0]]])
+
+
+def stiffened(p: Values) -> tuple[Square, Square, Square]:
+    """Matrices of stiffness that is added.
+
+    Parameters
+    ----------
+    p
+        Stiffness [N/m].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m].
+    """
+    return _NONE, _NONE, np.array([[p[0]]])
 
 
 def laden(p: Values) -> tuple[Square, Square, Square]:
@@ -184,6 +199,22 @@ KINDS = (
         sentence="The viscous damping of the element is not that of the model.",
         action=Hidden(matrices=damped),
         strength="dc_n_s_per_m",
+        joins=False,
+    ),
+    Kind(
+        name="missing_damper",
+        title="Damper that the model has not got",
+        family="linear damping",
+        where="element",
+        parameters=(
+            Parameter(name="c_n_s_per_m", unit="N s/m", meaning="its damping", low=0.0),
+        ),
+        equation="c v",
+        source="",
+        sentence="A viscous damper joins two points that the model does not join.",
+        action=Hidden(matrices=damped),
+        strength="c_n_s_per_m",
+        joins=True,
     ),
     Kind(
         name="stiffness_loss",
@@ -196,6 +227,22 @@ KINDS = (
         sentence="The element is softer than the model says, at every amplitude.",
         action=Hidden(matrices=softened),
         strength="dk_n_per_m",
+        joins=False,
+    ),
+    Kind(
+        name="missing_spring",
+        title="Spring that the model has not got",
+        family="linear stiffness",
+        where="element",
+        parameters=(
+            Parameter(name="k_n_per_m", unit="N/m", meaning="its stiffness", low=0.0),
+        ),
+        equation="k e",
+        source="",
+        sentence="A spring joins two points that the model does not join.",
+        action=Hidden(matrices=stiffened),
+        strength="k_n_per_m",
+        joins=True,
     ),
     Kind(
         name="added_mass",

@@ -14,6 +14,8 @@ from slowtime.dynamics.effects.kind import (
 )
 from slowtime.signals.interpolation import at_instants
 
+from .inputs import delayed
+
 
 def biased(series: Several, times: Series, p: Values) -> Several:
     """Series with a constant added.
@@ -157,6 +159,25 @@ def retimed(series: Several, times: Series, p: Values) -> Several:
     return timed(series, times, np.array([-p[0] / (1.0 + p[0])]))
 
 
+def advanced(series: Several, times: Series, p: Values) -> Several:
+    """Series as a sensor without the delay would have told it.
+
+    Parameters
+    ----------
+    series
+        Series of the late sensor, the last axis is time.
+    times
+        Campaign times [s].
+    p
+        The delay [s].
+
+    Returns
+    -------
+    Series, in the same unit.
+    """
+    return delayed(series, times, -p)
+
+
 def _kind(
     name: str,
     title: str,
@@ -179,6 +200,8 @@ def _kind(
 
 
 _UNIT = "unit of the sensor"
+MAX_DELAY_S = 1.0
+"""Most that a channel may be late by [s]: loggers that start by hand are aligned before."""
 
 KINDS = (
     _kind(
@@ -251,6 +274,20 @@ KINDS = (
             choices=(0.0, 1.0),
             default=0.0,
             fitted=False,
+        ),
+    ),
+    _kind(
+        "sensor_delay",
+        "Late sensor",
+        "reading(t) = true(t − τ)",
+        "The sensor tells everything later than the others do; earlier, where τ is negative.",
+        SensorChange(act=delayed, undo=advanced),
+        Parameter(
+            name="delay_s",
+            unit="s",
+            meaning="delay behind the other channels",
+            low=-MAX_DELAY_S,
+            high=MAX_DELAY_S,
         ),
     ),
     _kind(

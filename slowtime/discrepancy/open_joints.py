@@ -1,0 +1,76 @@
+"""Places that a model has no element for: between points that nothing joins, and to the ground.
+
+What joins two points on the rig, and is forgotten in the model, acts between them as a law acts
+in an element. So the search is given an element that states nothing, an open joint, for each
+pair of points that nothing joins; those on which nothing is found are taken away again.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+
+from slowtime.dynamics.description import BASE, Description, OpenJoint, Spring
+
+from .diagnosis import Diagnosis
+
+MOST_JOINTS = 40
+"""[open joints] That are looked at together; those nearest in the model where there are more.
+Source: a bound on computing time; ten points have 45 pairs."""
+
+
+def with_open_joints(description: Description) -> Description:
+    """Join all pairs of points that nothing joins by elements that state nothing.
+
+    Parameters
+    ----------
+    description
+        Model of springs between points; others are given back as they are.
+    """
+    pairs = list(_unjoined(description))
+    taken = {one.id for one in (*description.elements, *description.nodes)}
+    joints = [
+        OpenJoint(id=_name(pair, taken), between=pair, among=len(pairs)) for pair in pairs
+    ]
+    return dataclasses.replace(description, elements=(*description.elements, *joints))
+
+
+def without_unused_joints(description: Description) -> Description:
+    """Keep of the open joints those that have an effect, as elements of the model."""
+    used = {effect["element"] for effect in description.effects if "element" in effect}
+    elements = (
+        Spring(id=one.id, between=one.between) if isinstance(one, OpenJoint) else one
+        for one in description.elements
+        if not isinstance(one, OpenJoint) or one.id in used
+    )
+    return dataclasses.replace(description, elements=tuple(elements))
+
+
+def strip_joints(answer: Diagnosis) -> Diagnosis:
+    """Give a diagnosis whose models have no open joints that nothing sits on."""
+    return dataclasses.replace(
+        answer,
+        nominal=without_unused_joints(answer.nominal),
+        refitted=without_unused_joints(answer.refitted),
+        augmented=without_unused_joints(answer.augmented),
+    )
+
+
+def _name(pair: tuple[str, str], taken: set[str]) -> str:
+    name = "-".join(pair)
+    while name in taken:
+        name += "'"
+    return name
+
+
+def _unjoined(description: Description) -> Iterator[tuple[str, str]]:
+    """Give pairs of points that nothing joins, those first that few elements lie between."""
+    springs = all(isinstance(element, Spring) for element in description.elements)
+    points = all(node.kind == "point" for node in description.nodes)
+    if not (springs and points):
+        return
+    moved = set(description.moved)
+    free = [node.id for node in description.nodes if node.id not in moved]
+    ends = [BASE, *moved]
+    joined = {frozenset(element.between) for element in description.elements}
+    pairs = [*itertools.product(ends, free), *itertools.combinations(free, 2)]
+    yield from (pair for pair in pairs if frozenset(pair) not in joined)
