@@ -46,13 +46,27 @@ def without_unused_joints(description: Description) -> Description:
 
 
 def strip_joints(answer: Diagnosis) -> Diagnosis:
-    """Give a diagnosis whose models have no open joints that nothing sits on."""
+    """Give a diagnosis whose models have no open joints that nothing sits on.
+
+    Those that stay are elements that the model gains, and are told.
+    """
+    new = without_unused_joints(answer.augmented).elements[_given(answer.nominal) :]
+    told = tuple(
+        f"{one.id} is new in the model: it joins {' and '.join(one.between)}, which no element "
+        "of the model as given joins."
+        for one in new
+    )
     return dataclasses.replace(
         answer,
+        notes=(*told, *answer.notes),
         nominal=without_unused_joints(answer.nominal),
         refitted=without_unused_joints(answer.refitted),
         augmented=without_unused_joints(answer.augmented),
     )
+
+
+def _given(description: Description) -> int:
+    return sum(not isinstance(one, OpenJoint) for one in description.elements)
 
 
 def _name(pair: tuple[str, str], taken: set[str]) -> str:

@@ -260,11 +260,7 @@ def _candidate_columns(
 
     And as it was fitted alone, since a jump lies between the instants of the scan.
     """
-    laws = [
-        kind
-        for kind in simple_kinds(kinds)
-        if _is_proportional(kind)
-    ]
+    laws = [kind for kind in simple_kinds(kinds) if _is_proportional(kind)]
     for place, (space, sign) in spaces.items():
         for kind in laws:
             if not is_applicable(kind, place, located.linear.description):

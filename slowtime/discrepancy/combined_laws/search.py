@@ -117,9 +117,7 @@ def explain_together(
         for one in fit_combinations(first, trials, place, kinds, monitor)
     ]
     planned = sum(
-        1
-        for place in places
-        for _ in law_sets(applicable_laws(kinds, place, description))
+        1 for place in places for _ in law_sets(applicable_laws(kinds, place, description))
     )
     exhausted = monitor.is_late and len(found) < planned
     ranked = _ranked(first, found, trials, kinds)

@@ -203,7 +203,7 @@ KINDS = (
     ),
     Kind(
         name="missing_damper",
-        title="Damper that the model has not got",
+        title="Missing damper",
         family="linear damping",
         where="element",
         parameters=(
@@ -231,12 +231,10 @@ KINDS = (
     ),
     Kind(
         name="missing_spring",
-        title="Spring that the model has not got",
+        title="Missing spring",
         family="linear stiffness",
         where="element",
-        parameters=(
-            Parameter(name="k_n_per_m", unit="N/m", meaning="its stiffness", low=0.0),
-        ),
+        parameters=(Parameter(name="k_n_per_m", unit="N/m", meaning="its stiffness", low=0.0),),
         equation="k e",
         source="",
         sentence="A spring joins two points that the model does not join.",

@@ -21,7 +21,7 @@ from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.report.notes import HURRIED, LITTLE
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Description, Node, Sensor, Spring, Tolerance
-from slowtime.dynamics.effects import catalogue
+from slowtime.dynamics.effects import Place, catalogue
 from slowtime.dynamics.plant import Plant
 
 DATA = Path(os.environ.get("SLOWTIME_DATA", Path(__file__).parents[5] / "shared/data"))
@@ -272,7 +272,8 @@ def test_sets_hold_one_law_of_stiffness_at_most_and_the_smaller_come_first():
     ("described", "known"), [(chain([1.0], [100.0]), False), (swing(), True)]
 )
 def test_a_pendulum_is_a_law_of_angles(described, known):
-    assert ("pendulum_sine" in applicable_laws(catalogue(), described)) == known
+    place = Place("element", described.elements[0].id)
+    assert ("pendulum_sine" in applicable_laws(catalogue(), place, described)) == known
     force_laws = {kind.name for kind in applicable_kinds(catalogue(), described)}
     assert ("pendulum_sine" in force_laws) == known
     assert {"cubic_hardening", "coulomb"} <= force_laws

@@ -55,6 +55,8 @@ FORCES = {
         3.0 * (-1 + (E / 1e-3) ** 2) * V,
     ),
     "stiffness_loss": ({"dk_n_per_m": 70.0}, -70.0 * E),
+    "missing_spring": ({"k_n_per_m": 70.0}, 70.0 * E),
+    "missing_damper": ({"c_n_s_per_m": 3.0}, 3.0 * V),
     "added_mass": ({"dm_kg": 0.3}, -0.3 * A),
     "stiffness_jump": ({"dk_n_per_m": 70.0, "t_jump_s": 2.0}, -70.0 * E * (T >= 2.0)),
     "stiffness_drift": ({"dk_n_per_m": 70.0}, -70.0 * E * T / T[-1]),
@@ -79,6 +81,7 @@ NO_FORCE = {
     "sensor_saturation": ("sensor", "sensor", ("clip",)),
     "sensor_dropout": ("sensor", "sensor", ()),
     "sensor_clock": ("sensor", "sensor", ("skew",)),
+    "sensor_delay": ("sensor", "sensor", ("delay_s",)),
 }
 MEMORY = {
     "bouc_wen": ("element", "hysteresis", ("kh_n_per_m", "zy_m", "n")),

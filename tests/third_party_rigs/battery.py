@@ -1,0 +1,120 @@
+"""Diagnoses drawn rigs from the command line, and scores the answers."""
+
+import json
+import math
+import resource
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+TEN_DECIBEL = math.sqrt(10.0)
+HELD_OUT = 1.15
+"""Error on the held-out record over the noise's, up to which the gap is closed."""
+
+
+def diagnose(folder: Path, patience: str | None = None) -> float:
+    """Run the command on a case; return the processor time it took [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [
+        Path(sys.executable).parent / "slowtime", "diagnose", "rig.yaml", "a.npz", "b.npz",
+        "--holdout", "held.npz", "--out", "found",
+    ]  # fmt: skip
+    command += [] if patience is None else ["--patience", patience]
+    with (folder / "log").open("w") as log:
+        subprocess.run(list(map(str, command)), cwd=folder, stdout=log, stderr=log, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def scored(folder: Path) -> dict[str, Any]:
+    """Compare the answer to a case with the truth."""
+    case: dict[str, Any] = json.loads((folder / "truth.json").read_text())
+    path = folder / "found/report.json"
+    if not path.exists():
+        return case | {"outcome": "no answer", "verdict": "failed"}
+    found = json.loads(path.read_text())
+    ends = _ends(folder)
+    named = [(one["effect"], _where(one["where"], ends)) for one in found["effects"]]
+    numbers = {n: one["parameters"] for n, one in zip(named, found["effects"], strict=True)}
+    sought = [
+        (one["kinds"], _set(one["where"]), one["parameter"], one["value"])
+        for one in case["truth"]
+    ]
+    right = [
+        next((n for n in named if n[0] in kinds and n[1] == where), None)
+        for kinds, where, _, _ in sought
+    ]
+    within = [
+        abs(p["value"] - value) <= 1.96 * p["sd"] + 1e-3 * abs(value)
+        for hit, (_, _, parameter, value) in zip(right, sought, strict=True)
+        if hit is not None and (p := numbers[hit].get(parameter)) is not None
+    ]
+    gap = found["gap"]
+    floor = max(gap["noise_floor"], 1e-12)
+    extra = len(named) - sum(one is not None for one in right)
+    verdict = found["verdict"]
+    if verdict in ("nothing_missing", "parameters_only"):
+        outcome = "exact" if not sought else "missed"
+    elif verdict in ("undecided", "unknown_effect"):
+        outcome = verdict
+    elif None not in right and not extra:
+        outcome = "exact"
+    elif any(one is not None for one in right) and not extra:
+        outcome = "partial"
+    else:
+        outcome = "wrong"
+    return case | {
+        "outcome": outcome,
+        "verdict": verdict,
+        "named": [f"{kind} at {'-'.join(sorted(place))}" for kind, place in named],
+        "contrast": gap["refitted_nominal"] / floor,
+        "left": gap["augmented"] / floor,
+        "within": within,
+    }  # fmt: skip
+
+
+def _set(where: str | list[str]) -> frozenset[str]:
+    return frozenset([where] if isinstance(where, str) else where)
+
+
+def _ends(folder: Path) -> dict[str, frozenset[str]]:
+    """Both ends of each element that the model as given has not got."""
+    import yaml
+
+    given = yaml.safe_load((folder / "rig.yaml").read_text())
+    own = {one["id"] for one in given["elements"]}
+    path = folder / "found/augmented.yaml"
+    after = yaml.safe_load(path.read_text()) if path.exists() else given
+    return {e["id"]: frozenset(e["between"]) for e in after["elements"] if e["id"] not in own}
+
+
+def _where(where: dict[str, str], ends: dict[str, frozenset[str]]) -> frozenset[str]:
+    return ends.get(where["id"], frozenset([where["id"]]))
+
+
+def table(rows: Iterable[dict[str, Any]]) -> str:
+    """Tell how many were right."""
+    every = list(rows)
+    seen = [r for r in every if r["truth"] and r.get("contrast", 0.0) >= TEN_DECIBEL]
+    exact = [r for r in seen if r["outcome"] == "exact"]
+    closed = [r for r in exact if r["left"] <= HELD_OUT]
+    within = [one for r in seen for one in r["within"]]
+    none = [r for r in every if not r["truth"]]
+    times = sorted(r["seconds"] for r in every)
+    lines = [
+        f"{len(every)} cases, {len(seen)} with an effect 10 dB over the noise",
+        f"named and placed: {len(exact)} of {len(seen)}",
+        f"wrong name: {sum(r['outcome'] == 'wrong' for r in seen)} of {len(seen)}",
+        f"held-out error at the noise: {len(closed)} of {len(exact)} of those",
+        f"leading number within its 95 % interval: {sum(within)} of {len(within)}",
+        f"nothing missing, and something named: "
+        f"{sum(r['outcome'] != 'exact' for r in none)} of {len(none)}",
+    ]
+    if times:
+        at = [times[min(int(q * len(times)), len(times) - 1)] for q in (0.5, 0.95)]
+        lines.append(
+            f"processor time: median {at[0]:.0f}, 95 % {at[1]:.0f}, most {times[-1]:.0f} s"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,423 @@
+"""Draws of rigs, of what their models lack, and of records."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.interpolate import CubicSpline
+
+from .rigs import FINE, GROUND, Excitation, Force, Hysteresis, Link, Rider, Structure, run
+
+RATE_HZ, SECONDS = 200.0, 30.0
+NOISE = 0.01
+"""Standard deviation of the sensors' noise over that of what they read."""
+STIFFNESS_OFF, DAMPING_OFF = 0.015, 0.10
+"""Standard deviation of what the model's constants are off by, relative."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """What the model lacks: names that are right, where, and the leading number.
+
+    Parameters
+    ----------
+    where
+        Element, node or channel; of what joins two points, both in a set.
+    """
+
+    kinds: tuple[str, ...]
+    where: str | frozenset[str]
+    parameter: str
+    value: float
+    off: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A model, records of what it stands for, and what it lacks."""
+
+    seed: int
+    label: str
+    excitation: str
+    model: dict[str, Any]
+    records: dict[str, dict[str, np.ndarray]]
+    truth: tuple[Truth, ...]
+
+    def write(self, folder: Path) -> None:
+        """Write model, records and truth as a user has them."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "rig.yaml").write_text(yaml.safe_dump(self.model, sort_keys=False))
+        for name, channels in self.records.items():
+            np.savez(folder / f"{name}.npz", allow_pickle=False, **channels)
+        told = [dataclasses.asdict(one) for one in self.truth]
+        for one in told:
+            where = one["where"]
+            one["where"] = where if isinstance(where, str) else sorted(where)
+        (folder / "truth.json").write_text(
+            json.dumps({"label": self.label, "excitation": self.excitation, "truth": told})
+        )
+
+
+@dataclasses.dataclass
+class Draft:
+    """A structure with its model, to which what is missing is added."""
+
+    rng: np.random.Generator
+    structure: Structure
+    excitation: str
+    scale_force: float
+    motion: dict[str, np.ndarray]
+    truth: list[Truth] = dataclasses.field(default_factory=list)
+    channel_faults: list[Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]] = (
+        dataclasses.field(default_factory=list)
+    )
+
+    @property
+    def size(self) -> int:
+        """Number of masses."""
+        return len(self.structure.masses)
+
+    def amplitude(self, pair: tuple[int, int]) -> tuple[float, float]:
+        """Standard deviations of elongation [m] and rate [m/s] between two points."""
+        e, v = (
+            sum(
+                sign * self.motion[what][:, end]
+                for end, sign in zip(pair, (-1, 1), strict=True)
+                if end != GROUND
+            )
+            for what in ("q", "v")
+        )
+        return float(np.std(e)), float(np.std(v))
+
+    def add(self, name: str, one: Any) -> None:
+        """Add a force, memory or a rider to the structure."""
+        more: dict[str, Any] = {name: (*getattr(self.structure, name), one)}
+        self.structure = dataclasses.replace(self.structure, **more)
+
+    def place(self, pair: tuple[int, int]) -> str | frozenset[str]:
+        """Name of the element there, or both ends where there is none."""
+        for link in self.structure.links:
+            if set(link.between) == set(pair):
+                return link.name
+        return frozenset(_name(end) for end in pair)
+
+
+def _name(end: int) -> str:
+    return "base" if end == GROUND else f"f{end + 1}"
+
+
+# What may be missing: each adds itself to a draft, between two points where it joins such.
+
+Adder = Callable[[Draft, tuple[int, int], float], None]
+
+
+def _law(
+    kinds: tuple[str, ...],
+    parameter: str,
+    strength: Callable[[float, float, float], float],
+    law: Callable[[float, float, float], Force],
+) -> Adder:
+    """Make a law: `strength` from force and amplitudes, `law` from strength and amplitudes."""
+
+    def adder(draft: Draft, pair: tuple[int, int], size: float) -> None:
+        e, v = draft.amplitude(pair)
+        value = strength(size * draft.scale_force, e, v)
+        draft.add("forces", (pair, law(value, e, v)))
+        where = draft.place(pair)
+        draft.truth.append(
+            Truth(kinds, where, parameter, value, off=not isinstance(where, str))
+        )
+
+    return adder
+
+
+def _gap(k: float, e: float, v: float) -> Force:
+    return lambda x, w, t: k * max(abs(x) - 0.8 * e, 0.0) * (1.0 if x > 0 else -1.0)
+
+
+def _stop(k: float, e: float, v: float) -> Force:
+    return lambda x, w, t: k * max(x - 0.5 * e, 0.0)
+
+
+def _bouc_wen(draft: Draft, pair: tuple[int, int], size: float) -> None:
+    e, _ = draft.amplitude(pair)
+    one = Hysteresis(pair, size * draft.scale_force / e, 0.7 * e)
+    draft.add("hysteresis", one)
+    where = draft.place(pair)
+    kinds = ("bouc_wen", "bouc_wen_general", "friction_in_series_with_spring", "dahl")
+    off = not isinstance(where, str)
+    draft.truth.append(Truth(kinds, where, "kh_n_per_m", one.stiffness, off=off))
+
+
+LAWS: dict[str, Adder] = {
+    "cubic": _law(
+        ("cubic_hardening",), "k3_n_per_m3",
+        lambda f, e, v: f / (3.9 * e**3), lambda k, e, v: lambda x, w, t: k * x**3,
+    ),
+    "drag": _law(
+        ("quadratic_damping",), "c2_n_s2_per_m2",
+        lambda f, e, v: f / (1.7 * v**2), lambda c, e, v: lambda x, w, t: c * abs(w) * w,
+    ),
+    "friction": _law(
+        ("coulomb", "dahl", "stribeck", "friction_with_creep"), "friction_n",
+        lambda f, e, v: f, lambda c, e, v: lambda x, w, t: c * math.tanh(w / (1e-3 * v)),
+    ),
+    "gap": _law(("gap_symmetric",), "k_n_per_m", lambda f, e, v: 3.0 * f / e, _gap),
+    "stop": _law(("gap_one_sided",), "k_n_per_m", lambda f, e, v: 3.0 * f / e, _stop),
+    "bouc_wen": _bouc_wen,
+}  # fmt: skip
+OFF_ONLY: dict[str, Adder] = {
+    "spring": _law(
+        ("missing_spring",), "k_n_per_m",
+        lambda f, e, v: f / e, lambda k, e, v: lambda x, w, t: k * x,
+    ),
+    "damper": _law(
+        ("missing_damper",), "c_n_s_per_m",
+        lambda f, e, v: f / v, lambda c, e, v: lambda x, w, t: c * w,
+    ),
+}  # fmt: skip
+ON_ONLY: dict[str, Adder] = {
+    "softening in time": _law(
+        ("stiffness_drift",), "dk_n_per_m",
+        lambda f, e, v: 2.0 * f / e, lambda k, e, v: lambda x, w, t: -k * x * t / SECONDS,
+    ),
+    "break": _law(
+        ("stiffness_jump",), "dk_n_per_m",
+        lambda f, e, v: 1.4 * f / e,
+        lambda k, e, v: lambda x, w, t: -k * x * (t >= 0.4 * SECONDS),
+    ),
+}  # fmt: skip
+
+
+def heavier(draft: Draft, size: float) -> None:
+    """One mass is not what the model says."""
+    at = int(draft.rng.integers(draft.size))
+    more = float(draft.rng.choice([-1.0, 1.0])) * (0.05 + size) * draft.structure.masses[at]
+    masses = list(draft.structure.masses)
+    masses[at] += more
+    draft.structure = dataclasses.replace(draft.structure, masses=tuple(masses))
+    draft.truth.append(Truth(("added_mass",), _name(at), "dm_kg", more, off=True))
+
+
+def lighter_in_time(draft: Draft, size: float) -> None:
+    """One mass falls evenly over each record."""
+    at = int(draft.rng.integers(draft.size))
+    less = -(0.05 + size) * draft.structure.masses[at]
+    along = np.eye(draft.size)[at]
+    draft.structure = dataclasses.replace(
+        draft.structure, more_mass=lambda t: less * t / SECONDS * along
+    )
+    draft.truth.append(Truth(("mass_drift",), _name(at), "dm_kg", less, off=True))
+
+
+def rider(draft: Draft, size: float) -> None:
+    """A mass that nobody knows of rides on one of the others."""
+    at = int(draft.rng.integers(draft.size))
+    mass = (0.03 + size / 4) * draft.structure.masses[at]
+    hertz = float(draft.rng.uniform(0.8, 1.3)) * draft.structure.frequencies_hz().min()
+    stiffness = mass * (2 * math.pi * hertz) ** 2
+    damping = 0.1 * math.sqrt(stiffness * mass)
+    draft.add("riders", Rider(at, mass, stiffness, damping))
+    draft.truth.append(Truth(("extra_dof",), _name(at), "mass_kg", mass, off=True))
+
+
+def channel(draft: Draft, size: float, what: str) -> None:
+    """A sensor, or the input, does not tell what was there."""
+    sensor = what.startswith("sensor")
+    name = f"a{int(draft.rng.integers(draft.size)) + 1}" if sensor else "u"
+    if what.endswith("delay"):
+        value = float(draft.rng.uniform(0.004, 0.02))
+        parameter = "delay_s"
+    else:
+        value, parameter = float(draft.rng.choice([0.8, 1.25])), "gain"
+
+    def fault(told: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        true = told[name]
+        wrong = value * true if parameter == "gain" else told_late(true, told["t"], value)
+        return told | {name: wrong}
+
+    draft.channel_faults.append(fault)
+    # A recorder that tells the input late is an input that acts early.
+    turned = {"delay_s": -value, "gain": 1.0 / value}[parameter] if not sensor else value
+    draft.truth.append(Truth((what.replace(" ", "_"),), name, parameter, turned, off=True))
+
+
+def told_late(series: np.ndarray, times: np.ndarray, late_s: float) -> np.ndarray:
+    """Tell a series late by some seconds."""
+    return np.asarray(CubicSpline(times, series)(np.maximum(times - late_s, times[0])))
+
+
+CHANNELS = ("sensor delay", "sensor gain", "input delay", "input gain")
+
+
+def excite(
+    rng: np.random.Generator, structure: Structure, how: str, level: float = 1.0
+) -> Excitation:
+    """Draw an excitation of a record."""
+    samples = round(RATE_HZ * SECONDS)
+    fine = np.arange((samples - 1) * FINE + 1) / (RATE_HZ * FINE)
+    size = len(structure.masses)
+    hertz = np.sort(structure.frequencies_hz())
+    low, high = 0.4 * hertz[0], min(1.6 * hertz[-1], 0.2 * RATE_HZ)
+    loads, ground = np.zeros((len(fine), size)), np.zeros(len(fine))
+    start = np.zeros((2, size))
+
+    def noise() -> np.ndarray:
+        lines = np.fft.rfftfreq(len(fine), 1 / (RATE_HZ * FINE))
+        own = (lines > low) & (lines < high)
+        phases = np.exp(2j * np.pi * rng.random(len(lines)))
+        series = np.fft.irfft(own * phases, len(fine))
+        return np.asarray(series / series.std())
+
+    if how == "random":
+        loads[:, -1] = 20.0 * level * noise()
+    elif how == "sweep":
+        turns = low * fine + (high - low) * fine**2 / (2 * fine[-1])
+        loads[:, -1] = 20.0 * level * np.sin(2 * np.pi * turns + rng.uniform(0, 2 * np.pi))
+    elif how == "ambient":
+        loads[:] = 20.0 * level * np.stack([noise() for _ in range(size)], axis=1)
+    elif how == "base":
+        ground[:] = 5.0 * level * noise()
+    elif how == "release":
+        stiffness = structure.matrices()[2][:size, :size]
+        start[0] = np.linalg.solve(stiffness, level * rng.normal(0, 60.0, size))
+    return Excitation(RATE_HZ, samples, loads, ground, start)
+
+
+def chain(rng: np.random.Generator, size: int) -> Structure:
+    """Masses in a row, the first one on the ground."""
+    masses = tuple(rng.uniform(1.5, 4.0, size).tolist())
+    base_hz = rng.uniform(2.5, 5.0)
+    links = []
+    for i in range(size):
+        above = sum(masses[i:])
+        k = (2 * np.pi * base_hz) ** 2 * above * rng.uniform(0.8, 1.4)
+        c = 2 * rng.uniform(0.008, 0.02) * math.sqrt(k * masses[i])
+        links.append(Link(f"s{i + 1}", (i - 1, i), float(k), float(c)))
+    return Structure(masses, tuple(links))
+
+
+def off_pairs(size: int) -> list[tuple[int, int]]:
+    """Pairs of points that nothing joins in a chain."""
+    pairs = [(GROUND, i) for i in range(1, size)]
+    return pairs + [(i, j) for i in range(size) for j in range(i + 2, size)]
+
+
+def draw(seed: int, what: str, how: str) -> Case:
+    """Draw a case.
+
+    Parameters
+    ----------
+    what
+        `on`, `off`, `both` or `nothing`.
+    how
+        `random`, `sweep`, `release`, `ambient` or `base`.
+    """
+    rng = np.random.default_rng([seed, 53])
+    least = 2 if what in ("off", "both") else 1
+    structure = chain(rng, int(rng.integers(least, 5)))
+    size = len(structure.masses)
+    plain = excite(rng, structure, how)
+    motion = dict(run(structure, plain))
+    force = float(np.std(motion["a"]) * np.mean(structure.masses))
+    draft = Draft(rng, structure, how, force, motion)
+    labels = [_add_one(draft, kind) for kind in {"both": ("on", "off")}.get(what, (what,))]
+    model = _model(rng, structure, how)
+    records = {}
+    for name, level in (("a", 1.0), ("b", 0.7), ("held", 0.9)):
+        given = excite(rng, structure, how, level)
+        told = _told(run(draft.structure, given), given, how, size)
+        for fault in draft.channel_faults:
+            told = fault(told)
+        for key in told:
+            if key.startswith("a") and key != "ag":
+                told[key] = told[key] + NOISE * np.std(told[key]) * rng.normal(
+                    size=len(told[key])
+                )
+        records[name] = told
+    for sensor in model["sensors"]:
+        noise = NOISE * np.std(records["a"][sensor["channel"]])
+        sensor["noise_sd"] = float(f"{noise:.4g}")
+    label = " and ".join(one for one in labels if one) or "nothing"
+    return Case(seed, label, how, model, records, tuple(draft.truth))
+
+
+def _add_one(draft: Draft, kind: str) -> str:
+    rng, size = draft.rng, float(draft.rng.uniform(0.08, 0.25))
+    if kind == "nothing":
+        return ""
+    if kind == "on":
+        names = [*LAWS, *ON_ONLY]
+        name = names[int(rng.integers(len(names)))]
+        at = int(rng.integers(draft.size))
+        (LAWS | ON_ONLY)[name](draft, (at - 1, at), size)
+        return f"{name} on {draft.truth[-1].where}"
+    others: dict[str, Callable[[Draft, float], None]] = {
+        "mass": heavier, "rider": rider, "lighter in time": lighter_in_time,
+    }  # fmt: skip
+    pairs = off_pairs(draft.size)
+    # Half of them join points that nothing joins in the model.
+    if rng.random() < 0.5 and pairs:
+        names = [*LAWS, *OFF_ONLY]
+        name = names[int(rng.integers(len(names)))]
+        (LAWS | OFF_ONLY)[name](draft, pairs[int(rng.integers(len(pairs)))], size)
+        return f"{name} between {'-'.join(sorted(draft.truth[-1].where))}"
+    names = list(others)
+    if draft.excitation in ("random", "sweep"):
+        names += CHANNELS
+    else:
+        names += [one for one in CHANNELS if one.startswith("sensor")]
+    name = names[int(rng.integers(len(names)))]
+    if name in others:
+        others[name](draft, size)
+    else:
+        channel(draft, size, name)
+    return f"{name} at {draft.truth[-1].where}"
+
+
+def _model(rng: np.random.Generator, structure: Structure, how: str) -> dict[str, Any]:
+    size = len(structure.masses)
+    inputs: list[dict[str, Any]] = []
+    if how in ("random", "sweep"):
+        inputs = [{"channel": "u", "kind": "force", "node": _name(size - 1), "unit": "N"}]
+    elif how == "base":
+        inputs = [{"channel": "ag", "kind": "base_acceleration", "unit": "m/s^2"}]
+    return {
+        "slowtime_model": 1,
+        "name": f"rig of {size}",
+        "nodes": [
+            {"id": _name(i), "mass_kg": float(m)} for i, m in enumerate(structure.masses)
+        ],
+        "elements": [
+            {
+                "id": link.name,
+                "between": [_name(end) for end in link.between],
+                "stiffness_n_per_m": link.stiffness * (1 + STIFFNESS_OFF * rng.normal()),
+                "damping_n_s_per_m": link.damping * (1 + DAMPING_OFF * rng.normal()),
+            }
+            for link in structure.links
+        ],
+        **({"inputs": inputs} if inputs else {}),
+        "sensors": [
+            {
+                "channel": f"a{i + 1}", "quantity": "acceleration", "node": _name(i),
+                "unit": "m/s^2",
+            }
+            for i in range(size)
+        ],
+        "tolerance": {"stiffness": 0.03, "damping": 0.2, "mass": 0.0},
+    }  # fmt: skip
+
+
+def _told(motion: Any, given: Excitation, how: str, size: int) -> dict[str, np.ndarray]:
+    told = {"t": np.arange(given.samples) / given.rate_hz}
+    if how in ("random", "sweep"):
+        told["u"] = given.loads[::FINE, size - 1]
+    elif how == "base":
+        told["ag"] = given.ground[::FINE]
+    return told | {f"a{i + 1}": motion["a"][:, i] for i in range(size)}

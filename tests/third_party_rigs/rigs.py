@@ -1,0 +1,162 @@
+"""Structures that SciPy integrates: nothing of slowtime is used, so that no error is shared.
+
+Masses in a row, springs and dampers between them and the ground, and whatever the model of them
+is to lack: forces between any two points, masses and coordinates more, channels that lie.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.integrate import odeint
+from scipy.interpolate import CubicSpline
+
+GROUND = -1
+FINE = 8
+"""Points of an excitation for each sample, between which it is a cubic spline."""
+
+Force = Callable[[float, float, float], float]
+"""Of elongation, its rate and time [s]: what resists elongation [N]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A spring and a damper between two masses, by number; the ground is `GROUND`."""
+
+    name: str
+    between: tuple[int, int]
+    stiffness: float
+    damping: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Hysteresis:
+    """A Bouc-Wen spring: stiffness [N/m], yield elongation [m], sharpness."""
+
+    between: tuple[int, int]
+    stiffness: float
+    yields_m: float
+    sharpness: float = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Rider:
+    """A mass [kg] that rides on another on a spring [N/m] and a damper [N s/m]."""
+
+    on: int
+    mass: float
+    stiffness: float
+    damping: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Structure:
+    """What is really there.
+
+    Parameters
+    ----------
+    masses
+        [kg].
+    more_mass
+        From time [s] to what each mass is heavier by [kg].
+    """
+
+    masses: tuple[float, ...]
+    links: tuple[Link, ...]
+    forces: tuple[tuple[tuple[int, int], Force], ...] = ()
+    hysteresis: tuple[Hysteresis, ...] = ()
+    riders: tuple[Rider, ...] = ()
+    more_mass: Callable[[float], np.ndarray] | None = None
+
+    def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mass, damping and stiffness, riders last."""
+        size = len(self.masses) + len(self.riders)
+        mass = np.diag([*self.masses, *(one.mass for one in self.riders)])
+        damping, stiffness = np.zeros((size, size)), np.zeros((size, size))
+        ends = [(one.between, one.stiffness, one.damping) for one in self.links]
+        ends += [
+            ((one.on, len(self.masses) + i), one.stiffness, one.damping)
+            for i, one in enumerate(self.riders)
+        ]
+        for between, k, c in ends:
+            along = direction(between, size)
+            stiffness += k * np.outer(along, along)
+            damping += c * np.outer(along, along)
+        return mass, damping, stiffness
+
+    def frequencies_hz(self) -> np.ndarray:
+        """Undamped natural frequencies."""
+        mass, _, stiffness = self.matrices()
+        return np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness)))) / 2 / np.pi
+
+
+def direction(between: tuple[int, int], size: int) -> np.ndarray:
+    """Elongation as a row over the displacements: second minus first."""
+    along = np.zeros(size)
+    for end, sign in zip(between, (-1.0, 1.0), strict=True):
+        if end != GROUND:
+            along[end] += sign
+    return along
+
+
+@dataclasses.dataclass(frozen=True)
+class Excitation:
+    """What shakes it, at `FINE` points for each sample.
+
+    Parameters
+    ----------
+    loads
+        Force on each mass [point, mass] in N.
+    ground
+        Acceleration of the ground [point] in m/s^2.
+    start
+        Displacements [m] and velocities [m/s] at rest, or as they are let go.
+    """
+
+    rate_hz: float
+    samples: int
+    loads: np.ndarray
+    ground: np.ndarray
+    start: np.ndarray
+
+
+def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
+    """Integrate; return displacement against the ground and acceleration of the masses."""
+    mass, damping, stiffness = structure.matrices()
+    size, own = len(mass), len(structure.masses)
+    fine = np.arange((given.samples - 1) * FINE + 1) / (given.rate_hz * FINE)
+    load = CubicSpline(fine, np.pad(given.loads, ((0, 0), (0, size - own))))
+    ground = CubicSpline(fine, given.ground)
+    forces = [(direction(pair, size), law) for pair, law in structure.forces]
+    memory = [(direction(one.between, size), one) for one in structure.hysteresis]
+    inverse = np.linalg.inv(mass)
+
+    def rates(x: np.ndarray, t: float) -> np.ndarray:
+        q, v, z = x[:size], x[size : 2 * size], x[2 * size :]
+        force = load(t) - damping @ v - stiffness @ q
+        slip = np.zeros(len(memory))
+        for along, law in forces:
+            force = force - law(float(along @ q), float(along @ v), t) * along
+        for i, (along, one) in enumerate(memory):
+            speed = float(along @ v)
+            force = force - one.stiffness * z[i] * along
+            share = abs(z[i] / one.yields_m) ** one.sharpness
+            slip[i] = speed * (1.0 - share * (1.0 + np.sign(speed * z[i])) / 2.0)
+        if structure.more_mass is None:
+            a = inverse @ force - ground(t)
+        else:
+            heavy = mass + np.diag(np.pad(structure.more_mass(t), (0, size - own)))
+            a = np.linalg.solve(heavy, force) - ground(t)
+        return np.concatenate([v, a, slip])
+
+    start = np.zeros(2 * size + len(memory))
+    start[:own], start[size : size + own] = given.start
+    times = np.arange(given.samples) / given.rate_hz
+    x = odeint(rates, start, times, rtol=1e-8, atol=1e-11, hmax=0.5 / given.rate_hz,
+               mxstep=20_000)  # fmt: skip
+    a = np.stack([rates(row, t)[size : 2 * size] for row, t in zip(x, times, strict=True)])
+    return {
+        "q": x[:, :own],
+        "v": x[:, size : size + own],
+        "a": a[:, :own] + ground(times)[:, None],
+    }
