@@ -17,6 +17,7 @@ from .library import (
     record_offsets,
     sensors,
     stiffness,
+    varying_mass,
     varying_stiffness,
     viscoelasticity,
 )
@@ -30,6 +31,7 @@ FAMILIES = (
     measured_force,
     viscoelasticity,
     varying_stiffness,
+    varying_mass,
     harmonic_forces,
     inputs,
     input_offset,

@@ -53,6 +53,8 @@ def force_along(kind: Kind, parameters: Mapping[str, float], motion: Motion) -> 
         )
         return np.asarray(size * np.sign(motion.v))
     if isinstance(kind.action, Law):
+        if kind.action.along is not None:
+            return kind.action.along(motion, values)
         laws = [law_address(law) for law in (kind.action.force, *kind.action.rates)]
         return _law(np.array(laws), motion, motion.v, values)
     if isinstance(kind.action, Hidden):

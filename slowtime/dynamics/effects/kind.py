@@ -138,11 +138,15 @@ class Law:
         One function of the same arguments for each internal state; states start at 0.
     switches
         Names of parameters that are instants [s] at which the force jumps.
+    along
+        (Known motion, parameters) to the force, where internal states only stand for the
+        acceleration; None where the force follows from the functions above.
     """
 
     force: Scalar
     rates: tuple[Scalar, ...] = ()
     switches: tuple[str, ...] = ()
+    along: "Callable[[Motion, Values], Series] | None" = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -58,6 +58,8 @@ FORCES = {
     "missing_spring": ({"k_n_per_m": 70.0}, 70.0 * E),
     "missing_damper": ({"c_n_s_per_m": 3.0}, 3.0 * V),
     "added_mass": ({"dm_kg": 0.3}, -0.3 * A),
+    "mass_jump": ({"dm_kg": 0.3, "t_jump_s": 2.0}, -0.3 * A * (T >= 2.0)),
+    "mass_drift": ({"dm_kg": 0.3}, -0.3 * A * T / T[-1]),
     "stiffness_jump": ({"dk_n_per_m": 70.0, "t_jump_s": 2.0}, -70.0 * E * (T >= 2.0)),
     "stiffness_drift": ({"dk_n_per_m": 70.0}, -70.0 * E * T / T[-1]),
     "parametric": (
