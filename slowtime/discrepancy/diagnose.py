@@ -96,10 +96,8 @@ def _diagnose(
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated, decays=decays)
-    if not decays:
-        campaign = dataclasses.replace(
-            campaign, description=with_open_joints(campaign.description)
-        )
+    described = with_open_joints(campaign.description)
+    campaign = dataclasses.replace(campaign, description=described)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("validating on data that were not fitted", 0.92)

@@ -27,7 +27,7 @@ from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.comparison import explains_all
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.description import Spring
+from slowtime.dynamics.description import OpenJoint, Spring
 from slowtime.dynamics.effects import Kind, Place
 
 from .combinations import (
@@ -107,10 +107,11 @@ def explain_together(
     """
     description = first.plant.description
     localized = locate(first, trials)
-    few = len(description.elements) <= MAX_ELEMENTS
+    own = [one for one in description.elements if not isinstance(one, OpenJoint)]
+    few = len(own) <= MAX_ELEMENTS
     if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
-    places = [Place("element", e.id) for e in description.elements if isinstance(e, Spring)]
+    places = [Place("element", e.id) for e in own if isinstance(e, Spring)]
     found = [
         one
         for place in places

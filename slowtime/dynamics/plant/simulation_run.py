@@ -177,7 +177,7 @@ def run(
     if slopes:
         workspace.state_slopes[:, : len(order)] = start[:, 1:]
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
-    forces = np.full((samples, len(layout.laws)), np.nan)
+    forces = np.full((samples, layout.channels), np.nan)
     factors = np.array([readout.factor for readout in readouts])
     # By sensor first, so that the slopes of one sensor are contiguous in memory.
     output_slopes = np.zeros(

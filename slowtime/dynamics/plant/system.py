@@ -33,8 +33,12 @@ class Layout:
 
     Parameters
     ----------
-    table, laws
-        Effects and laws as in `kernel.System`.
+    table
+        Effects with laws as in `kernel.System`.
+    acting
+        Their numbers among all effects.
+    channels
+        Number of forces of laws and rates of internal states.
     law_names
         Names of the parameters of laws, in the order of `p`.
     seeing
@@ -53,7 +57,8 @@ class Layout:
     """
 
     table: Int[np.ndarray, "effect 6"]
-    laws: Int[np.ndarray, " channel"]
+    acting: tuple[int, ...]
+    channels: int
     law_names: tuple[Name, ...]
     seeing: Float[np.ndarray, "seen state"]
     directions: tuple[Float[np.ndarray, " coordinate"], ...]
@@ -92,7 +97,7 @@ def layout_of(
     measured = sum(sensor.quantity == "force" for sensor in description.sensors)
     states = inside + 2 * moved + measured
     table, directions = [], []
-    laws: list[int] = []
+    channels = 0
     law_names: list[Name] = []
     seeing: list[Float[np.ndarray, " state"]] = []
     next_state = 2 * free
@@ -103,17 +108,14 @@ def layout_of(
         table.append(
             [
                 isinstance(action, Friction),
-                len(laws),
+                channels,
                 len(seeing),
                 inner,
                 len(law_names),
                 len(kinds[i].names),
             ]
         )
-        if isinstance(action, Friction):
-            laws.append(law_address(action.limit))
-        elif isinstance(action, Law):
-            laws += [law_address(law) for law in (action.force, *action.rates)]
+        channels += 1 + inner
         law_names += [("effect", i, name) for name in kinds[i].names]
         for first, behind in ((0, inside), (free, inside + moved)):
             seen = np.zeros(states)
@@ -127,10 +129,11 @@ def layout_of(
         _force_row(entry.node, place, free) if entry.kind == "force" and entry.node else None
         for entry in description.inputs
     )
-    channels = [(i, int(row[1])) for i, row in zip(acting, table, strict=True)]
+    forces = [(i, int(row[1])) for i, row in zip(acting, table, strict=True)]
     return Layout(
         table=np.array(table, dtype=np.int64).reshape(-1, 6),
-        laws=np.array(laws, dtype=np.int64),
+        acting=tuple(acting),
+        channels=channels,
         law_names=tuple(law_names),
         seeing=np.array(seeing).reshape(-1, states),
         directions=tuple(directions),
@@ -139,9 +142,24 @@ def layout_of(
             description.moved.index(entry.node) if entry.kind in IMPOSED_KINDS else None
             for entry in description.inputs
         ),
-        shares=law_shares(description, effects, channels, len(laws)),
+        shares=law_shares(description, effects, forces, channels),
         free=inside,
     )
+
+
+def addresses_of(layout: Layout, kinds: Sequence[Kind]) -> Int[np.ndarray, " channel"]:
+    """Load the machine code of all laws into this process.
+
+    An address holds in one process only, so that it is no part of a layout.
+    """
+    found: list[int] = []
+    for i in layout.acting:
+        action = kinds[i].action
+        if isinstance(action, Friction):
+            found.append(law_address(action.limit))
+        elif isinstance(action, Law):
+            found += [law_address(law) for law in (action.force, *action.rates)]
+    return np.array(found, dtype=np.int64)
 
 
 def state_matrices(
@@ -201,7 +219,7 @@ def state_matrices(
             inverted, whole[:, k, :free, outer]
         )
     b_u[:, free : 2 * free] = pushed
-    b_y = np.zeros((len(whole), states, len(layout.laws)))
+    b_y = np.zeros((len(whole), states, layout.channels))
     for row, direction in zip(layout.table, layout.directions, strict=True):
         b_y[:, free : 2 * free, row[1]] = inverted @ direction
         for k in range(row[3]):
@@ -235,7 +253,7 @@ def big_matrices(
     -------
     Matrices of the steps, and their slopes to linear parameters.
     """
-    deep = len(layout.laws) > 0
+    deep = layout.channels > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]
     steps = levels_of(
         a,

@@ -16,7 +16,14 @@ from slowtime.dynamics.effects import Kind, Law
 from .kernel import System
 from .matrices import Matrices, Triple
 from .parameter_names import Name
-from .system import Layout, big_matrices, slopes_by_column, state_matrices, turned
+from .system import (
+    Layout,
+    addresses_of,
+    big_matrices,
+    slopes_by_column,
+    state_matrices,
+    turned,
+)
 
 KEPT = 4
 """Number of systems in the cache: with and without slopes, at two sampling rates."""
@@ -98,7 +105,7 @@ def system_of(settings: Settings) -> System:
     through = [(order.index(name), column) for name, column in settings.driven]
     return System(
         effect_table=layout.table,
-        laws=layout.laws,
+        laws=addresses_of(layout, settings.kinds),
         p=np.array([values[name] for name in layout.law_names]),
         parameter_slope=smooth,
         jump_times=np.array([values[name] for name in jumps]),
