@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -91,3 +92,45 @@ def test_workers_share_nothing_further():
     with shared_among(ForkedWorkers(2)):
         found = map_shared(lambda _: map_shared(lambda _: is_helping(), range(3)), range(6))
     assert all(len(set(inner)) == 1 for inner in found)
+
+
+LAW_OF_A_CHILD = """
+from slowtime.discrepancy.workers import map_shared, shared_among
+from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring
+from slowtime.dynamics.plant import Plant
+from slowtime_services.engines.forks import ForkedWorkers
+import numpy as np
+
+def made(number):
+    from slowtime.dynamics.effects import catalogue
+    effect = {"effect": "lugre", "element": "s", **catalogue_values(catalogue()["lugre"])}
+    plant = Plant.of(Description(
+        name="one", nodes=(Node(id="m", mass_kg=1.0),),
+        elements=(Spring(id="s", between=("base", "m"), stiffness_n_per_m=100.0),),
+        inputs=(Input(channel="u", kind="force", node="m", unit="N"),),
+        sensors=(Sensor(channel="a", quantity="acceleration", node="m", unit="m/s^2"),),
+        effects=(effect,)))
+    plant.simulate(plant.values, np.ones((50, 1)), 100.0)
+    return plant.layout
+
+def catalogue_values(kind):
+    return {p.name: 1.0 for p in kind.parameters if p.default is None}
+
+with shared_among(ForkedWorkers(2)):
+    layouts = map_shared(made, range(4))
+# What a process has loaded into its memory is not in what it sends to another.
+import dataclasses, pickle
+for layout in layouts:
+    for field in dataclasses.fields(layout):
+        whole = np.asarray(getattr(layout, field.name), dtype=object).ravel()
+        numbers = [one for one in whole if isinstance(one, int)]
+        assert all(abs(one) < 2**31 for one in numbers), field.name
+print("sound")
+"""
+
+
+def test_addresses_of_machine_code_do_not_travel_between_processes():
+    told = subprocess.run(
+        [sys.executable, "-c", LAW_OF_A_CHILD], capture_output=True, text=True, check=False
+    )
+    assert told.stdout == "sound\n", told.stderr
