@@ -16,7 +16,6 @@ from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
 from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
-from .proposers.missing_link import with_missing_link
 from .records import Campaign
 from .refinement.campaign_span import span_campaign
 from .refinement.constant_offsets import offsets, with_mean_offsets
@@ -121,7 +120,6 @@ def _refined(
     found = drop_harmful_effects(found, campaign)
     if not found.combined:
         found = eliminate_needless(found, found.trials, kinds)
-        found = with_missing_link(found, own, kinds, monitor)
         found = refute(found, own, kinds)
     if not monitor.is_late:
         campaign, found = with_best_holds(campaign, found, stated, how)

@@ -14,32 +14,6 @@ from .localization import Localization
 from .quoting import requote_all
 from .records import Trial
 
-Pair = tuple[str, str]
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Link:
-    """A spring between two nodes that nothing joins in the model.
-
-    Parameters
-    ----------
-    stiffness, sd
-        In the unit of the model's springs.
-    """
-
-    between: Pair
-    stiffness: float
-    sd: float
-    unit: str
-    named: FittedCandidate
-
-    def __str__(self) -> str:
-        first, second = self.between
-        return (
-            f"a spring of {self.stiffness:.3g} ± {self.sd:.2g} {self.unit} "
-            f"between {first} and {second}"
-        )
-
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
@@ -77,8 +51,6 @@ class Hypothesis:
         Whether effects before the last, a sensor's drift, were found by other sensors alone.
     refuted_at
         Element at which a free force shows that no law named is what acts there.
-    link
-        A spring that the model has not got, and that explains more than the effects do.
     released
         Whether constants of the model as given were fitted again from where a law led them.
     exhausted
@@ -104,7 +76,6 @@ class Hypothesis:
     final: bool = False
     without_sensor: bool = False
     refuted_at: Place | None = None
-    link: Link | None = None
     released: bool = False
     exhausted: bool = False
     combined: bool = False

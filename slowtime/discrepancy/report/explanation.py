@@ -43,7 +43,7 @@ def is_unknown(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Ki
     if found.combined:
         # Sets of simple laws are right or wrong by what they leave, however exact the sensor.
         return holds_laws(found) and law_probability(found) < MIN_LAW_PROBABILITY
-    if found.refuted_at is not None or found.link is not None:
+    if found.refuted_at is not None:
         return True
     # Which of two it is matters once one of them could be right.
     doubted = bool(found.undecided) and found.last.chi2_in_band < LIMITS.far_off_chi2

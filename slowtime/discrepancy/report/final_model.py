@@ -26,8 +26,8 @@ from .judgement import Judgement
 from .sentences import verdict_and_sentence
 
 NO_SURFACE = (
-    "No force surface was fitted: what is missing is a link or an unmeasured motion, not a "
-    "force in an element of the model."
+    "No force surface was fitted: what is missing is an unmeasured motion, not a force in an "
+    "element of the model."
 )
 
 
@@ -138,7 +138,7 @@ def _closed(
     surface: SurfaceDemand,
 ) -> ClosedGap | str:
     """Close the gap by a force surface, where that does better on what was not fitted."""
-    if found.final or found.link is not None:
+    if found.final:
         return NO_SURFACE
     monitor("measuring the force surface", 0.94)
     return close_gap(

@@ -97,13 +97,6 @@ def _unnamed(
     near = " together with ".join(
         f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in nearest
     )
-    if found.link is not None:
-        return (
-            f"Something is missing for which the model has no element: {found.link} "
-            "explains more than any effect in slowtime's catalogue. If such a link may "
-            "exist, add it to the model and diagnose again."
-            + (f" The nearest effect is {near}." if near else "")
-        )
     place, but = found.refuted_at, "follows another curve"
     if place is None:
         # What was named without explaining much tells nothing of where to look.

@@ -109,7 +109,7 @@ STIFFNESS = (
         kin=("asymmetric stiffness", "softening")),
     Law("stiffness_relaxation", "ageing", force="-dk*e*(1.0 - exp(-T/tau_s))",
         kin=("time-varying", "linear stiffness")),
-    Law("missing_link", "missing element", "structure"),
+    Law("missing_link", "missing element", "structure", kin=("linear stiffness",)),
 )  # fmt: skip
 
 BODIES = (
