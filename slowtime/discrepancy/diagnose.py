@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Mapping
 
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
@@ -14,11 +15,12 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
+from .localization import locate
 from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .records import Campaign
 from .refinement.campaign_span import span_campaign
-from .refinement.constant_offsets import offsets, with_mean_offsets
+from .refinement.constant_offsets import offsets, refit_with_offsets, with_mean_offsets
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
@@ -95,7 +97,14 @@ def _diagnose(
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated, decays=decays)
-    described = with_open_joints(campaign.description)
+
+    def suspects(description: Description) -> list[str]:
+        tell("ranking places for what no element joins", 0.06)
+        fit = refit_with_offsets(description, trials, known, decays=decays)
+        places = (place for group in locate(fit, trials).groups for place in group.places)
+        return [place.id for place in places if place.kind == "node"]
+
+    described = with_open_joints(campaign.description, suspects)
     campaign = dataclasses.replace(campaign, description=described)
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
