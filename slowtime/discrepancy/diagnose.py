@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind, catalogue
+from slowtime.dynamics.effects import Kind, Place, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
@@ -101,8 +101,9 @@ def _diagnose(
     def suspects(description: Description) -> list[str]:
         tell("ranking places for what no element joins", 0.06)
         fit = refit_with_offsets(description, trials, known, decays=decays)
-        places = (place for group in locate(fit, trials).groups for place in group.places)
-        return [place.id for place in places if place.kind == "node"]
+        nodes = [Place("node", node.id) for node in description.nodes]
+        located = locate(fit, trials, nodes)
+        return [place.id for group in located.groups for place in group.places]
 
     described = with_open_joints(campaign.description, suspects)
     campaign = dataclasses.replace(campaign, description=described)
