@@ -13,6 +13,8 @@ from .numbers import finite_number, whole_number
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
 _LEVELS = np.zeros(256, np.int8)
 _LEVELS[list(b"[{")], _LEVELS[list(b"]}")] = 1, -1
+_PIECE = 65_536
+"""Bytes of a document in which texts are left out at a time: each costs some 100 bytes."""
 _SHOWN = 40
 """Characters of a value that an error quotes [1]."""
 
@@ -66,8 +68,18 @@ def read_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
 
 def _levels(text: str) -> int:
     """Count the levels of lists and tables, outside of texts."""
-    bare = np.frombuffer(_TEXT.sub(b"", text.encode("utf-8", "replace")), np.uint8)
-    return int(np.cumsum(_LEVELS[bare], dtype=np.int64).max(initial=0))
+    data, at, level, most = text.encode("utf-8", "replace"), 0, 0, 0
+    while at < len(data):
+        piece = data[at : at + _PIECE]
+        bare = _TEXT.sub(b"", piece)
+        at += len(piece)
+        opened = bare.find(b'"')
+        if opened >= 0:  # a text that goes on behind the piece
+            whole = _TEXT.match(data, at - (len(bare) - opened))
+            at, bare = whole.end() if whole else len(data), bare[:opened]
+        levels = level + np.cumsum(_LEVELS[np.frombuffer(bare, np.uint8)], dtype=np.int64)
+        level, most = int(levels[-1]) if len(levels) else level, int(levels.max(initial=most))
+    return most
 
 
 def _quoting(read: Callable[[str], Any]) -> Callable[[str], Any]:

@@ -15,6 +15,7 @@ from slowtime.dynamics.effects import Kind, read_effects
 from slowtime_schemas.files import model as schema
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.files.model_v2 import (
+    SECTIONS,
     FiniteElementFile,
     LineModelFile,
     MatrixElement,
@@ -83,6 +84,8 @@ def read_finite_elements(path: str | pathlib.Path) -> FiniteElementFile | None:
     """
     path = pathlib.Path(path)
     text = _text(path)
+    if not any(word in text for word in SECTIONS):
+        return None  # not read twice: a long document takes seconds
     values, lines = _content(text, path.name)
     if not is_finite_elements(values):
         return None

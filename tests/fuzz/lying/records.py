@@ -577,7 +577,7 @@ def sac_of_negative_samples(path: Path) -> None:
     path.write_bytes(body)
 
 
-def _gcf_block(seconds: int, records: int = 250, rate: int = 100) -> bytes:
+def _gcf_block(seconds: int, records: int = 250, rate: int = 25) -> bytes:
     stream = int("ABCZ2", 36) & 0x7FFFFFFF
     days, rest = divmod(seconds, 86_400)
     head = struct.pack(">IIIBBBB", stream, stream, days << 17 | rest, 0, rate, 1, records)
