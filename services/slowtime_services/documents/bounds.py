@@ -21,17 +21,17 @@ class Bounds:
     Parameters
     ----------
     most_bytes
-        Size of the file [bytes]. Model files are the largest that people keep: some
-        seven matrices over 200 coordinates.
+        Size of the file [bytes]. Model files are the largest that people keep: some ten
+        matrices over 200 coordinates.
     most_values
         Values, counted by the marks between them [1]; each takes some 300 bytes and 10 µs
-        when it is read with its line. Seven matrices over 200 coordinates have 280,000.
+        when it is read with its line. Ten matrices over 200 coordinates have 400,000.
     most_levels
         Lists and tables within each other [1]. The deepest documents of slowtime have nine.
     """
 
     most_bytes: int = 4 * MEBIBYTE
-    most_values: int = 300_000
+    most_values: int = 500_000
     most_levels: int = 64
 
 

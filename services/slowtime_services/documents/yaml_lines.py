@@ -149,7 +149,18 @@ class _Document:
 
     def _list(self, path: Path, depth: int) -> list[Any]:
         values: list[Any] = []
-        while not isinstance(event := self._loader.get_event(), yaml.SequenceEndEvent):
+        following, first = self._loader.get_event, self.lines[path] - 1
+        plain = self._names.isdisjoint(path)
+        while not isinstance(event := following(), yaml.SequenceEndEvent):
+            # Most items of long lists are numbers on the line of their list.
+            if (
+                plain
+                and isinstance(event, yaml.ScalarEvent)
+                and event.start_mark.line == first
+                and (number := _short_number(event)) is not None
+            ):
+                values.append(number)
+                continue
             values.append(self._value(event, (*path, len(values)), depth))
         return values
 
@@ -177,13 +188,9 @@ class _Document:
         """Return one value; refuse numbers of thousands of digits."""
         text: str = event.value
         tag = event.tag
-        if (
-            tag is None
-            and event.implicit[0]
-            and (short := _SHORT_NUMBER.fullmatch(text)) is not None
-            and self._names.isdisjoint(path)
-        ):
-            return int(text) if short.lastindex is None else float(text)
+        short = _short_number(event)
+        if short is not None and self._names.isdisjoint(path):
+            return short
         if tag is None or tag == "!":
             tag = self._loader.resolve(yaml.ScalarNode, text, event.implicit)
         if tag == "tag:yaml.org,2002:str" or (
@@ -201,3 +208,13 @@ class _Document:
 
 def _in_one_line(error: yaml.YAMLError) -> str:
     return " ".join(str(error).split())
+
+
+def _short_number(event: Any) -> int | float | None:
+    """Return the value of a plain number of few digits, None for anything else."""
+    if event.tag is not None or not event.implicit[0]:
+        return None
+    short = _SHORT_NUMBER.fullmatch(event.value)
+    if short is None:
+        return None
+    return int(event.value) if short.lastindex is None else float(event.value)

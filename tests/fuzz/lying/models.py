@@ -42,7 +42,7 @@ LIES: dict[str, str] = {
     "anchors": "".join(f"a{n}: &b{n} 1\n" for n in range(100_000)),
     "syntax_at_the_end": "a: [" + "1, " * 90_000 + "}\n",
     "large": "a: 1\n" * 2_000_000,
-    "wrong_items": "nodes: [" + "1," * 290_000 + "1]\n",
+    "wrong_items": "nodes: [" + "1," * 450_000 + "1]\n",
     "empty_items": "inputs: [" + "{}," * 150_000 + "{}]\n",
 }  # fmt: skip
 """What a text document can lie about."""
