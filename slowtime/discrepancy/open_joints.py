@@ -27,7 +27,8 @@ def with_open_joints(
     Parameters
     ----------
     description
-        Model of springs between points; others are given back as they are.
+        Model of springs between points, none of which an input moves; others are given back
+        as they are.
     suspects
         From the model to its nodes, the one first on which a force is likeliest missing; asked
         where there are more than `MOST_JOINTS` pairs.
@@ -96,11 +97,9 @@ def _unjoined(description: Description) -> Iterator[tuple[str, str]]:
     """Give pairs of points that nothing joins, those with the ground first."""
     springs = all(isinstance(element, Spring) for element in description.elements)
     points = all(node.kind == "point" for node in description.nodes)
-    if not (springs and points):
+    if not (springs and points) or description.moved:
         return
-    moved = set(description.moved)
-    free = [node.id for node in description.nodes if node.id not in moved]
-    ends = [BASE, *moved]
+    free = [node.id for node in description.nodes]
     joined = {frozenset(element.between) for element in description.elements}
-    pairs = [*itertools.product(ends, free), *itertools.combinations(free, 2)]
+    pairs = itertools.combinations([BASE, *free], 2)
     yield from (pair for pair in pairs if frozenset(pair) not in joined)

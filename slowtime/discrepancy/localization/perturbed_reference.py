@@ -184,8 +184,8 @@ def absolute_motion(
     linear: LinearModel,
     motion: MotionSpectra,
     base: np.ndarray,
-    supports: MotionSpectra | None = None,
-) -> MotionSpectra:
+    supports: Complex[np.ndarray, "order frequency support"] | None = None,
+) -> Complex[np.ndarray, "order frequency seen"]:
     """Motion that internal and inertial forces depend on: acceleration is absolute.
 
     Parameters
