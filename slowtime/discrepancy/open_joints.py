@@ -36,17 +36,13 @@ def with_open_joints(
     every = list(_unjoined(description))
     pairs = every
     if len(every) > MOST_JOINTS:
-        rank = {node: number for number, node in enumerate(suspects(description))}
-        last = len(rank)
-
-        def latest(pair: tuple[str, str]) -> int:
-            return max(rank.get(end, last) for end in pair if end in free)
-
-        free = {node.id for node in description.nodes}
-        pairs = sorted(every, key=latest)[:MOST_JOINTS]
+        rank = {node: number for number, node in enumerate(suspects(description))} | {BASE: -1}
+        # The likelihood of a pair is that of its less likely end.
+        pairs = sorted(every, key=lambda pair: max(rank.get(end, len(rank)) for end in pair))
     taken = {one.id for one in (*description.elements, *description.nodes)}
     joints = [
-        OpenJoint(id=_name(pair, taken), between=pair, among=len(every)) for pair in pairs
+        OpenJoint(id=_name(pair, taken), between=pair, among=len(every))
+        for pair in pairs[:MOST_JOINTS]
     ]
     return dataclasses.replace(description, elements=(*description.elements, *joints))
 
@@ -65,13 +61,18 @@ def without_unused_joints(description: Description) -> Description:
 def strip_joints(answer: Diagnosis) -> Diagnosis:
     """Give a diagnosis whose models have no open joints that nothing sits on.
 
-    Those that stay are elements that the model gains, and are told.
+    Those that are named are told, whether the model gains them or they are rivals.
     """
-    new = without_unused_joints(answer.augmented).elements[_given(answer.nominal) :]
+    places = (
+        *(one.effect.place for one in answer.effects),
+        *(r.place for r in answer.undecided),
+    )
+    named = {place.id for place in places if place.kind == "element"}
     told = tuple(
-        f"{one.id} is new in the model: it joins {' and '.join(one.between)}, which no element "
-        "of the model as given joins."
-        for one in new
+        f"{one.id} stands for what joins {' and '.join(one.between)}, which no element of the "
+        "model as given does."
+        for one in answer.nominal.elements
+        if isinstance(one, OpenJoint) and one.id in named
     )
     return dataclasses.replace(
         answer,
@@ -82,14 +83,12 @@ def strip_joints(answer: Diagnosis) -> Diagnosis:
     )
 
 
-def _given(description: Description) -> int:
-    return sum(not isinstance(one, OpenJoint) for one in description.elements)
-
-
 def _name(pair: tuple[str, str], taken: set[str]) -> str:
+    """Name an open joint by its ends, and add the name to those that are taken."""
     name = "-".join(pair)
     while name in taken:
         name += "'"
+    taken.add(name)
     return name
 
 

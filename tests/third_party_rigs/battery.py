@@ -99,6 +99,7 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
     every = list(rows)
     seen = [r for r in every if r["truth"] and r.get("contrast", 0.0) >= TEN_DECIBEL]
     exact = [r for r in seen if r["outcome"] == "exact"]
+    off = [r for r in seen if any(one["off"] for one in r["truth"])]
     closed = [r for r in exact if r["left"] <= HELD_OUT]
     within = [one for r in seen for one in r["within"]]
     none = [r for r in every if not r["truth"]]
@@ -106,6 +107,8 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
     lines = [
         f"{len(every)} cases, {len(seen)} with an effect 10 dB over the noise",
         f"named and placed: {len(exact)} of {len(seen)}",
+        "of those with something off the model: "
+        f"{sum(r['outcome'] == 'exact' for r in off)} of {len(off)}",
         f"wrong name: {sum(r['outcome'] == 'wrong' for r in seen)} of {len(seen)}",
         f"held-out error at the noise: {len(closed)} of {len(exact)} of those",
         f"leading number within its 95 % interval: {sum(within)} of {len(within)}",

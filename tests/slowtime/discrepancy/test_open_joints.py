@@ -92,6 +92,17 @@ def test_a_name_that_is_taken_is_not_given_again():
     assert joints_of(opened) == {"base-m2'": (BASE, "m2")}
 
 
+def test_names_differ_where_the_names_of_points_run_into_each_other():
+    nodes = tuple(Node(id=name, mass_kg=1.0) for name in ("a", "b-c", "a-b", "c"))
+    elements = tuple(
+        Spring(id=f"s{n}", between=(BASE, node.id), stiffness_n_per_m=1.0)
+        for n, node in enumerate(nodes)
+    )
+    joints = joints_of(with_open_joints(Description(name="d", nodes=nodes, elements=elements)))
+    assert len(joints) == 6
+    assert {"a-b-c", "a-b-c'"} <= set(joints)
+
+
 def test_models_with_moved_supports_are_left_as_they_are():
     given = dataclasses.replace(
         chain([1.0, 2.0], [100.0, 200.0]), supports=(Support(id="wall"),)
@@ -180,4 +191,4 @@ def test_what_is_found_is_an_element_of_the_model_and_said_to_be_new():
     assert abs(told.value - 600.0) < 3 * told.sd
     assert answer.augmented.elements[-1] == Spring(id="base-m2", between=(BASE, "m2"))
     assert [e.id for e in answer.nominal.elements] == [e.id for e in given.elements]
-    assert any("base-m2 is new in the model: it joins base and m2" in n for n in answer.notes)
+    assert any("base-m2 stands for what joins base and m2" in note for note in answer.notes)
