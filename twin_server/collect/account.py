@@ -427,11 +427,13 @@ class Account:
             known.held_from, known.held_to = holding.first, holding.last
             if holding.withheld and not known.contested:
                 contest(known, OTHERS_TAKEN, change)
-            if holding.last > known.told and not known.closed:
+            if not known.closed:
+                told = known.told
                 self._hear_of_end(line, known, holding.last, now_s, change)
-                # Durable together with the boots let in after it: a server that starts again
-                # would close it as whole.
-                change.touched[known] = None
+                if known.told != told:
+                    # Durable together with the boots let in after it: a server that starts again
+                    # would close it as whole.
+                    change.touched[known] = None
             if known.closed and holding.last >= known.next and not known.rivalled:
                 leave_behind(known, holding, change)
             if holding.last < known.next:

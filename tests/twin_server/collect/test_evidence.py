@@ -358,6 +358,20 @@ def test_the_true_end_counts_again_after_a_false_one(world):
     assert not world.changes.lost
 
 
+def test_an_account_alone_tells_the_true_end_after_a_false_one(world):
+    world.alive()
+    world.spool["b1"] = {0}
+    world.arrive(("b1", 0))
+    world.heal(4)
+    world.health("b1", last=2**31)
+    world.heal(20)
+    world.spool["b1"] |= {1, 2}
+    world.alive()  # the edge comes back with another boot, of which there is nothing yet
+    world.heal(20)
+    assert [s for _, s in world.order] == [0, 1, 2]
+    assert not world.changes.lost
+
+
 def test_of_a_boot_known_by_its_edges_account_no_more_is_believed_than_of_others(world):
     world.alive()
     world.spool["b1"] = {0}
