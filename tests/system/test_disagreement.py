@@ -1,4 +1,4 @@
-"""Friction enters unannounced, is noticed, named, adopted and undone: the whole house."""
+"""An effect enters unannounced, is noticed, named, adopted and undone: the whole house."""
 
 import json
 import urllib.error
@@ -41,30 +41,37 @@ REAL = MODEL | {
         for element, factor in zip(MODEL["elements"], (1.01, 0.985, 1.015), strict=True)
     ]
 }
+# On an element of the model, and between points that none joins.
 FRICTION = {"effect": "coulomb", "element": "j2", "friction_n": 1.5}
-EDGE: dict[str, Any] = {
-    "site": "lab",
-    "asset": "rig",
-    "extract": {"method": "peak", "channels": ["a3"], "window_s": SECONDS},
-    "publish": {"linger_s": 1.0},
-    "input": {
-        "kind": "simulated",
-        "every_s": 0.4,
-        "structure": {
-            "kind": "model",
-            "model": REAL,
-            "effects": [FRICTION],
-            "enters": ENTERS,
-            "seconds": SECONDS,
-            "rate_hz": 100.0,
-            "interval_s": SECONDS,
-            "input_rms": 5.0,
-            "band_hz": [0.5, 15.0],
-            "sensor": {"noise": 0.02},
-            "seed": 5,
-        },
-    },
-}
+DRAG = {"effect": "quadratic_damping", "element": "unknown", "c2_n_s2_per_m2": 60.0}
+BESIDE = {"id": "unknown", "between": ["base", "m3"], "stiffness_n_per_m": 1e-6}
+
+
+def edge(effect: dict[str, Any]) -> dict[str, Any]:
+    """Settings of an edge that hears a rig into which an effect enters."""
+    elements = REAL["elements"] + ([] if effect is FRICTION else [BESIDE])
+    structure = {
+        "kind": "model",
+        "model": REAL | {"elements": elements},
+        "effects": [effect],
+        "enters": ENTERS,
+        "seconds": SECONDS,
+        "rate_hz": 100.0,
+        "interval_s": SECONDS,
+        "input_rms": 5.0,
+        "band_hz": [0.5, 15.0],
+        "sensor": {"noise": 0.02},
+        "seed": 5,
+    }
+    return {
+        "site": "lab",
+        "asset": "rig",
+        "extract": {"method": "peak", "channels": ["a3"], "window_s": SECONDS},
+        "publish": {"linger_s": 1.0},
+        "input": {"kind": "simulated", "every_s": 0.4, "structure": structure},
+    }
+
+
 TWIN = "/api/v1/twins/lab.rig"
 GAP = {"every_s": 0.2, "seconds": SECONDS, "learn": 8}
 
@@ -95,14 +102,23 @@ def judged(house):
     return [reading["disagrees"] for reading in house.get(f"{TWIN}/gap")["readings"][-3:]]
 
 
-def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(house):
+@pytest.mark.parametrize(
+    ("effect", "place", "number"),
+    [(FRICTION, "j2", "friction_n"), (DRAG, "base-m3", "c2_n_s2_per_m2")],
+    ids=["on an element", "beside all elements"],
+)
+def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(
+    house, effect, place, number
+):
     house.router()
     config = house.home / "twin.json"
     config.write_text(json.dumps({"gap": GAP}))
     house.twin("--config", str(config))
     house.put(TWIN, {"changes": "stiffness", "model": MODEL})
+    registered = house.get(TWIN)["registration"]
     assert send(house, "POST", f"{TWIN}/diagnoses", {"raw": {}})[0] == 409
-    house.edge(EDGE)
+    settings = edge(effect)
+    house.edge(settings)
 
     house.until(lambda: "gap_learnt" in kinds(house), "the gap to be learnt", PATIENCE_S)
     learnt = house.get(f"{TWIN}/gap")
@@ -110,7 +126,7 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
     assert judged(house) == [False] * 3
     # How fast the learning goes depends on the machine, an epoch's number does not.
     assert house.end("edge") == 0
-    later = EDGE | {"input": EDGE["input"] | {"first_epoch": ENTERS - 2}}
+    later = settings | {"input": settings["input"] | {"first_epoch": ENTERS - 2}}
     heard = len(house.history("lab.rig"))
     house.edge(later)
     house.until(lambda: "disagreement" in kinds(house), "the disagreement", PATIENCE_S)
@@ -139,10 +155,10 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
     found = house.get(one)
     assert found["state"] == "done", found["error"]
     assert len(stages) >= 3
-    (effect,) = found["report"]["effects"]
-    assert (effect["effect"], effect["where"]["id"]) == ("coulomb", "j2")
-    friction = effect["parameters"]["friction_n"]
-    assert abs(friction["value"] - 1.5) < 0.05
+    (named,) = found["report"]["effects"]
+    assert (named["effect"], named["where"]["id"]) == (effect["effect"], place)
+    value = named["parameters"][number]["value"]
+    assert abs(value / effect[number] - 1) < 0.04
     gap = found["report"]["gap"]
     assert gap["augmented"] < 1.3 * gap["noise_floor"] < 0.3 * gap["refitted_nominal"]
 
@@ -154,10 +170,11 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
     assert shown["state"] == "watching"
     assert all(r["nominal"] > 5 * r["in_use"] for r in shown["readings"][-3:])
     model = house.get(TWIN)["registration"]["model"]
-    assert [one["effect"] for one in model["effects"]] == ["coulomb"]
+    assert [one["effect"] for one in model["effects"]] == [effect["effect"]]
+    assert place in [one["id"] for one in model["elements"]]
     assert send(house, "POST", f"{one}/undo")[0] == 200
     assert judged(house) == [True] * 3
-    assert house.get(TWIN)["registration"]["model"]["effects"] == []
+    assert house.get(TWIN)["registration"] == registered
     said = kinds(house)
     order = ["gap_learnt", "disagreement", "diagnosed", "adopted", "agreement", "undone"]
     places = [said.index(kind) for kind in order]
