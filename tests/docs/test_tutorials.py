@@ -133,6 +133,20 @@ def misfit(folder, said):
         assert float(found) == pytest.approx(float(told), rel=0.1)
 
 
+def forgotten_connection(folder, said):
+    report = json.loads((folder / "found/report.json").read_text())
+    assert {effect["where"]["id"] for effect in report["effects"]} == {"f1-f3"}
+    (spring,) = [e for e in report["effects"] if e["effect"] == "missing_spring"]
+    stiffness = spring["parameters"]["k_n_per_m"]
+    assert abs(stiffness["value"] - 900.0) < 4 * stiffness["sd"]
+    gap = report["gap"]
+    assert gap["augmented"] < 1.15 * gap["noise_floor"]
+    promised = BY_NAME["forgotten_connection"].read_text()
+    for figure in (r"left over: ([\d.]+) %", r"falls from \d+ % to ([\d.]+) %"):
+        (found,), (told,) = re.findall(figure, said), re.findall(figure, promised)
+        assert float(found) == pytest.approx(float(told), rel=0.2)
+
+
 def site_tls(folder, said):
     assert "lab.beam is alive" in said
     assert "A token is needed. Give it" in said
@@ -239,7 +253,7 @@ def finite_elements(folder, said):
 ENDS = {
     end.__name__: end
     for end in (
-        first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
+        first_hour, sensor_file, structure, alarms, misfit, forgotten_connection, site_tls, court, own_effect,
         own_parts, maintenance_plan, own_proposer, imposed_motion, hammer_test,
         finite_elements,
     )
