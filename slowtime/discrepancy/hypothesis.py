@@ -133,10 +133,15 @@ class Step:
     added
         Number of effects that the step added, or 1 where another hold of the inputs took the
         place of one.
-    drift
-        A sensor's slow error that follows no law, and is still to be taken account of.
+    again
+        Whether the same effect is to be looked for again, in what the hypothesis leaves now.
+    drift, base
+        A sensor's slow error that follows no law, and is still to be taken account of; and the
+        fit that it is added to.
     """
 
     hypothesis: Hypothesis
     added: int
+    again: bool = False
     drift: NamedEffect | None = None
+    base: Fit | None = None

@@ -22,7 +22,16 @@ PROPOSERS: tuple[Proposer, ...] = (
     GeneralLaws(),
     FreeRunScan(),
 )
-LATER_PROPOSERS: tuple[Proposer, ...] = (GeneralLaws(), FreeRunScan())
-"""Asked for each later effect, where nothing on the shortlist explains what is left."""
+QUICK_PROPOSERS: tuple[Proposer, ...] = (LibraryShortlist(),)
+"""Asked in a quick search."""
+LATER_PROPOSERS: tuple[Proposer, ...] = (LibraryShortlist(), GeneralLaws(), FreeRunScan())
+"""Asked for each later effect."""
 
-__all__ = ["LATER_PROPOSERS", "PROPOSERS", "Proposal", "Proposer", "Round"]
+__all__ = [
+    "LATER_PROPOSERS",
+    "PROPOSERS",
+    "QUICK_PROPOSERS",
+    "Proposal",
+    "Proposer",
+    "Round",
+]

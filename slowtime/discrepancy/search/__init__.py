@@ -1,6 +1,6 @@
 """Search for the effects that a model lacks, one after the other."""
 
-from .flow import search
+from .loop import search
 from .settings import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 
 __all__ = ["DEFAULT_OPTIONS", "SearchOptions", "SearchSettings", "search"]

@@ -14,31 +14,29 @@ from slowtime.discrepancy.selection.acceptance import end_with
 
 from .settings import SearchSettings
 
-Continue = Callable[[Hypothesis, SearchSettings, int], Hypothesis]
+Grow = Callable[[Hypothesis, SearchSettings, int], Hypothesis]
 
 
-def end_with_drift(
-    found: Hypothesis,
-    before: Fit,
-    drift: NamedEffect,
-    how: SearchSettings,
-    number: int,
-    go_on: Continue,
-) -> Step:
+def end_with_drift(step: Step, how: SearchSettings, number: int, grow: Grow) -> Hypothesis:
     """Name a drift that is on no law's course, and what the other sensors say beside it.
 
     Parameters
     ----------
-    go_on
+    step
+        Its drift, and the fit that this is added to.
+    grow
         Looks for effects in a hypothesis, from a number on.
     """
+    found, before, drift = step.hypothesis, step.base, step.drift
+    assert before is not None
+    assert drift is not None
     still = dict.fromkeys(drift.effect.parameters, 0.0)
     silent = dataclasses.replace(drift.effect, parameters=still)
-    found, before = _by_the_others(found, before, drift, how, number, go_on)
+    found, before = _by_the_others(found, before, drift, how, number, grow)
     if found.effects and all(_is_mean_of(one, drift) for one in found.effects):
         found = found.with_effects(found.fits[:1], ())
         before = refit_within_tolerances(found.first, found.trials)
-    return end_with(found, before, drift, how.kinds, silent)
+    return end_with(found, before, drift, how.kinds, silent).hypothesis
 
 
 def _is_mean_of(named: NamedEffect, drift: NamedEffect) -> bool:
@@ -53,7 +51,7 @@ def _by_the_others(
     drift: NamedEffect,
     how: SearchSettings,
     number: int,
-    go_on: Continue,
+    grow: Grow,
 ) -> tuple[Hypothesis, Fit]:
     """Look for what is missing beside a sensor that drifts, by all that the others say.
 
@@ -84,7 +82,7 @@ def _by_the_others(
         return dataclasses.replace(found, exhausted=True), before
     except (np.linalg.LinAlgError, FloatingPointError):
         return found, before
-    rest = go_on(Hypothesis((first,), trials, effects=kept), how, number)
+    rest = grow(Hypothesis((first,), trials, effects=kept), how, number)
     found = dataclasses.replace(found, exhausted=found.exhausted or rest.exhausted)
     fresh = rest.effects[len(kept) :]
     cut = len(rest.trials) != len(trials)

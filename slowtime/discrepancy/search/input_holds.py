@@ -21,7 +21,7 @@ from slowtime.discrepancy.refinement.constant_offsets import refit_with_offsets
 from slowtime.discrepancy.refinement.constant_release import refit_from_other_stiffnesses
 from slowtime.discrepancy.thresholds import LIMITS
 
-from .flow import search
+from .loop import search
 from .settings import SearchSettings
 
 

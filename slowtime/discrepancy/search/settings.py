@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers import PROPOSERS, Proposer
+from slowtime.discrepancy.proposers import LATER_PROPOSERS, PROPOSERS, QUICK_PROPOSERS, Proposer
 from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
 from slowtime.dynamics.effects import Kind
@@ -71,3 +71,13 @@ class SearchSettings:
     stated: tuple[Hold, ...] | None = None
     asked: tuple[tuple[Hold, ...] | None, ...] = ()
     decays: bool = False
+
+    def asks_all(self, number: int) -> bool:
+        """Whether all proposers are asked: for the first effect, unless the search is quick."""
+        return number == 0 and not self.options.quick
+
+    def proposers_of(self, number: int) -> tuple[Proposer, ...]:
+        """Give those that are asked for an effect after so many."""
+        if self.asks_all(number):
+            return self.options.proposers
+        return QUICK_PROPOSERS if self.options.quick else LATER_PROPOSERS

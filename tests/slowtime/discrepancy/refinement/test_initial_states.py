@@ -22,7 +22,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.initial_states import restart_initial_states, restarted
 from slowtime.discrepancy.search import SearchSettings
-from slowtime.discrepancy.search.extension import accept_best
+from slowtime.discrepancy.search.next_effect import accept_best
 from slowtime.discrepancy.selection.probabilities import answer_of
 from slowtime.discrepancy.validation.free_run import free_runs
 from slowtime.dynamics.description import Input, Sensor

@@ -8,7 +8,7 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.hypothesis import Hypothesis
+from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.search import SearchSettings, search
@@ -56,14 +56,14 @@ class Others:
 def ended(found, others, number=0, monitor=None, before=None):
     how = SearchSettings(KINDS, monitor or Monitor())
     drift = named_effect(DRIFT, KINDS)
-    step = end_with_drift(found, before or found.last, drift, how, number, others)
-    assert step.added == 0
-    assert step.hypothesis.final
-    assert step.hypothesis.effects[-1] is drift
-    assert len(step.hypothesis.fits) == 1 + len(step.hypothesis.effects)
-    counts = [len(fit.plant.effects) for fit in step.hypothesis.fits]
+    step = Step(found, added=0, drift=drift, base=before or found.last)
+    ends = end_with_drift(step, how, number, others)
+    assert ends.final
+    assert ends.effects[-1] is drift
+    assert len(ends.fits) == 1 + len(ends.effects)
+    counts = [len(fit.plant.effects) for fit in ends.fits]
     assert counts == list(range(len(counts)))
-    return step.hypothesis
+    return ends
 
 
 def kinds_of(found):

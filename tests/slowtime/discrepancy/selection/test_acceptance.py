@@ -14,7 +14,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.search import SearchSettings
-from slowtime.discrepancy.search.extension import accept_best
+from slowtime.discrepancy.search.next_effect import accept_best
 from slowtime.discrepancy.selection.acceptance import (
     MAX_SECOND_REST,
     MIN_NESTED_GAIN,

@@ -11,7 +11,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.search import SearchOptions, SearchSettings
-from slowtime.discrepancy.search.extension import extend
+from slowtime.discrepancy.search.next_effect import extend
 from slowtime.discrepancy.selection.shortlist import (
     LATER_CANDIDATES,
     QUICK_CANDIDATES,

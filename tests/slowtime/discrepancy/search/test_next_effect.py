@@ -11,14 +11,13 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import Proposal
 from slowtime.discrepancy.search import SearchOptions, SearchSettings
-from slowtime.discrepancy.search.extension import (
+from slowtime.discrepancy.search.lost_records import (
     UNTRACKED_CHI2,
-    accept_best,
-    extend,
     fit_later_segments,
     those_of_beginnings,
     worth_shooting,
 )
+from slowtime.discrepancy.search.next_effect import accept_best, extend
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Plant

@@ -12,8 +12,8 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.search import SearchOptions, SearchSettings, search
-from slowtime.discrepancy.search.extension import UNTRACKED_CHI2
-from slowtime.discrepancy.search.flow import continue_search
+from slowtime.discrepancy.search.loop import grow
+from slowtime.discrepancy.search.lost_records import UNTRACKED_CHI2
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -97,7 +97,7 @@ def test_a_constant_is_off_only_where_the_misfit_is_least():
     off = dataclasses.replace(last, values=values)
     assert moved_of(off)
     begun = dataclasses.replace(found, fits=(found.first, off))
-    told = continue_search(begun, SearchSettings(KINDS, Monitor()), 1)
+    told = grow(begun, SearchSettings(KINDS, Monitor()), 1)
     assert len(told.effects) == 1
     assert not moved_of(told.last)
 
@@ -109,7 +109,7 @@ def test_an_effect_that_shows_in_how_records_go_on_is_localized_too():
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
     assert refit_within_tolerances(first, trials).chi2_in_band > UNTRACKED_CHI2
     found = Hypothesis((first,), trials)
-    told = continue_search(found, SearchSettings(KINDS, Monitor()), 1)
+    told = grow(found, SearchSettings(KINDS, Monitor()), 1)
     assert [label_of(one.effect) for one in told.effects] == [label_of(CUBIC)]
     assert told.localized is not None
     assert told.localized.best == SECOND

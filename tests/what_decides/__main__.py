@@ -1,0 +1,49 @@
+"""Run the ablation of batteries; print the table."""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+from . import __doc__ as what
+from .ablation import Ablation
+from .cases import cases_of
+from .table import table
+
+
+def main() -> int:
+    """Ablate case after case, until all are done or the time is over."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.what_decides", description=what,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("--battery", type=Path, action="append", required=True)
+    parser.add_argument("--out", type=Path, default=Path("var/what_decides"))
+    parser.add_argument("--hours", type=float, default=8.0)
+    parser.add_argument("--cases", type=int, default=1000, help="of each battery, at most")
+    parser.add_argument(
+        "--part", type=int, nargs=2, default=(0, 1), metavar=("I", "N"),
+        help="every N-th case from the I-th on: one process for each part",
+    )  # fmt: skip
+    parser.add_argument(
+        "--steps-only", action="store_true", help="leave thresholds as they are"
+    )
+    given = parser.parse_args()
+    until_s = time.monotonic() + 3600 * given.hours
+    cases = [one for folder in given.battery for one in [*cases_of(folder)][: given.cases]]
+    first, step = given.part
+    for case in cases[first::step]:
+        ablation = Ablation(
+            case, given.out / f"{case.name}.json", lambda: time.monotonic() < until_s
+        )
+        try:
+            ablation.run(thresholds=not given.steps_only)
+        except TimeoutError:
+            break
+        print(f"{case.name}: {len(ablation.known['without'])} without", flush=True)
+    print(table(json.loads(path.read_text()) for path in sorted(given.out.glob("*.json"))))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
