@@ -1,12 +1,20 @@
 """Assembly of the diagnosis: verdict, sentences, the gap on what was not fitted, pictures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import Finding
-from slowtime.discrepancy.diagnosis import Diagnosis, Gap, Step, Surface, Suspect, When
+from slowtime.discrepancy.diagnosis import (
+    Diagnosis,
+    Gap,
+    NamedEffect,
+    Step,
+    Surface,
+    Suspect,
+    When,
+)
 from slowtime.discrepancy.estimation.input_hold import saying_holds
 from slowtime.discrepancy.experiment_design.proposal import propose_experiment
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -15,12 +23,11 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import FreeRunResult, spectra_of, traces_of
+from slowtime.discrepancy.validation.free_run import spectra_of, traces_of
 from slowtime.dynamics.effects import Kind, force_along
 
 from .evaluation import Evaluation, described, evaluate
-from .final_model import kept_model, moved_constants, requoted
-from .gap_closure import ClosedGap
+from .final_model import KeptModel, kept_model, moved_constants, requoted
 from .judgement import judge
 from .likeness import likenesses
 from .notes import notes_of
@@ -65,7 +72,7 @@ def report(
     found, verdict, sentence = judged.found, judged.verdict, judged.sentence
     closed = kept.closed
     like = [] if closed is None else likenesses(closed.fit, closed.place, found, kinds)
-    last, located = found.last, found.localized
+    last, located = kept.fit if judged.unknown else found.last, found.localized
     assert located is not None
     doubted = bool(found.pair) and not judged.unknown
     experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
@@ -81,11 +88,11 @@ def report(
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
         nothing_probability=_nothing(found, located),
-        moved={} if kept.useless else moved_constants(kept, last, given),
+        moved=moved_constants(kept, given),
         where=_suspects(located),
         when=_when(located, given.unit_of_coordinate) if found.effects else When((), (), ""),
         findings=findings,
-        gap=_gap(found, evaluation, kept.result, kept.closed),
+        gap=_gap(() if judged.unknown else found.effects, evaluation, kept),
         chi2_per_datum=last.chi2_per_datum,
         residual_white=white_p_value > LIMITS.white_p_value,
         white_p_value=white_p_value,
@@ -128,24 +135,23 @@ def _when(located: Localization, coordinate: str) -> When:
     )  # fmt: skip
 
 
-def _gap(
-    found: Hypothesis, evaluation: Evaluation, kept: FreeRunResult, closed: ClosedGap | None
-) -> Gap:
+def _gap(effects: Sequence[NamedEffect], evaluation: Evaluation, kept: KeptModel) -> Gap:
     refitted, *errors = evaluation.errors
     steps = [
         Step(answer.effect.kind, answer.effect.place, error)
-        for answer, error in zip(found.effects, errors, strict=False)
+        for answer, error in zip(effects, errors, strict=False)
     ]
+    closed = kept.closed
     if closed is not None:
         steps.append(Step(closed.fit.plant.effects[-1].kind, closed.place, closed.error))
     return Gap(
         nominal=float(evaluation.nominal.error.mean()),
         refitted_nominal=refitted,
         steps=tuple(steps),
-        augmented=float(kept.error.mean()),
+        augmented=float(kept.result.error.mean()),
         noise_floor=evaluation.floor,
         on="holdout" if evaluation.held_out else "tail",
-        worst=float(kept.error.max()),
+        worst=float(kept.result.error.max()),
     )
 
 

@@ -55,9 +55,9 @@ class Evaluation:
         return [float(step.error.mean()) for step in self.steps]
 
     @property
-    def last_is_worse(self) -> bool:
-        """Whether the last model does worse on held-out records than the model as given."""
-        return self.held_out and self.errors[-1] > float(self.nominal.error.mean())
+    def refitted_is_worse(self) -> bool:
+        """Whether the refitted model does worse on held-out records than the model as given."""
+        return self.held_out and self.errors[0] > float(self.nominal.error.mean())
 
 
 def evaluate(

@@ -49,9 +49,9 @@ class KeptModel:
 
     fit: Fit
     result: FreeRunResult
-    closed: ClosedGap | None
-    why_open: str | None
-    useless: bool
+    closed: ClosedGap | None = None
+    why_open: str | None = None
+    useless: bool = False
     refitted: FreeRunRefit | None = None
 
 
@@ -64,25 +64,22 @@ def kept_model(
     surface: SurfaceDemand,
 ) -> KeptModel:
     """Close the gap by a force surface where the effect is unknown, or keep what there is."""
-    found, unknown = judged.found, judged.unknown
-    # Constants that were distorted to imitate an unknown effect do not make a better model.
-    useless = unknown and evaluation.last_is_worse
-    result = evaluation.nominal if useless else evaluation.steps[-1]
+    found = judged.found
+    if not judged.unknown:
+        kept = KeptModel(fit=found.last, result=evaluation.steps[-1])
+        if monitor is None:
+            return kept
+        return _refitted_to_free_runs(kept, found, evaluation, trials, monitor)
+    # An effect in the model is one that is believed; what came near is told in words. Constants
+    # that were bent to imitate an unknown effect do not make a better model either.
+    useless = evaluation.refitted_is_worse
+    result = evaluation.nominal if useless else evaluation.steps[0]
     closed = (
-        _closed(found, trials, evaluation, result, kinds, monitor, surface)
-        if unknown and monitor
-        else None
+        _closed(found, trials, evaluation, result, kinds, monitor, surface) if monitor else None
     )
     if isinstance(closed, ClosedGap):
-        return KeptModel(
-            fit=closed.fit, result=closed.result, closed=closed, why_open=None, useless=False
-        )
-    kept = KeptModel(
-        fit=found.last, result=result, closed=None, why_open=closed, useless=useless
-    )
-    if useless or monitor is None:
-        return kept
-    return _refitted_to_free_runs(kept, found, evaluation, trials, monitor)
+        return KeptModel(fit=closed.fit, result=closed.result, closed=closed)
+    return KeptModel(fit=found.first, result=result, why_open=closed, useless=useless)
 
 
 def requoted(
@@ -152,7 +149,6 @@ def _closed(
     )
 
 
-def moved_constants(kept: KeptModel, last: Fit, given: Description) -> dict[str, Number]:
+def moved_constants(kept: KeptModel, given: Description) -> dict[str, Number]:
     """Give constants of the model that left their tolerance, with the values that are kept."""
-    fit = last if kept.refitted is None else kept.refitted.fit
-    return moved_of(fit) | renumbered(fit, given)
+    return {} if kept.useless else moved_of(kept.fit) | renumbered(kept.fit, given)

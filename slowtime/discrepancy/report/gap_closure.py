@@ -1,7 +1,7 @@
 """Adoption of a measured force surface where no law explains the records."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,11 +9,9 @@ from slowtime.discrepancy.calibration import Fit, refit
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.refinement.force_surface import (
     AUTO,
-    MAX_WORK,
     ShapedRegression,
     SurfaceDemand,
     SurfaceFit,
@@ -22,14 +20,10 @@ from slowtime.discrepancy.refinement.force_surface import (
 )
 from slowtime.discrepancy.validation.free_run import FreeRunResult, evaluate_free_run
 from slowtime.dynamics.effects import Kind, Motion, Place
-from slowtime.dynamics.work import metered
 
 from .likeness import Likeness, describe_likeness
 
 NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
-FIRST_SHARE = 0.6
-"""[share of the budget] Of the first of two surfaces; the second has the rest at least. Source:
-judgement; the one beside no other law is fitted first, and is most often adopted."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -72,11 +66,9 @@ def close_gap(
     error: float,
     demand: SurfaceDemand = AUTO,
 ) -> ClosedGap | str:
-    """Fit a force surface beside the model as given, and beside the effects that were nearest.
+    """Fit a force surface beside the model as given, and adopt it where it predicts better.
 
-    The surface whose free run leaves less of whole training records comes first; it is adopted
-    where its free run on what was not fitted is better than without, and the other one
-    otherwise.
+    One that leaves more of the records than the model without it is fitted again, from none.
 
     Parameters
     ----------
@@ -95,60 +87,32 @@ def close_gap(
     -------
     The surface that was adopted; a sentence that says why there is none otherwise.
     """
-    made = _fitted(found, trials, kinds, demand)
-    if not made:
+    before, localized = found.first, found.localized
+    if localized is None or len(before.states) != len(trials):
         return NO_ELEMENT
-    fitted = [one for one, before in made if _explains(one, before)]
-    if not fitted:
+    one = fit_force_surface(before, localized, trials, kinds, demand=demand)
+    if one is None or not _explains(one, before):
+        flat = fit_force_surface(before, localized, trials, kinds, demand=demand, flat=True)
+        one = flat or one
+    if one is None:
+        return NO_ELEMENT
+    if not _explains(one, before):
         return (
-            f"A force surface was fitted at {made[0][0].place}, but not adopted: with it, the "
+            f"A force surface was fitted at {one.place}, but not adopted: with it, the "
             "model leaves more of the training records than without it."
         )
-    told = []
-    for one in sorted(fitted, key=lambda one: unexplained_by(one.fit)):
-        fit = one.fit if held_out else _refit_on_heads(one, trials)
-        values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-        result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
-        closed = ClosedGap(one.place, one.fit, result, one.finished, one.shaped)
-        if closed.error < error:
-            return closed
-        told.append(closed)
-    best = min(told, key=lambda one: one.error)
-    cut = "" if best.finished else " Its fit was stopped by the computing budget."
+    fit = one.fit if held_out else _refit_on_heads(one, trials)
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
+    closed = ClosedGap(one.place, one.fit, result, one.finished, one.shaped)
+    if closed.error < error:
+        return closed
+    cut = "" if closed.finished else " Its fit was stopped by the computing budget."
     return (
-        f"A force surface was fitted at {best.place}, but not adopted: with it the error "
-        f"on the validation data is {100 * best.error:.2g} %, without it "
-        f"{100 * error:.2g} %.{cut}{_describe_refusals(best.shaped)}"
+        f"A force surface was fitted at {closed.place}, but not adopted: with it the error "
+        f"on the validation data is {100 * closed.error:.2g} %, without it "
+        f"{100 * error:.2g} %.{cut}{_describe_refusals(closed.shaped)}"
     )
-
-
-def _fitted(
-    found: Hypothesis,
-    trials: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-    demand: SurfaceDemand,
-) -> list[tuple[SurfaceFit, Fit]]:
-    """Fit a surface beside each start; give each with the fit without it.
-
-    Where none leaves less than without, one more is begun flat.
-    """
-    fitted = []
-    starts = list(_starts(found, trials))
-    with metered() as meter:
-        for number, (before, localized) in enumerate(starts):
-            first = FIRST_SHARE * MAX_WORK
-            left = max(MAX_WORK - meter.spent, MAX_WORK - first) if number else first
-            one = fit_force_surface(
-                before, localized, trials, kinds, max_work=left, demand=demand
-            )
-            if one is not None:
-                fitted.append((one, before))
-    if starts and not any(_explains(*pair) for pair in fitted):
-        before, localized = starts[-1]
-        one = fit_force_surface(before, localized, trials, kinds, demand=demand, flat=True)
-        if one is not None:
-            fitted.append((one, before))
-    return fitted
 
 
 def _explains(one: SurfaceFit, before: Fit) -> bool:
@@ -171,13 +135,6 @@ def _refit_on_heads(one: SurfaceFit, trials: Sequence[Trial]) -> Fit:
     except (np.linalg.LinAlgError, FloatingPointError):
         return fit
     return found if np.isfinite(found.cost) else fit
-
-
-def _starts(found: Hypothesis, trials: Sequence[Trial]) -> Iterator[tuple[Fit, Localization]]:
-    if found.localized is not None and len(found.first.states) == len(trials):
-        yield found.first, found.localized
-    if found.effects and found.rest is not None and len(found.last.states) == len(trials):
-        yield found.last, found.rest
 
 
 def describe_gap_closure(
