@@ -366,7 +366,7 @@ def test_a_law_of_more_parameters_that_would_do_as_well_is_noted(sharp, apart):
     trials = recorded(ONE, (true,), seconds=8.0)
     few = {name: KINDS[name] for name in ("coulomb", "stribeck", "viscous_damping")}
     said = diagnose(Campaign(description=ONE, trials=trials), kinds=few)
-    told = [note for note in said.notes if "would do as well" in note]
+    told = [note for note in said.notes if "would fit equally well" in note]
     assert [one.effect.kind for one in said.effects] == ["stribeck" if apart else "coulomb"]
     assert [note.split(" (")[1].split(")")[0] for note in told] == (
         [] if apart else ["stribeck"]
