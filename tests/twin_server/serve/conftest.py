@@ -118,10 +118,15 @@ print(json.dumps({"stage": "refitting coulomb at element j2", "share": 0.4}), fl
 if task["order"]["quick"]:
     sys.stdin.read()
 model = task["model"]
-model["effects"] = [{"effect": "coulomb", "element": "j2", "friction_n": 0.5}]
+joined = model.get("name") == "open"
+place = "base-m2" if joined else "j2"
+words = "Drag beside m2." if joined else "Dry friction in j2, 0.5 N."
+model["effects"] = [{"effect": "coulomb", "element": place, "friction_n": 0.5}]
+if joined:
+    model["elements"].append({"id": place, "between": ["base", "m2"]})
 gap = {"nominal": 0.4, "refitted_nominal": 0.2, "augmented": 0.02, "noise_floor": 0.02,
        "steps": [{"effect": "coulomb", "nrmse": 0.02}]}
-effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element", "id": "j2"},
+effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element", "id": place},
           "parameters": {"friction_n": {"value": 0.5, "sd": 0.01, "unit": "N"}},
           "probability": 0.98, "sentence": "Dry friction.", "alternatives": [
               {"effect": "stick_slip", "where": {"kind": "element", "id": "j2"},
@@ -133,7 +138,7 @@ when = {"times_s": [[0.05, 0.15]], "bands_hz": [[2.0, 4.0]], "amplitude": "More 
         "slowly.", "linear": False, "steady": True}
 none = task["order"]["holdout_s"] is not None
 report = {"verdict": "nothing_missing" if none else "missing_effect",
-          "sentence": "Nothing is missing." if none else "Dry friction in j2, 0.5 N.",
+          "sentence": "Nothing is missing." if none else words,
           "effects": [] if none else [effect], "experiment": None, "gap": gap,
           "where": where, "when": when, "undecided": []}
 (here / "report.json").write_text(json.dumps(report))

@@ -64,6 +64,33 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
 
 
 @pytest.mark.long
+def test_a_connection_that_the_model_had_not_is_adopted_and_undone_on_the_page(resting, visit):
+    client, twin = resting.server.client, resting.twin
+    given = client.get(twin).json()["registration"]
+    asked = {key: value for key, value in given.items() if value}
+    asked["model"] = {**given["model"], "name": "open"}
+    assert client.put(twin, json=asked).status_code in (200, 201)
+    registered = client.get(twin).json()["registration"]
+
+    page = visit(resting.server, "#lab.rig/diagnosis")
+    room = page.locator('[id="lab.rig"] .diagnosis')
+    room.get_by_role("button", name="Find what the model lacks").click()
+    job = room.locator(".jobs > li").first
+    expect(job.locator(".verdict")).to_have_text("Drag beside m2.")
+    expect(job.locator(".found-table").first).to_contain_text("element base-m2")
+    job.get_by_role("button", name="Adopt").click()
+    expect(job.get_by_role("button", name="Undo")).to_be_visible()
+    model = client.get(twin).json()["registration"]["model"]
+    assert [one["id"] for one in model["elements"]] == ["j1", "j2", "base-m2"]
+    assert model["effects"][0]["element"] == "base-m2"
+    job.get_by_role("button", name="Undo").click()
+    expect(job.get_by_role("button", name="Adopt")).to_be_visible()
+    assert client.get(twin).json()["registration"] == registered
+    assert page.complaints == []
+    assert client.put(twin, json={k: v for k, v in given.items() if v}).status_code == 200
+
+
+@pytest.mark.long
 def test_what_cannot_be_asked_is_said_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')
