@@ -58,14 +58,25 @@ def _modules() -> Iterator[Any]:
 
 
 def _constants(module: Any) -> Iterator[str]:
-    """Names of numbers in a module that a docstring with a source follows."""
+    """Names of numbers in a module that a docstring with a source follows.
+
+    None that compiled functions use: those keep what they were compiled with.
+    """
     body = ast.parse(inspect.getsource(module)).body
+    frozen = {
+        part.id
+        for one in body
+        if isinstance(one, ast.FunctionDef) and one.decorator_list
+        for part in ast.walk(one)
+        if isinstance(part, ast.Name)
+    }
     for here, after in itertools.pairwise(body):
         if not (isinstance(here, ast.Assign) and isinstance(here.targets[0], ast.Name)):
             continue
         told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
         value = getattr(module, here.targets[0].id)
-        if told and "Source" in str(after.value.value) and _is_number(value):
+        sourced = told and "Source" in str(after.value.value) and _is_number(value)
+        if sourced and here.targets[0].id not in frozen:
             yield here.targets[0].id
 
 
