@@ -127,7 +127,7 @@ def test_other_initial_states_that_leave_more_are_not_taken(thrown):
 def test_an_initial_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
     plant, trials, right, _ = thrown
     (head,) = first_periods(plant, trials[1:])
-    noise = right.noise.of([1])
+    noise = right.noise.for_trials([1])
     size = motion_amplitude(plant, trials[1], right.values, np.array([0.02, 0.5]))
     found = multistart_initial_state(
         plant, head, noise, right.values, np.array([-0.03, 0.9]), size
