@@ -91,7 +91,9 @@ def _diagnose(
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient and not decays:
         tell("comparing spectra", 0.1)
-        return diagnose_ambient(campaign, trials, findings, known, tell)
+        opened = with_open_joints(campaign.description)
+        opened_campaign = dataclasses.replace(campaign, description=opened)
+        return strip_joints(diagnose_ambient(opened_campaign, trials, findings, known, tell))
     if is_imposed(campaign.description, trials):
         return diagnose_imposed_motion(campaign, trials, findings, known, tell)
     tell("refitting the model within its tolerances", 0.05)

@@ -52,6 +52,9 @@ EXPLAINED = 0.5
 still differ from it. Source: a decision: statistical linearisation leaves the rest of a strong
 law."""
 
+NAMING = ("missing_effect", "sensor_fault")
+"""Verdicts that name what is missing."""
+
 MEASURE_INPUT = Experiment(
     "Measure what drives the structure, a force or the motion of its base, and name it among "
     "the inputs of the model file: then the model can be simulated, and more effects told "
@@ -206,7 +209,7 @@ def _answer(
     verdict, sentence = _verdict(found, moved, kinds)
     if faults and verdict in ("nothing_missing", "parameters_only"):
         verdict, sentence = verdict_of(faults, kinds), " ".join(a.sentence for a in faults)
-    named = found.named if verdict in ("missing_effect", "undecided") else None
+    named = found.named if verdict in (*NAMING, "undecided") else None
     gap = _gap(campaign, plant, found, named, tests, kinds)
     refitted = _described(given, found.compared.bare)
     augmented = _described(given, seen)
@@ -371,7 +374,7 @@ def _verdict(
     named = found.named
     if named is not None and found.is_adequate:
         if not found.rivals:
-            return "missing_effect", named.sentence
+            return verdict_of([named], kinds), named.sentence
         told = " or ".join(f"{kinds[one.effect].words} at {one.place}" for one in found.rivals)
         return "undecided", (
             "Something is missing, and spectra without a measured input cannot tell which of "

@@ -23,6 +23,7 @@ import scipy.fft
 from jaxtyping import Float
 
 from slowtime.discrepancy.localization import LinearModel
+from slowtime.dynamics.description import OpenJoint
 from slowtime.dynamics.effects import Kind, Motion, Place, force_along
 
 from .spectra import AmbientFit, Change, SpectralProblem
@@ -137,8 +138,14 @@ def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...
     element
         A spring of the model.
     """
+    linear = LinearModel.of(problem.plant.description)
+    structure = linear.structure
+    part = next(one for one in problem.plant.description.elements if one.id == element)
     stiffness = problem.plant.entries["stiffness", element].value
-    structure = LinearModel.of(problem.plant.description).structure
+    if isinstance(part, OpenJoint):
+        # It has no stiffness of its own: that of what holds the weaker of its ends counts.
+        ends = np.flatnonzero(linear.elongation(Place("element", element)))
+        stiffness = float(np.diag(structure.stiffness)[ends].min()) / PRIOR_RATIO
     squares = np.linalg.eigvals(np.linalg.solve(structure.mass, structure.stiffness)).real
     lowest = math.sqrt(max(float(squares.min()), 1e-6 * float(squares.max())))
     scales = {

@@ -13,6 +13,7 @@ from slowtime.dynamics.effects import Effect, Kind
 from slowtime.dynamics.plant import Name, Plant
 
 from .equivalents import element_motion
+from .hypotheses import SENSOR_CHANGES
 from .spectra import AmbientFit, SpectralProblem, fit_spectra, spectral_problem
 
 LEAST_SD = 1e-6
@@ -107,6 +108,8 @@ def _with_constants(
     """Fit forces and noise of one record, with constants held within their errors."""
     description = with_values(plant.description, constants)
     problem = spectral_problem(dataclasses.replace(plant, description=description), (trial,))
+    sensed = {name: value for name, value in constants.items() if name[0] in ("gain", "delay")}
+    problem = dataclasses.replace(problem, sensed=sensed)
     mean = np.array([constants[name] for name in problem.prior.names])
     held = dataclasses.replace(
         problem.prior, mean=mean, sd=np.maximum(sds, LEAST_SD * np.abs(mean))
@@ -130,6 +133,10 @@ def _changed(
             return constants[name]
         return entries[name].value if name in entries else 0.0
 
+    if place.kind == "sensor":
+        what = SENSOR_CHANGES[effect.kind]
+        (value,) = effect.parameters.values()
+        return {(what, place.id): value}
     if place.kind == "node":
         name = ("mass", place.id)
         return {name: before(name) + effect.parameters["dm_kg"]}
