@@ -41,6 +41,7 @@ from slowtime.signals.spectra import detrended, transform
 from .holdout import error_of_chance, fit_unseen, spectral_error
 from .hypotheses import Compared, compare_effects
 from .spectra import AmbientFit, fit_spectra, spectral_problem
+from .time_variation import with_time_variation
 
 TOLD_BANDS = 4
 """[bands] That a sentence names at most. Source: judgement; more cannot be taken in."""
@@ -150,6 +151,9 @@ def diagnose_ambient(
     problem = spectral_problem(plant, learnt)
     bare = fit_spectra(problem)
     compared = compare_effects(problem, bare, kinds, monitor or Monitor())
+    if compared.candidates and compared.candidates[0].gain >= LIMITS.least_log_evidence:
+        every = with_time_variation(compared.candidates, plant, learnt, kinds)
+        compared = dataclasses.replace(compared, candidates=every)
     unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
     found = _chosen(compared, unseen, campaign.description, kinds)
     return _answer(campaign, plant, found, tests, findings, kinds)

@@ -92,9 +92,10 @@ def _fit_one(
     prior, (values, sds) = prior_of(plant), found
     constants: dict[Name, float] = dict(zip(prior.names, values.tolist(), strict=True))
     problem, fit = _with_constants(plant, trial, constants, sds)
+    span_s = (trial.start_s, trial.duration_s)
     for _ in range(ROUNDS if effect is not None else 0):
         assert effect is not None
-        moved = constants | _changed(problem, fit, effect, kinds, constants)
+        moved = constants | _changed(problem, fit, effect, kinds, constants, span_s)
         problem, fit = _with_constants(plant, trial, moved, sds)
     return fit
 
@@ -124,8 +125,9 @@ def _changed(
     effect: Effect,
     kinds: Mapping[str, Kind],
     constants: Mapping[Name, float],
+    span_s: tuple[float, float],
 ) -> dict[Name, float]:
-    """Return the constants at the place of an effect, at the level of the record."""
+    """Return the constants at the place of an effect, at level and times of the record."""
     place, entries = effect.place, problem.plant.entries
 
     def before(name: Name) -> float:
@@ -137,10 +139,8 @@ def _changed(
         what = SENSOR_CHANGES[effect.kind]
         (value,) = effect.parameters.values()
         return {(what, place.id): value}
-    if place.kind == "node":
-        name = ("mass", place.id)
-        return {name: before(name) + effect.parameters["dm_kg"]}
-    motion = element_motion(problem, fit, 0, place, seed=0)
+    motion = element_motion(problem, fit, 0, place, seed=0).during(*span_s)
     added = motion.equivalents(kinds[effect.kind], effect.parameters)
-    names: list[Name] = [("stiffness", place.id), ("damping", place.id)]
+    what = ("mass",) if place.kind == "node" else ("stiffness", "damping")
+    names: list[Name] = [(one, place.id) for one in what]
     return {name: before(name) + more for name, more in zip(names, added, strict=True)}

@@ -126,7 +126,7 @@ def compare_effects(
         if kind:
             candidates += _one_number(kinds[kind], place, fit, bare)
             continue
-        equivalents = equivalents_of(changed, fit, place.id)
+        equivalents = equivalents_of(changed, fit, place)
         found.append((fit.log_likelihood, equivalents))
         candidates += _laws(equivalents, fit, bare, kinds, problem)
     candidates.sort(key=lambda one: -one.gain)

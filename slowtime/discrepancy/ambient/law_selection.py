@@ -1,8 +1,8 @@
 r"""Selection among laws of an element by its equivalent stiffness and damping in each record.
 
 A law with parameters :math:`p` predicts equivalents :math:`\eta(p)`; those estimated from the
-spectra are :math:`\hat\eta` with covariance :math:`C_0`, which the error of linearisation widens
-to :math:`C`. The evidence of the law is
+spectra are :math:`\hat\eta` with covariance :math:`C_0`, which the error of linearisation
+widens to :math:`C`. The evidence of the law is
 
 .. math:: \log L_0 - \tfrac12 (\hat\eta - \eta)^T C^{-1} (\hat\eta - \eta)
           - \tfrac12 \log\det(I + D J^T C^{-1} J D) - \tfrac12 \log\det(C C_0^{-1}) , \quad
@@ -162,6 +162,10 @@ class _LawFit:
         """Shapes that the motion of the records suggests, with the best strength of each."""
         kind, found = self.kind, self.found
         largest = max(found.motions, key=lambda one: one.size_m).motion
+        if _depends_on_time(kind):
+            ends = [one.motion.times[[0, -1]] for one in found.motions]
+            times = np.linspace(np.min(ends), np.max(ends), len(largest.times))
+            largest = dataclasses.replace(largest, times=times)
         shapes = list(kind.shapes(largest)) or [{}]
         ranked: list[tuple[float, dict[str, float]]] = []
         for shape in shapes:
