@@ -264,8 +264,9 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
     if kind.joins is not None and kind.joins != is_open(place, description):
         return False
     shaken = any(entry.kind in BASE_KINDS for entry in description.inputs)
-    if shaken and isinstance(kind.action, Law) and kind.action.along is not None:
-        return False  # a law does not see the acceleration of the base
+    law = kind.action if isinstance(kind.action, Law) else None
+    if shaken and law is not None and law.along is not None and law.switches:
+        return False  # the lag of the acceleration spoils the step in which it switches
     if kind.name == OFFSET:
         return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
     if kind.where == "base" and not moves_with_base(description):
