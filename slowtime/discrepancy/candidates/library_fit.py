@@ -261,6 +261,8 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
     """
     if kind.where != place.kind:
         return False
+    if kind.is_coupling:
+        return False  # no force along one motion: see `proposers.couplings`
     if kind.joins is not None and kind.joins != is_open(place, description):
         return False
     shaken = any(entry.kind in BASE_KINDS for entry in description.inputs)
