@@ -9,7 +9,8 @@ from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
-from .data.screening import screen_records
+from .data.screening import screen, screen_records
+from .data.wiring import find_rewiring, with_rewiring
 from .diagnosis import Diagnosis
 from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
@@ -29,6 +30,7 @@ from .report.assembly import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
 from .selection.refutation import refute
+from .validation.free_run import evaluation_trials
 from .workers import Workers, shared_among
 
 QUICK = (
@@ -81,19 +83,26 @@ def _diagnose(
 ) -> Diagnosis:
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
-    given = campaign.trials
-    decays = is_free_decay(given)
+    recorded = campaign.trials
+    decays = is_free_decay(recorded)
     if decays:
         known = without_tones(known)
-        given = tuple(without_standstill(trial) for trial in given)
-    screened = screen_records(given, campaign.channels)
+        recorded = tuple(without_standstill(trial) for trial in recorded)
+    screened = screen_records(recorded, campaign.channels)
     trials = tuple(one.trial.trimmed() for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient and not decays:
         tell("comparing spectra", 0.1)
-        return diagnose_ambient(campaign, trials, findings, known, tell)
+        opened = with_open_joints(campaign.description)
+        opened_campaign = dataclasses.replace(campaign, description=opened)
+        return strip_joints(diagnose_ambient(opened_campaign, trials, findings, known, tell))
     if is_imposed(campaign.description, trials):
         return diagnose_imposed_motion(campaign, trials, findings, known, tell)
+    tell("comparing each channel with each node", 0.03)
+    given = campaign.description
+    rewiring = None if decays else find_rewiring(given, trials, known)
+    if rewiring is not None:
+        campaign = dataclasses.replace(campaign, description=rewiring.description)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated, decays=decays)
@@ -115,6 +124,9 @@ def _diagnose(
         campaign, found.trials, findings, found, known, monitor, surface=options.surface
     )
     answer = strip_joints(answer)
+    if rewiring is not None:
+        unseen = tuple(screen(one).trial for one in campaign.holdout)
+        answer = with_rewiring(answer, rewiring, given, evaluation_trials(trials, unseen))
     if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer

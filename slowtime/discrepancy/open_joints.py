@@ -9,7 +9,8 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 
-from slowtime.dynamics.description import BASE, Description, OpenJoint, Spring
+from slowtime.dynamics.channels import IMPOSED_KINDS
+from slowtime.dynamics.description import BASE, Description, Matrix, OpenJoint, Spring
 
 from .diagnosis import Diagnosis
 
@@ -27,8 +28,7 @@ def with_open_joints(
     Parameters
     ----------
     description
-        Model of springs between points, none of which an input moves; others are given back
-        as they are.
+        Model of springs and beams; those with reduced substructures are given back as they are.
     suspects
         From the model to its nodes, the one first on which a force is likeliest missing; asked
         where there are more than `MOST_JOINTS` pairs.
@@ -36,7 +36,8 @@ def with_open_joints(
     every = list(_unjoined(description))
     pairs = every
     if len(every) > MOST_JOINTS:
-        rank = {node: number for number, node in enumerate(suspects(description))} | {BASE: -1}
+        rank = {node: number for number, node in enumerate(suspects(description))}
+        rank |= dict.fromkeys((BASE, *description.moved), -1)
         # The likelihood of a pair is that of its less likely end.
         pairs = sorted(every, key=lambda pair: max(rank.get(end, len(rank)) for end in pair))
     taken = {one.id for one in (*description.elements, *description.nodes)}
@@ -93,12 +94,20 @@ def _name(pair: tuple[str, str], taken: set[str]) -> str:
 
 
 def _unjoined(description: Description) -> Iterator[tuple[str, str]]:
-    """Give pairs of points that nothing joins, those with the ground first."""
-    springs = all(isinstance(element, Spring) for element in description.elements)
-    points = all(node.kind == "point" for node in description.nodes)
-    if not (springs and points) or description.moved:
+    """Give pairs of points that nothing joins, those with the ground first.
+
+    Points that inputs move are places of their own; supports that none moves are the ground.
+    """
+    if any(isinstance(element, Matrix) for element in description.elements):
         return
-    free = [node.id for node in description.nodes]
-    joined = {frozenset(element.between) for element in description.elements}
-    pairs = itertools.combinations([BASE, *free], 2)
-    yield from (pair for pair in pairs if frozenset(pair) not in joined)
+    driven = {entry.node for entry in description.inputs if entry.kind in IMPOSED_KINDS}
+    still = {one.id for one in description.supports} - driven
+    free = [node.id for node in description.nodes if node.id in description.dofs]
+    moved = [name for name in description.moved if name in driven]
+    joined = {
+        frozenset(BASE if end in still else end for end in element.between)
+        for element in description.elements
+    }
+    for pair in itertools.combinations([BASE, *moved, *free], 2):
+        if frozenset(pair) not in joined and pair[1] not in driven:
+            yield pair

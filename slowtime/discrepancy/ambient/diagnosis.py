@@ -41,6 +41,7 @@ from slowtime.signals.spectra import detrended, transform
 from .holdout import error_of_chance, fit_unseen, spectral_error
 from .hypotheses import Compared, compare_effects
 from .spectra import AmbientFit, fit_spectra, spectral_problem
+from .time_variation import with_time_variation
 
 TOLD_BANDS = 4
 """[bands] That a sentence names at most. Source: judgement; more cannot be taken in."""
@@ -51,6 +52,9 @@ EXPLAINED = 0.5
 """[share of the deviance beyond noise] That a law has to explain to be named, where the spectra
 still differ from it. Source: a decision: statistical linearisation leaves the rest of a strong
 law."""
+
+NAMING = ("missing_effect", "sensor_fault")
+"""Verdicts that name what is missing."""
 
 MEASURE_INPUT = Experiment(
     "Measure what drives the structure, a force or the motion of its base, and name it among "
@@ -147,6 +151,9 @@ def diagnose_ambient(
     problem = spectral_problem(plant, learnt)
     bare = fit_spectra(problem)
     compared = compare_effects(problem, bare, kinds, monitor or Monitor())
+    if compared.candidates and compared.candidates[0].gain >= LIMITS.least_log_evidence:
+        every = with_time_variation(compared.candidates, plant, learnt, kinds)
+        compared = dataclasses.replace(compared, candidates=every)
     unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
     found = _chosen(compared, unseen, campaign.description, kinds)
     return _answer(campaign, plant, found, tests, findings, kinds)
@@ -206,7 +213,7 @@ def _answer(
     verdict, sentence = _verdict(found, moved, kinds)
     if faults and verdict in ("nothing_missing", "parameters_only"):
         verdict, sentence = verdict_of(faults, kinds), " ".join(a.sentence for a in faults)
-    named = found.named if verdict in ("missing_effect", "undecided") else None
+    named = found.named if verdict in (*NAMING, "undecided") else None
     gap = _gap(campaign, plant, found, named, tests, kinds)
     refitted = _described(given, found.compared.bare)
     augmented = _described(given, seen)
@@ -371,7 +378,7 @@ def _verdict(
     named = found.named
     if named is not None and found.is_adequate:
         if not found.rivals:
-            return "missing_effect", named.sentence
+            return verdict_of([named], kinds), named.sentence
         told = " or ".join(f"{kinds[one.effect].words} at {one.place}" for one in found.rivals)
         return "undecided", (
             "Something is missing, and spectra without a measured input cannot tell which of "

@@ -16,13 +16,14 @@ References
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Float
 
 from slowtime.discrepancy.localization import LinearModel
+from slowtime.dynamics.description import OpenJoint
 from slowtime.dynamics.effects import Kind, Motion, Place, force_along
 
 from .spectra import AmbientFit, Change, SpectralProblem
@@ -62,20 +63,32 @@ class ElementMotion:
         """Root mean square of the elongation [m]."""
         return float(np.sqrt(np.mean(self.motion.e**2)))
 
-    def equivalents(self, kind: Kind, parameters: Mapping[str, float]) -> tuple[float, float]:
-        """Equivalent stiffness [N/m] and damping [N s/m] of a law under this motion.
+    def equivalents(self, kind: Kind, parameters: Mapping[str, float]) -> tuple[float, ...]:
+        """Equivalents of a law under this motion.
 
         Parameters
         ----------
         kind
-            Of an element, with a force along its motion.
+            Of an element or a node, with a force along its motion.
         parameters
             Of the law, by name.
+
+        Returns
+        -------
+        On an element stiffness [N/m] and damping [N s/m]; on a node mass [kg].
         """
-        e, v = self.motion.e, self.motion.v
+        e, v, a = self.motion.e, self.motion.v, self.motion.a
+        if kind.where == "node":
+            inertia = -force_along(kind, parameters, self.motion)
+            return (float(inertia @ a / (a @ a)),)
         force = self._centred(kind, parameters)
         force = force - force.mean()
         return float(force @ e / (e @ e)), float(force @ v / (v @ v))
+
+    def during(self, begin_s: float, duration_s: float) -> "ElementMotion":
+        """Give the motion the times of a record, for laws that change with them."""
+        times = begin_s + duration_s * np.linspace(0.0, 1.0, len(self.motion.e))
+        return dataclasses.replace(self, motion=dataclasses.replace(self.motion, times=times))
 
     def _centred(
         self, kind: Kind, parameters: Mapping[str, float]
@@ -100,14 +113,14 @@ class ElementMotion:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Equivalents:
-    """Equivalent stiffness and damping beyond the model's, of one element in each record.
+    """Equivalent constants beyond the model's, of one element or node in each record.
 
     Parameters
     ----------
     place
-        The element.
+        The element or node.
     values
-        Stiffness of each record [N/m], then damping of each [N s/m].
+        Stiffness of each record [N/m], then damping of each [N s/m]; of a node, masses [kg].
     covariance
         Of the values.
     motions
@@ -123,8 +136,27 @@ class Equivalents:
         self, kind: Kind, parameters: Mapping[str, float]
     ) -> Float[np.ndarray, " equivalent"]:
         """Equivalents of a law, in the order of the values."""
-        pairs = [one.equivalents(kind, parameters) for one in self.motions]
-        return np.array([k for k, _ in pairs] + [c for _, c in pairs])
+        every = [one.equivalents(kind, parameters) for one in self.motions]
+        return np.array([value for values in zip(*every, strict=True) for value in values])
+
+
+def changes_of(problem: SpectralProblem, place: Place) -> tuple[Change, ...]:
+    """Give an element or a node constants of its own in each record.
+
+    Parameters
+    ----------
+    problem
+        Records and model.
+    place
+        A spring or a node of the model.
+    """
+    if place.kind == "element":
+        return element_changes(problem, place.id)
+    mass = problem.plant.entries["mass", place.id].value
+    return tuple(
+        Change(constant=("mass", place.id), record=record, scale=mass)
+        for record in range(len(problem.records))
+    )
 
 
 def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...]:
@@ -137,8 +169,14 @@ def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...
     element
         A spring of the model.
     """
+    linear = LinearModel.of(problem.plant.description)
+    structure = linear.structure
+    part = next(one for one in problem.plant.description.elements if one.id == element)
     stiffness = problem.plant.entries["stiffness", element].value
-    structure = LinearModel.of(problem.plant.description).structure
+    if isinstance(part, OpenJoint):
+        # It has no stiffness of its own: that of what holds the weaker of its ends counts.
+        ends = np.flatnonzero(linear.elongation(Place("element", element)))
+        stiffness = float(np.diag(structure.stiffness)[ends].min()) / PRIOR_RATIO
     squares = np.linalg.eigvals(np.linalg.solve(structure.mass, structure.stiffness)).real
     lowest = math.sqrt(max(float(squares.min()), 1e-6 * float(squares.max())))
     scales = {
@@ -153,9 +191,13 @@ def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...
 
 
 def equivalents_of(
-    problem: SpectralProblem, fit: AmbientFit, element: str, seed: int = 0
+    problem: SpectralProblem,
+    fit: AmbientFit,
+    place: Place,
+    seed: int = 0,
+    spans: Sequence[tuple[float, float]] | None = None,
 ) -> Equivalents:
-    """Read the equivalents of an element from a fit with `element_changes`.
+    """Read the equivalents of a place from a fit with `changes_of`.
 
     Parameters
     ----------
@@ -163,21 +205,21 @@ def equivalents_of(
         Records, model and changes.
     fit
         Of that problem.
-    element
-        A spring of the model.
+    place
+        A spring or a node of the model.
     seed
         Of the simulated motion.
+    spans
+        Begin in campaign time and duration of each record [s]; where not given, laws see the
+        time of the simulated motion.
     """
-    place = Place("element", element)
-    return Equivalents(
-        place,
-        fit.change_values,
-        fit.change_covariance,
-        tuple(
-            element_motion(problem, fit, record, place, seed)
-            for record in range(len(problem.records))
-        ),
-    )
+    motions = [
+        element_motion(problem, fit, record, place, seed)
+        for record in range(len(problem.records))
+    ]
+    if spans is not None:
+        motions = [one.during(*span) for one, span in zip(motions, spans, strict=True)]
+    return Equivalents(place, fit.change_values, fit.change_covariance, tuple(motions))
 
 
 def element_motion(

@@ -13,6 +13,7 @@ from slowtime.dynamics.effects import Effect, Kind
 from slowtime.dynamics.plant import Name, Plant
 
 from .equivalents import element_motion
+from .hypotheses import SENSOR_CHANGES
 from .spectra import AmbientFit, SpectralProblem, fit_spectra, spectral_problem
 
 LEAST_SD = 1e-6
@@ -91,9 +92,10 @@ def _fit_one(
     prior, (values, sds) = prior_of(plant), found
     constants: dict[Name, float] = dict(zip(prior.names, values.tolist(), strict=True))
     problem, fit = _with_constants(plant, trial, constants, sds)
+    span_s = (trial.start_s, trial.duration_s)
     for _ in range(ROUNDS if effect is not None else 0):
         assert effect is not None
-        moved = constants | _changed(problem, fit, effect, kinds, constants)
+        moved = constants | _changed(problem, fit, effect, kinds, constants, span_s)
         problem, fit = _with_constants(plant, trial, moved, sds)
     return fit
 
@@ -107,6 +109,8 @@ def _with_constants(
     """Fit forces and noise of one record, with constants held within their errors."""
     description = with_values(plant.description, constants)
     problem = spectral_problem(dataclasses.replace(plant, description=description), (trial,))
+    sensed = {name: value for name, value in constants.items() if name[0] in ("gain", "delay")}
+    problem = dataclasses.replace(problem, sensed=sensed)
     mean = np.array([constants[name] for name in problem.prior.names])
     held = dataclasses.replace(
         problem.prior, mean=mean, sd=np.maximum(sds, LEAST_SD * np.abs(mean))
@@ -121,8 +125,9 @@ def _changed(
     effect: Effect,
     kinds: Mapping[str, Kind],
     constants: Mapping[Name, float],
+    span_s: tuple[float, float],
 ) -> dict[Name, float]:
-    """Return the constants at the place of an effect, at the level of the record."""
+    """Return the constants at the place of an effect, at level and times of the record."""
     place, entries = effect.place, problem.plant.entries
 
     def before(name: Name) -> float:
@@ -130,10 +135,12 @@ def _changed(
             return constants[name]
         return entries[name].value if name in entries else 0.0
 
-    if place.kind == "node":
-        name = ("mass", place.id)
-        return {name: before(name) + effect.parameters["dm_kg"]}
-    motion = element_motion(problem, fit, 0, place, seed=0)
+    if place.kind == "sensor":
+        what = SENSOR_CHANGES[effect.kind]
+        (value,) = effect.parameters.values()
+        return {(what, place.id): value}
+    motion = element_motion(problem, fit, 0, place, seed=0).during(*span_s)
     added = motion.equivalents(kinds[effect.kind], effect.parameters)
-    names: list[Name] = [("stiffness", place.id), ("damping", place.id)]
+    what = ("mass",) if place.kind == "node" else ("stiffness", "damping")
+    names: list[Name] = [(one, place.id) for one in what]
     return {name: before(name) + more for name, more in zip(names, added, strict=True)}

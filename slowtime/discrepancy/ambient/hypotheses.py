@@ -1,23 +1,42 @@
-"""Hypotheses about ambient records: nothing missing, a law at an element, a mass at a node."""
+"""Hypotheses about ambient records: a law at an element, a mass at a node, a wrong sensor."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.stats
 
+from slowtime.discrepancy.estimation.model_evidence import log_joints
 from slowtime.discrepancy.progress import Monitor
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .equivalents import Equivalents, element_changes, equivalents_of
 from .law_selection import fit_laws, laws_of_elements
-from .spectra import AmbientFit, Change, SpectralProblem, expected_gain, fit_spectra
+from .spectra import (
+    AmbientFit,
+    Change,
+    SpectralProblem,
+    best_begin,
+    expected_gains,
+    fit_spectra,
+)
 
 SHORTLIST = 4
 """[places] That are fitted, of those which the score test ranks. Source: judgement; the true
 place was first or second of up to three in simulated rigs."""
 CREEP = 1e-9
-"""[1] Relative change of a mass below which none was found. Source: rounding."""
+"""[1] Change in units of its scale below which none was found. Source: rounding."""
+SENSOR_CHANGES = {"sensor_gain": "gain", "sensor_delay": "delay"}
+"""Kinds of effect that are sought at sensors, and the constants that they change."""
+DELAYS = np.linspace(-3.0, 3.0, 25)
+"""[rad at the highest line] Phases of a late sensor from which the best is refined. Source:
+steps of a quarter radian, far less than the half turn after which a phase repeats itself."""
+
+
+_Idea = tuple[Place, str]
+"""A place, and the kind of what may be missing there; empty for the laws of an element."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +89,7 @@ class Compared:
 def compare_effects(
     problem: SpectralProblem, bare: AmbientFit, kinds: Mapping[str, Kind], monitor: Monitor
 ) -> Compared:
-    """Fit equivalents at each place, and laws to them.
+    """Fit changes at each place, and laws to those of elements.
 
     Parameters
     ----------
@@ -83,62 +102,105 @@ def compare_effects(
     monitor
         Receives the stage of the work.
     """
-    changes = _changes_by_place(problem, kinds)
-    expected = {
-        place: expected_gain(problem.with_changes(*own), bare) for place, own in changes.items()
+    changes = _changes(problem, kinds)
+    begins = {
+        idea: best_begin(problem.with_changes(*own), bare, DELAYS)
+        for idea, own in changes.items()
+        if idea[1] == "sensor_delay"
     }
-    ranked = sorted(expected, key=lambda place: -expected[place])[:SHORTLIST]
+    gains = expected_gains(problem, bare, list(changes.values()))
+    expected = {
+        idea: max(gain, begins.get(idea, (0.0, 0.0))[1])
+        for idea, gain in zip(changes, gains, strict=True)
+    }
+    ranked = sorted(
+        changes, key=lambda idea: scipy.stats.chi2.logsf(2 * expected[idea], len(changes[idea]))
+    )[:SHORTLIST]
     candidates: list[Candidate] = []
     found: list[tuple[float, Equivalents]] = []
-    for number, place in enumerate(ranked):
+    for number, idea in enumerate(ranked):
+        place, kind = idea
         monitor(f"fitting spectra with a change at {place}", 0.2 + 0.7 * number / len(ranked))
-        changed = problem.with_changes(*changes[place])
-        fit = fit_spectra(changed, bare)
-        if place.kind == "node":
-            candidates += _mass(place, fit, bare)
+        changed = problem.with_changes(*changes[idea])
+        fit = fit_spectra(changed, bare, begins.get(idea, (0.0, 0.0))[0])
+        if kind:
+            candidates += _one_number(kinds[kind], place, fit, bare)
             continue
-        equivalents = equivalents_of(changed, fit, place.id)
+        equivalents = equivalents_of(changed, fit, place)
         found.append((fit.log_likelihood, equivalents))
-        laws = laws_of_elements(kinds, len(changes[place]))
-        candidates += [
-            Candidate(law.effect, law.sds, law.log_evidence - bare.log_likelihood, fit)
-            for law in fit_laws(equivalents, fit, laws)
-        ]
+        candidates += _laws(equivalents, fit, bare, kinds, problem)
     candidates.sort(key=lambda one: -one.gain)
     found.sort(key=lambda one: -one[0])
+    at = {place: [idea for idea in changes if idea[0] == place] for place, _ in changes}
     return Compared(
         bare,
         tuple(candidates),
         tuple(one for _, one in found),
-        expected,
-        {place: len(own) for place, own in changes.items()},
+        {place: max(expected[idea] for idea in own) for place, own in at.items()},
+        {place: len(changes[own[0]]) for place, own in at.items()},
     )
 
 
-def _changes_by_place(
+def _changes(
     problem: SpectralProblem, kinds: Mapping[str, Kind]
-) -> dict[Place, Sequence[Change]]:
+) -> dict[_Idea, Sequence[Change]]:
+    """List what may be changed: by place, and kind where it is of one."""
     description = problem.plant.description
-    changes: dict[Place, Sequence[Change]] = {
-        Place("element", element.id): element_changes(problem, element.id)
+    changes: dict[_Idea, Sequence[Change]] = {
+        (Place("element", element.id), ""): element_changes(problem, element.id)
         for element in description.elements
         if isinstance(element, Spring)
     }
     if "added_mass" in kinds:
         changes |= {
-            Place("node", node.id): (
+            (Place("node", node.id), "added_mass"): (
                 Change(constant=("mass", node.id), record=None, scale=node.mass_kg),
             )
             for node in description.nodes
             if node.mass_kg > 0
         }
+    radian_s = 1 / (2 * math.pi * max(one.frequency_hz[-1] for one in problem.records))
+    if problem.sensors > 1:
+        changes |= {
+            (Place("sensor", sensor.channel), kind): (
+                Change(
+                    constant=(what, sensor.channel),
+                    record=None,
+                    scale=radian_s if what == "delay" else 1.0,
+                ),
+            )
+            for kind, what in SENSOR_CHANGES.items()
+            if kind in kinds
+            for sensor in description.sensors
+        }
     return changes
 
 
-def _mass(place: Place, fit: AmbientFit, bare: AmbientFit) -> list[Candidate]:
-    """Return the added mass of a node, where there is more than none."""
-    added, sd = float(fit.change_values[0]), float(np.sqrt(fit.change_covariance[0, 0]))
-    if not added > CREEP * fit.changes[0].scale:
+def _laws(
+    equivalents: Equivalents,
+    fit: AmbientFit,
+    bare: AmbientFit,
+    kinds: Mapping[str, Kind],
+    problem: SpectralProblem,
+) -> list[Candidate]:
+    """Fit laws to the equivalents of an element; all open joints are as probable as one."""
+    place, description = equivalents.place, problem.plant.description
+    laws = laws_of_elements(kinds, place, description, len(equivalents.values))
+    against = bare.log_likelihood + log_joints(place, description)
+    return [
+        Candidate(law.effect, law.sds, law.log_evidence - against, fit)
+        for law in fit_laws(equivalents, fit, laws)
+    ]
+
+
+def _one_number(kind: Kind, place: Place, fit: AmbientFit, bare: AmbientFit) -> list[Candidate]:
+    """Return an effect of one number, where there is more than none of it."""
+    change, sd = float(fit.change_values[0]), float(np.sqrt(fit.change_covariance[0, 0]))
+    (parameter,) = kind.parameters
+    without = 1.0 if kind.name == "sensor_gain" else 0.0
+    if not abs(change) > CREEP * fit.changes[0].scale or parameter.refuses(without + change):
         return []
-    gain = fit.log_likelihood - bare.log_likelihood - float(np.log1p((added / sd) ** 2)) / 2
-    return [Candidate(Effect("added_mass", place, {"dm_kg": added}), {"dm_kg": sd}, gain, fit)]
+    occam = float(np.log1p((change / sd) ** 2)) / 2
+    gain = fit.log_likelihood - bare.log_likelihood - occam
+    effect = Effect(kind.name, place, {parameter.name: without + change})
+    return [Candidate(effect, {parameter.name: sd}, gain, fit)]

@@ -1,10 +1,12 @@
 r"""Selection among laws of an element by its equivalent stiffness and damping in each record.
 
 A law with parameters :math:`p` predicts equivalents :math:`\eta(p)`; those estimated from the
-spectra are :math:`\hat\eta` with covariance :math:`C`. The evidence of the law is
+spectra are :math:`\hat\eta` with covariance :math:`C_0`, which the error of linearisation
+widens to :math:`C`. The evidence of the law is
 
 .. math:: \log L_0 - \tfrac12 (\hat\eta - \eta)^T C^{-1} (\hat\eta - \eta)
-          - \tfrac12 \log\det(I + D J^T C^{-1} J D), \quad D = \mathrm{diag} |p| ,
+          - \tfrac12 \log\det(I + D J^T C^{-1} J D) - \tfrac12 \log\det(C C_0^{-1}) , \quad
+          D = \mathrm{diag} |p| ,
 
 with :math:`J` its derivatives, a prior as wide as the parameters themselves (see
 `estimation.occam_factor`), and :math:`L_0` the likelihood of equivalents that are free.
@@ -19,7 +21,17 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.dynamics.effects import Effect, Friction, Hidden, Kind, Law, simple_kinds
+from slowtime.discrepancy.candidates.library_fit import is_applicable
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    Kind,
+    Law,
+    Place,
+    simple_kinds,
+)
 
 from .equivalents import Equivalents
 from .spectra import AmbientFit
@@ -59,20 +71,24 @@ class FittedLaw:
     chi2: float
 
 
-def laws_of_elements(kinds: Mapping[str, Kind], equivalents: int) -> list[Kind]:
+def laws_of_elements(
+    kinds: Mapping[str, Kind], place: Place, description: Description, equivalents: int
+) -> list[Kind]:
     """List simple laws of an element that act at all times, with fewer parameters than data.
 
     Parameters
     ----------
     kinds
         Catalogue of effects by name.
+    place, description
+        The element, and the model.
     equivalents
         Number of equivalents that are known.
     """
     return [
         kind
         for kind in simple_kinds(kinds)
-        if kind.where == "element"
+        if is_applicable(kind, place, description)
         and isinstance(kind.action, Law | Friction | Hidden)
         and not _depends_on_time(kind)
         and len([p for p in kind.parameters if p.fitted]) < equivalents
@@ -115,8 +131,12 @@ class _LawFit:
     def __init__(self, found: Equivalents, kind: Kind) -> None:
         self.found, self.kind = found, kind
         self.free = [p.name for p in kind.parameters if p.fitted]
-        spread = np.diag((LINEARISATION_ERROR * found.values) ** 2)
+        # A law that is linear needs no linearisation.
+        error = 0.0 if isinstance(kind.action, Hidden) else LINEARISATION_ERROR
+        spread = np.diag((error * found.values) ** 2)
         self.factor = np.linalg.cholesky(found.covariance + spread)
+        _, own = np.linalg.slogdet(found.covariance)
+        self.widening = 2 * float(np.sum(np.log(np.diag(self.factor)))) - float(own)
 
     def best(self, log_likelihood: float) -> FittedLaw | None:
         """Return the best fit; None where the law has none."""
@@ -134,7 +154,7 @@ class _LawFit:
         return FittedLaw(
             Effect(self.kind.name, self.found.place, parameters),
             dict(zip(self.free, sds.tolist(), strict=True)),
-            log_likelihood - chi2 / 2 - float(occam) / 2,
+            log_likelihood - (chi2 + float(occam) + self.widening) / 2,
             chi2,
         )
 
@@ -142,6 +162,10 @@ class _LawFit:
         """Shapes that the motion of the records suggests, with the best strength of each."""
         kind, found = self.kind, self.found
         largest = max(found.motions, key=lambda one: one.size_m).motion
+        if _depends_on_time(kind):
+            ends = [one.motion.times[[0, -1]] for one in found.motions]
+            times = np.linspace(np.min(ends), np.max(ends), len(largest.times))
+            largest = dataclasses.replace(largest, times=times)
         shapes = list(kind.shapes(largest)) or [{}]
         ranked: list[tuple[float, dict[str, float]]] = []
         for shape in shapes:

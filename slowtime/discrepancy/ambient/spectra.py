@@ -20,7 +20,7 @@ References
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -59,6 +59,9 @@ BAND_MARGIN = 1.5
 """[1] Times the frequency above which the structure is silent up to which lines are used.
 Source: judgement; no study is recorded."""
 
+MOST_AT_ONCE = 8
+"""[places] Whose score test is computed at once. Source: a bound on memory."""
+
 DIFFERENCE_STEP = 1e-4
 """[1] Relative step of central differences. Source: near the cube root of double precision,
 with margin."""
@@ -84,7 +87,8 @@ class Change:
     Parameters
     ----------
     constant
-        Name of the constant, such as ``("stiffness", "j0")``.
+        Name of the constant, such as ``("stiffness", "j0")``; of a sensor ``("gain", "a1")``
+        and ``("delay", "a1")`` [s].
     record
         Number of the record in which it differs; None for a change in all.
     scale
@@ -200,6 +204,8 @@ class SpectralProblem:
     records: tuple[RecordLines, ...]
     forces: tuple[int, ...]
     changes: tuple[Change, ...] = ()
+    sensed: Mapping[Name, float] = dataclasses.field(default_factory=dict)
+    """Gains [1] and delays [s] of sensors that are known to be off, by name as in `Change`."""
 
     @property
     def free(self) -> int:
@@ -239,7 +245,11 @@ class SpectralProblem:
 
     def described(self, at: Unknowns, record: int) -> Description:
         """Describe the linear model of one record."""
-        values = dict(
+        return with_values(self.plant.description, self.constants(at, record))
+
+    def constants(self, at: Unknowns, record: int) -> dict[Name, float]:
+        """Give the constants of one record that are not those of the description."""
+        values = dict(self.sensed) | dict(
             zip(
                 self.prior.names,
                 (self.prior.mean * (1 + at[: self.free])).tolist(),
@@ -250,18 +260,25 @@ class SpectralProblem:
             if change.record in (None, record):
                 before = values.get(change.constant, self._nominal(change.constant))
                 values[change.constant] = before + change.scale * float(size)
-        return with_values(self.plant.description, values)
+        return values
 
     def _nominal(self, constant: Name) -> float:
         entry = self.plant.entries.get(constant)
-        return 0.0 if entry is None else entry.value
+        return float(constant[0] == "gain") if entry is None else entry.value
 
     def responses(self, at: Unknowns, record: int) -> Responses:
         """Return readings of the sensors for each unit of force, at the lines of a record."""
         linear = LinearModel.of(self.described(at, record))
         frequency = self.records[record].frequency_hz
         seen = linear.sensor_response(frequency, linear.compliance(frequency))
-        return np.asarray(seen[:, :, list(self.forces)])
+        told = np.asarray(seen[:, :, list(self.forces)])
+        values = self.constants(at, record)
+        for i, sensor in enumerate(self.plant.description.sensors):
+            gain = values.get(("gain", sensor.channel), 1.0)
+            delay_s = values.get(("delay", sensor.channel), 0.0)
+            if (gain, delay_s) != (1.0, 0.0):
+                told[:, i] *= gain * np.exp(-2j * np.pi * frequency * delay_s)[:, None]
+        return told
 
     def with_changes(self, *changes: Change) -> "SpectralProblem":
         """Copy the problem with other changes."""
@@ -337,7 +354,9 @@ def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
     return fit_spectra(spectral_problem(plant, trials))
 
 
-def fit_spectra(problem: SpectralProblem, start: AmbientFit | None = None) -> AmbientFit:
+def fit_spectra(
+    problem: SpectralProblem, start: AmbientFit | None = None, begin: float = 0.0
+) -> AmbientFit:
     """Fit the unknowns of a problem by Fisher scoring.
 
     Parameters
@@ -346,8 +365,11 @@ def fit_spectra(problem: SpectralProblem, start: AmbientFit | None = None) -> Am
         Records, model and changes.
     start
         A fit of the same records without changes, to start from.
+    begin
+        Size of the changes to start from, in units of their scale.
     """
     at = initial_unknowns(problem) if start is None else _unknowns_of(problem, start)
+    at[problem.free : problem.linear] = begin
     cost, score, information = score_and_information(problem, at)
     damping = 1e-3
     for _ in range(MAX_STEPS):
@@ -366,22 +388,60 @@ def fit_spectra(problem: SpectralProblem, start: AmbientFit | None = None) -> Am
     return _result(problem, at, _inverse(information))
 
 
-def expected_gain(problem: SpectralProblem, start: AmbientFit) -> float:
-    """Gain of log likelihood [nats] that the changes of a problem promise, by the score test.
+def expected_gains(
+    problem: SpectralProblem, start: AmbientFit, places: Sequence[Sequence[Change]]
+) -> list[float]:
+    """Gain of log likelihood [nats] that changes of each place promise, by the score test.
 
     Parameters
     ----------
     problem
-        With changes.
+        Records and model.
     start
-        The fit without them.
+        The fit without changes.
+    places
+        Changes of each place.
 
     References
     ----------
     C. R. Rao, "Large sample tests of statistical hypotheses", Proc. Camb. Phil. Soc. 44 (1948).
     """
-    _, score, information = score_and_information(problem, _unknowns_of(problem, start))
-    return float(score @ _inverse(information) @ score) / 2
+    if len(places) > MOST_AT_ONCE:
+        rest = expected_gains(problem, start, places[MOST_AT_ONCE:])
+        return expected_gains(problem, start, places[:MOST_AT_ONCE]) + rest
+    whole = problem.with_changes(*itertools.chain.from_iterable(places))
+    _, score, information = score_and_information(whole, _unknowns_of(whole, start))
+    common = [*range(problem.free), *range(whole.linear, whole.unknowns)]
+    gains, first = [], problem.free
+    for changes in places:
+        own = [*common, *range(first, first + len(changes))]
+        first += len(changes)
+        gain = score[own] @ _inverse(information[np.ix_(own, own)]) @ score[own]
+        gains.append(float(gain) / 2)
+    return gains
+
+
+def best_begin(
+    problem: SpectralProblem, start: AmbientFit, sizes: Float[np.ndarray, " size"]
+) -> tuple[float, float]:
+    """Size of the one change of a problem that fits best, and its gain [nats], beside a fit.
+
+    Parameters
+    ----------
+    problem
+        With one change.
+    start
+        The fit without it.
+    sizes
+        To choose from, in units of the scale of the change.
+    """
+    at = _unknowns_of(problem, start)
+    costs = []
+    for size in (0.0, *sizes.tolist()):
+        at[problem.free] = size
+        costs.append(_cost(problem, at))
+    best = int(np.argmin(costs))
+    return float((0.0, *sizes.tolist())[best]), costs[0] - costs[best]
 
 
 def _inverse(

@@ -40,6 +40,8 @@ MAX_CONSTANT_FACTOR = 20.0
 """[1] By which a start may change a constant. Source: judgement; no study is recorded."""
 OFFSET, GAIN = "input_bias", "input_gain"
 """Kinds that are no rivals of others where a structure floats: see `floating`."""
+MISPLACED = "sensor_misplaced"
+"""Kind of a sensor at another node."""
 WEAK_SHARE = 0.1
 """[share of the best place's gain] Below which a place is passed over where several forces
 act. Source: judgement; no study is recorded."""
@@ -261,11 +263,16 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
     """
     if kind.where != place.kind:
         return False
+    if kind.name == MISPLACED:
+        return False  # see `data.wiring`
+    if kind.is_coupling:
+        return False  # no force along one motion: see `proposers.couplings`
     if kind.joins is not None and kind.joins != is_open(place, description):
         return False
     shaken = any(entry.kind in BASE_KINDS for entry in description.inputs)
-    if shaken and isinstance(kind.action, Law) and kind.action.along is not None:
-        return False  # a law does not see the acceleration of the base
+    law = kind.action if isinstance(kind.action, Law) else None
+    if shaken and law is not None and law.along is not None and law.switches:
+        return False  # the lag of the acceleration spoils the step in which it switches
     if kind.name == OFFSET:
         return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
     if kind.where == "base" and not moves_with_base(description):

@@ -65,16 +65,23 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     against = sum(KIND_PENALTIES.get(effect.kind, 0.0) for effect in fit.plant.effects)
     against += numbers / 2 * math.log(fit.data)
     against += sum(
-        math.log(joint.among)
-        for joint in fit.plant.description.elements
-        for effect in fit.plant.effects
-        if isinstance(joint, OpenJoint) and effect.place == Place("element", joint.id)
+        log_joints(effect.place, fit.plant.description) for effect in fit.plant.effects
     )
     for number, effect in enumerate(fit.plant.effects):
         if is_constant_change(kinds[effect.kind]):
             against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
     against -= sum(_at_natural_value(fit, name) for name in fit.prior.names)
     return -fit.cost / (2 * noise_scale) - against
+
+
+def log_joints(place: Place, description: Description) -> float:
+    """Logarithm of the number of open joints, where a place is one of them; else 0."""
+    among = (
+        joint.among
+        for joint in description.elements
+        if isinstance(joint, OpenJoint) and place == Place("element", joint.id)
+    )
+    return math.log(next(among, 1))
 
 
 def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:

@@ -3,6 +3,7 @@
 `PROPOSERS` are asked in order, the cheapest first, until one explains what is missing.
 """
 
+from .couplings import Couplings
 from .delayed_input import SensorClocks
 from .free_run_scan import FreeRunScan
 from .general_laws import GeneralLaws
@@ -13,6 +14,7 @@ from .segments import Segments
 
 PROPOSERS: tuple[Proposer, ...] = (
     SensorClocks(),
+    Couplings(),
     Segments(only=True),
     LibraryShortlist(),
     Segments(),

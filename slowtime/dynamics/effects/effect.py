@@ -131,6 +131,14 @@ def _place(description: Description, where: Path, entry: dict[str, Any], kind: K
             f"{kind.name}: {kind.where} {name!r} is of a beam. Effects sit on spring elements "
             "and point nodes only; put a spring or a point there.",
         )
+    if kind.is_coupling:
+        between = next(e.between for e in description.elements if e.id == name)
+        if not set(between) <= set(description.dofs):
+            raise DescriptionError(
+                (*where, kind.where),
+                f"{kind.name}: element {name!r} ends at {' and '.join(between)}. Allowed: an "
+                "element between two nodes that are free to move.",
+            )
     return Place(kind.where, name)
 
 

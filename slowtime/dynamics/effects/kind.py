@@ -185,10 +185,14 @@ class Hidden:
         masses goes by their being carried along.
     coordinates
         How many hidden ones.
+    ends
+        Whether it couples the motions of the two ends of an element, first and second, which
+        are then the place instead of its elongation.
     """
 
     matrices: Callable[[Values], tuple[Square, Square, Square]]
     coordinates: int = 0
+    ends: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -415,6 +419,11 @@ class Kind:
     def simpler(self) -> tuple[str, ...]:
         """Kinds in place of which it is tried: those it contains or is similar to."""
         return (*self.contains, *self.similar)
+
+    @property
+    def is_coupling(self) -> bool:
+        """Whether it acts along two coordinates, and so by no force along one motion."""
+        return isinstance(self.action, Hidden) and self.action.ends
 
     @property
     def is_by_record(self) -> bool:

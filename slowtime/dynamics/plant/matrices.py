@@ -95,8 +95,11 @@ class Matrices:
         hidden = {}
         for i, (effect, action) in enumerate(zip(effects, actions, strict=True)):
             if isinstance(action, Hidden):
-                to = np.zeros((1 + action.coordinates, size))
-                to[0] = along(description, effect, place, size)
+                to = np.zeros((1 + action.ends + action.coordinates, size))
+                if action.ends:
+                    to[:2] = ends_of(description, effect, place, size)
+                else:
+                    to[0] = along(description, effect, place, size)
                 for k in range(action.coordinates):
                     to[1 + k, next_row] = 1.0
                     next_row += 1
@@ -247,6 +250,19 @@ def along(
         # Coordinates are relative to the base, which therefore stands still.
         if row is not None and row != place[BASE]:
             found[row] += sign
+    return found
+
+
+def ends_of(
+    description: Description, effect: Effect, place: Mapping[str, int | None], size: int
+) -> Float[np.ndarray, "2 all"]:
+    """Rows that take from all coordinates the motions of the ends of an element."""
+    between = next(e.between for e in description.elements if e.id == effect.place.id)
+    found = np.zeros((2, size))
+    for own, name in zip(found, between, strict=True):
+        row = place[name]
+        if row is not None and row != place[BASE]:
+            own[row] = 1.0
     return found
 
 

@@ -54,6 +54,8 @@ class Layout:
         Of the laws' channels in measured forces.
     free
         How many states are free at the first sample; the others follow from inputs.
+    inertial
+        Internal states that follow a speed in space, which a motion of the base is part of.
     """
 
     table: Int[np.ndarray, "effect 6"]
@@ -66,6 +68,7 @@ class Layout:
     supports: tuple[int | None, ...]
     shares: Float[np.ndarray, "gauge channel"]
     free: int
+    inertial: tuple[int, ...] = ()
 
     @property
     def states(self) -> int:
@@ -99,6 +102,7 @@ def layout_of(
     table, directions = [], []
     channels = 0
     law_names: list[Name] = []
+    inertial: list[int] = []
     seeing: list[Float[np.ndarray, " state"]] = []
     next_state = 2 * free
     for i in acting:
@@ -121,6 +125,8 @@ def layout_of(
             seen = np.zeros(states)
             seen[first : first + free], seen[behind : behind + moved] = row, outer
             seeing.append(seen)
+        if isinstance(action, Law) and action.along is not None:
+            inertial += range(next_state, next_state + inner)
         for _ in range(inner):
             seeing.append(np.eye(states)[next_state])
             next_state += 1
@@ -144,6 +150,7 @@ def layout_of(
         ),
         shares=law_shares(description, effects, forces, channels),
         free=inside,
+        inertial=tuple(inertial),
     )
 
 
@@ -224,11 +231,13 @@ def state_matrices(
         b_y[:, free : 2 * free, row[1]] = inverted @ direction
         for k in range(row[3]):
             b_y[0, :, row[1] + 1 + k] = layout.seeing[row[2] + 2 + k]
+    shaken = [
+        row is None and support is None
+        for row, support in zip((*layout.forced, *more), supports, strict=True)
+    ]
+    # Such a state lags behind the speed in space by as much as behind that against the base.
+    b_u[np.ix_([0], list(layout.inertial), np.flatnonzero(shaken))] = -1.0
     if states > at:
-        shaken = [
-            row is None and support is None
-            for row, support in zip((*layout.forced, *more), supports, strict=True)
-        ]
         boundary_rows(a, b_u, b_y, whole, names, supports, shaken, layout.shares)
     return a, b_u, b_y
 

@@ -103,20 +103,30 @@ def test_names_differ_where_the_names_of_points_run_into_each_other():
     assert {"a-b-c", "a-b-c'"} <= set(joints)
 
 
-def test_models_with_moved_supports_are_left_as_they_are():
+def test_a_support_that_an_input_moves_is_a_place_of_its_own():
     given = dataclasses.replace(
-        chain([1.0, 2.0], [100.0, 200.0]), supports=(Support(id="wall"),)
+        chain([1.0, 2.0], [100.0, 200.0]),
+        supports=(Support(id="wall"),),
+        inputs=(Input(channel="x", kind="imposed_displacement", node="wall", unit="m"),),
     )
-    assert with_open_joints(given) == given
+    pairs = {("base", "m2"), ("wall", "m1"), ("wall", "m2")}
+    assert set(joints_of(with_open_joints(given)).values()) == pairs
+    # One that no input moves is the ground.
+    still = dataclasses.replace(given, inputs=())
+    assert set(joints_of(with_open_joints(still)).values()) == {("base", "m2")}
 
 
-def test_models_of_beams_are_left_as_they_are():
-    beam = Beam(
-        id="b", between=(BASE, "tip"), length_m=1.0, bending_stiffness_n_m2=1.0,
-        mass_kg_per_m=1.0,
-    )  # fmt: skip
-    given = Description(name="d", nodes=(Node(id="tip", kind="beam"),), elements=(beam,))
-    assert with_open_joints(given) == given
+def test_nodes_of_beams_may_be_joined_too():
+    beam = {"length_m": 1.0, "bending_stiffness_n_m2": 1.0, "mass_kg_per_m": 1.0}
+    given = Description(
+        name="d",
+        nodes=tuple(Node(id=name, kind="beam") for name in ("mid", "tip")),
+        elements=(
+            Beam(id="b1", between=(BASE, "mid"), **beam),
+            Beam(id="b2", between=("mid", "tip"), **beam),
+        ),
+    )
+    assert set(joints_of(with_open_joints(given)).values()) == {(BASE, "tip")}
 
 
 def test_a_joint_lacks_a_spring_and_an_element_may_have_changed():

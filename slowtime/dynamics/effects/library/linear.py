@@ -78,6 +78,21 @@ def stiffened(p: Values) -> tuple[Square, Square, Square]:
     return _NONE, _NONE, np.array([[p[0]]])
 
 
+def turned(p: Values) -> tuple[Square, Square, Square]:
+    """Matrices of a gyroscopic coupling of two coordinates.
+
+    Parameters
+    ----------
+    p
+        Coupling [N s/m].
+
+    Returns
+    -------
+    Mass [kg], damping [N s/m] and stiffness [N/m], over both coordinates.
+    """
+    return np.zeros((2, 2)), np.array([[0.0, p[0]], [-p[0], 0.0]]), np.zeros((2, 2))
+
+
 def laden(p: Values) -> tuple[Square, Square, Square]:
     """Matrices of mass that is added.
 
@@ -240,6 +255,25 @@ KINDS = (
         sentence="A spring joins two points that the model does not join.",
         action=Hidden(matrices=stiffened),
         strength="k_n_per_m",
+        joins=True,
+    ),
+    Kind(
+        name="gyroscopic_coupling",
+        title="Gyroscopic coupling",
+        family="gyroscopic coupling",
+        where="element",
+        parameters=(
+            Parameter(
+                name="g_n_s_per_m",
+                unit="N s/m",
+                meaning="force on one end per speed of the other",
+            ),
+        ),
+        equation="−g v₂ on the first end, +g v₁ on the second",
+        source="Thomson and Tait 1879",
+        sentence="A spinning part couples two coordinates, as two directions of a shaft.",
+        action=Hidden(matrices=turned, ends=True),
+        strength="g_n_s_per_m",
         joins=True,
     ),
     Kind(

@@ -36,6 +36,25 @@ def biased(series: Several, times: Series, p: Values) -> Several:
     return np.asarray(series + p[0])
 
 
+def unchanged(series: Several, times: Series, p: Values) -> Several:
+    """Series of a sensor whose model already says where it sits.
+
+    Parameters
+    ----------
+    series
+        True series, the last axis is time.
+    times
+        Campaign times [s]; not used.
+    p
+        Number of the node; not used.
+
+    Returns
+    -------
+    The series.
+    """
+    return series
+
+
 def drifting(series: Several, times: Series, p: Values) -> Several:
     """Series with a drift added, linear in campaign time.
 
@@ -273,6 +292,21 @@ KINDS = (
             meaning="what it reads meanwhile: 0, or the last value for 1",
             choices=(0.0, 1.0),
             default=0.0,
+            fitted=False,
+        ),
+    ),
+    _kind(
+        "sensor_misplaced",
+        "Sensor at another node",
+        "reading = motion of another node",
+        "The sensor reads the motion of another node than the model says.",
+        SensorChange(act=unchanged),
+        Parameter(
+            name="node_number",
+            unit="",
+            meaning="number of that node in the model, from 1; in a model file, give the "
+            "sensor that node",
+            low=1.0,
             fitted=False,
         ),
     ),

@@ -1,5 +1,7 @@
 """Ambient campaigns: what can be said is said, and no more."""
 
+import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -138,3 +140,91 @@ def test_a_sentence_names_four_bands_at_most_and_counts_the_others(count):
     assert told.count(" to ") == min(count, 4)
     assert f"{bands[-1][0]:.3g} to {bands[-1][1]:.3g} Hz" in told  # the widest
     assert (f"{count - 4} more bands between 1 and" in told) == (count > 4)
+
+
+def three_masses(**constants):
+    """Three masses in a row, each with a sensor, and one spring more if asked for."""
+    ends = ["base", "m1", "m2", "m3"]
+    given = Description(
+        name="three",
+        nodes=tuple(Node(id=end, mass_kg=2.0) for end in ends[1:]),
+        elements=tuple(
+            Spring(id=f"j{i}", between=pair, stiffness_n_per_m=4000.0, damping_n_s_per_m=3.0)
+            for i, pair in enumerate(itertools.pairwise(ends))
+        ),
+        sensors=tuple(
+            Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+            for i in (1, 2, 3)
+        ),
+        tolerance=Tolerance(stiffness=0.03, damping=0.3),
+    )
+    return dataclasses.replace(given, **constants)
+
+
+def shaken(true, seed, level=1.0, samples=4096):
+    rng = np.random.default_rng(seed)
+    psd = level * np.full(3, 1e-1)
+    outputs = ambient_structure(assemble(true), samples, RATE, rng, force_psd=psd)
+    return outputs + 0.01 * outputs.std(axis=0) * rng.standard_normal(outputs.shape)
+
+
+def asked(given, records, holdout=()):
+    learnt, unseen = (
+        tuple(Trial(inputs=np.zeros((len(y), 0)), outputs=y, rate_hz=RATE) for y in some)
+        for some in (records, holdout)
+    )
+    return diagnose(Campaign(description=given, trials=learnt, holdout=unseen))
+
+
+def named_in(found):
+    rivals = {(one.effect, one.place.id) for one in found.undecided}
+    return rivals | {(one.effect.kind, one.effect.place.id) for one in found.effects}
+
+
+@pytest.mark.long
+def test_a_spring_between_points_that_nothing_joins_is_found_without_an_input():
+    given = three_masses()
+    link = Spring(id="link", between=("base", "m3"), stiffness_n_per_m=900.0)
+    true = dataclasses.replace(given, elements=(*given.elements, link))
+    found = asked(given, [shaken(true, 1), shaken(true, 2, 0.5)])
+    assert ("missing_spring", "base-m3") in named_in(found)
+    assert {place for _, place in named_in(found)} == {"base-m3"}
+    assert [one.between for one in found.augmented.elements[3:]] == [("base", "m3")]
+    assert [one.id for one in found.nominal.elements] == ["j0", "j1", "j2"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("told", "kind", "value"),
+    [
+        (lambda y: 1.2 * y, "sensor_gain", 1.2),
+        (lambda y: np.roll(y, 1), "sensor_delay", 1 / RATE),
+    ],
+)
+def test_a_sensor_that_lies_is_named_without_an_input(told, kind, value):
+    given = three_masses()
+    records = [shaken(given, 3), shaken(given, 4)]
+    for record in records:
+        record[:, 1] = told(record[:, 1])
+    found = asked(given, records)
+    (one,) = found.effects
+    assert (found.verdict, one.effect.kind, one.effect.place.id) == ("sensor_fault", kind, "a2")
+    (number,) = one.numbers.values()
+    assert abs(number.value - value) < 4 * number.sd < 0.1 * value
+
+
+@pytest.mark.long
+def test_a_mass_that_falls_is_told_from_one_that_is_wrong():
+    given = three_masses()
+    # Each sixth of a record has a mass of its own.
+    falling = [
+        with_values(given, {("mass", "m2"): 2.0 - 0.6 * (k + 0.5) / 6}) for k in range(6)
+    ]
+    records = [
+        np.concatenate([shaken(one, seed + k, 1.0, 768) for k, one in enumerate(falling)])
+        for seed in (50, 60, 70)
+    ]
+    found = asked(given, records[:2], records[2:])
+    assert found.effects[0].effect.place.id == "m2"
+    assert "mass_drift" in {kind for kind, _ in named_in(found)}
+    assert "added_mass" not in {kind for kind, _ in named_in(found)}

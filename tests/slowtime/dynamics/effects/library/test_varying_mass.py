@@ -14,17 +14,22 @@ AGREES = 2e-3
 """[1] Error over the motion: a cubic between points of the load, half a sample at a jump."""
 
 
-def forced(more_mass):
-    """Run the rig; return the load at the samples, and what accelerometers tell."""
+def forced(more_mass, shaken=False):
+    """Run the rig; return the input at the samples, and what accelerometers tell."""
     fine = np.arange((SAMPLES - 1) * FINE + 1) / (RATE_HZ * FINE)
     loads = np.zeros((len(fine), 2))
-    loads[:, 1] = sum(np.sin(2 * np.pi * hertz * fine + hertz**2) for hertz in range(2, 15))
-    given = Excitation(RATE_HZ, SAMPLES, loads, np.zeros(len(fine)), np.zeros((2, 2)))
+    tones = sum(np.sin(2 * np.pi * hertz * fine + hertz**2) for hertz in range(2, 15))
+    loads[:, 1] = 0.0 if shaken else tones
+    given = Excitation(RATE_HZ, SAMPLES, loads, tones * shaken, np.zeros((2, 2)))
     told = run(Structure((3.0, 2.0), LINKS, more_mass=more_mass), given)
-    return loads[::FINE, 1:], told["a"]
+    return tones[::FINE, None], told["a"]
 
 
-def plant(effect):
+BASE_INPUT = Input(channel="u", kind="base_acceleration", unit="m/s^2", hold="band_limited")
+FORCE_INPUT = Input(channel="u", kind="force", node="f2", unit="N", hold="band_limited")
+
+
+def plant(effect, shaken=False):
     ends = {-1: "base", 0: "f1", 1: "f2"}
     return Plant.of(
         Description(
@@ -39,9 +44,7 @@ def plant(effect):
                 )
                 for one in LINKS
             ),
-            inputs=(
-                Input(channel="u", kind="force", node="f2", unit="N", hold="band_limited"),
-            ),
+            inputs=(BASE_INPUT if shaken else FORCE_INPUT,),
             sensors=tuple(
                 Sensor(channel=f"a{i}", quantity="acceleration", node=f"f{i}", unit="m/s^2")
                 for i in (1, 2)
@@ -51,15 +54,23 @@ def plant(effect):
     )
 
 
+def falls(t):
+    return t / 4.0
+
+
+def jumps(t):
+    return float(t >= 1.9975)
+
+
 @pytest.mark.parametrize("more", [-0.3, 0.5])
 @pytest.mark.parametrize(
-    ("kind", "share"),
-    [("mass_drift", lambda t: t / 4.0), ("mass_jump", lambda t: float(t >= 1.9975))],
+    ("kind", "share", "shaken"),
+    [("mass_drift", falls, False), ("mass_drift", falls, True), ("mass_jump", jumps, False)],
 )
-def test_the_motion_is_that_of_the_mass_in_the_equation(kind, share, more):
-    u, truth = forced(lambda t: np.array([0.0, more * share(t)]))
+def test_the_motion_is_that_of_the_mass_in_the_equation(kind, share, more, shaken):
+    u, truth = forced(lambda t: np.array([0.0, more * share(t)]), shaken)
     times = {"span_s": 4.0} if kind == "mass_drift" else {"t_jump_s": 1.9975}
-    model = plant({"effect": kind, "node": "f2", "dm_kg": more, **times})
+    model = plant({"effect": kind, "node": "f2", "dm_kg": more, **times}, shaken)
     found = model.simulate(model.values, u, RATE_HZ)
     assert np.all((found - truth).std(axis=0) < AGREES * truth.std(axis=0))
     none = model.values.copy()
