@@ -400,7 +400,10 @@ def propagate_slopes(
 
 @ROUTINES.define(NOTHING(STORE, GRID, GRID, WHOLE))
 def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
-    """Solve a system of linear equations in place, by elimination with pivoting.
+    """Solve a system of linear equations in place, by elimination with scaled pivoting.
+
+    Each row counts relative to its largest element: the row of a law that is silent, as before
+    it begins, stays a row of the unit matrix beside one whose slopes are large.
 
     Parameters
     ----------
@@ -415,10 +418,13 @@ def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
     """
     sides = right.shape[1]
     for k in range(size):
-        best = k
-        for i in range(k + 1, size):
-            if abs(matrix[i, k]) > abs(matrix[best, k]):
-                best = i
+        best, share = k, 0.0
+        for i in range(k, size):
+            largest = 0.0
+            for j in range(k, size):
+                largest = max(largest, abs(matrix[i, j]))
+            if abs(matrix[i, k]) > share * largest:
+                best, share = i, abs(matrix[i, k]) / largest
         if best != k:
             for j in range(k, size):
                 matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
