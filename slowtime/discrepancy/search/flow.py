@@ -23,7 +23,11 @@ from slowtime.discrepancy.refinement.convergence import converge
 from slowtime.discrepancy.refinement.force_relearning import relearn_force
 from slowtime.discrepancy.refinement.substitution import generalize, substitute
 from slowtime.discrepancy.selection.acceptance import Terms, accept
-from slowtime.discrepancy.selection.comparison import better, explains_all
+from slowtime.discrepancy.selection.comparison import (
+    better,
+    explains_all,
+    leaves_too_little,
+)
 from slowtime.discrepancy.thresholds import LIMITS
 
 from .drifting_sensor import end_with_drift
@@ -113,6 +117,8 @@ def _look(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None)
             pulled = bool(moved_of(before))
         if not pulled:
             return Step(found, added=0)
+    if not pulled and leaves_too_little(found):
+        return Step(found, added=0)
     held = held or refit_within_tolerances(before, found.trials)
     localized = locate(held, found.trials) if found.effects else None
     if localized is not None:
