@@ -1,7 +1,7 @@
 """Diagnosis of a campaign: screen, fit, search, refine, judge, report."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place, catalogue
@@ -19,7 +19,8 @@ from .imposed_motion.records import is_imposed
 from .localization import locate
 from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
-from .records import Campaign
+from .record_windows import record_windows, with_whole_records
+from .records import Campaign, Trial
 from .refinement.campaign_span import span_campaign
 from .refinement.constant_offsets import offsets, refit_with_offsets, with_mean_offsets
 from .refinement.convergence import converge, converge_stick_slip
@@ -29,6 +30,8 @@ from .refinement.natural_values import hold_natural_values
 from .report.assembly import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
+from .search.loop import grow
+from .selection.comparison import explains_all
 from .selection.refutation import refute
 from .validation.free_run import evaluation_trials
 from .workers import Workers, shared_among
@@ -107,17 +110,18 @@ def _diagnose(
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(known, tell, options, stated, decays=decays)
 
+    windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
+
     def suspects(description: Description) -> list[str]:
         tell("ranking places for what no element joins", 0.06)
-        fit = refit_with_offsets(description, trials, known, decays=decays)
+        fit = refit_with_offsets(description, windows[0], known, decays=decays)
         nodes = [Place("node", node.id) for node in description.nodes]
-        located = locate(fit, trials, nodes)
+        located = locate(fit, windows[0], nodes)
         return [place.id for group in located.groups for place in group.places]
 
     described = with_open_joints(campaign.description, suspects)
     campaign = dataclasses.replace(campaign, description=described)
-    campaign, found = search_with_holds(campaign, trials, how)
-    campaign, found = _refined(campaign, found, how)
+    campaign, found = _searched(campaign, windows, how)
     tell("validating on data that were not fitted", 0.92)
     monitor = None if options.quick else tell
     answer = report(
@@ -130,6 +134,37 @@ def _diagnose(
     if options.quick and answer.verdict == "unknown_effect":
         return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
     return answer
+
+
+def _searched(
+    campaign: Campaign, windows: Sequence[tuple[Trial, ...]], how: SearchSettings
+) -> tuple[Campaign, Hypothesis]:
+    """Search in ever longer windows, until whole records settle what is found."""
+    best: tuple[Campaign, Hypothesis] | None = None
+    for trials in windows:
+        held, found = search_with_holds(campaign, trials, how)
+        held, found = _refined(held, found, how)
+        if trials is not windows[-1]:
+            how.monitor("fitting whole records", 0.9)
+            whole = with_whole_records(found, windows[-1], how.kinds)
+            if whole is not None:
+                return _continued(held, whole, how)
+        # An answer for which there was no time is no better than that of shorter windows.
+        if best is None or not found.exhausted or explains_all(found):
+            best = held, found
+        if how.monitor.is_late:
+            break
+    assert best is not None
+    return best
+
+
+def _continued(
+    campaign: Campaign, found: Hypothesis, how: SearchSettings
+) -> tuple[Campaign, Hypothesis]:
+    """Look in whole records for what is too weak for windows."""
+    known = len(found.effects)
+    more = grow(found, how, known) if known else found
+    return (campaign, found) if len(more.effects) == known else _refined(campaign, more, how)
 
 
 def _refined(

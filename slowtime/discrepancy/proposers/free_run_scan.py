@@ -1,6 +1,6 @@
-"""Proposer: laws ranked by their free runs over whole records, where none comes near.
+"""Proposer: laws ranked by their free runs over whole free decays, where none comes near.
 
-Where the free run of the model has lost the phase of the records, the force recovered from what
+Where the free run of the model has lost the phase of a decay, the force recovered from what
 is left follows the wrong motion. A weak damping law, as dry friction in a long free decay, is
 then recognised by its own free run alone.
 """
@@ -39,14 +39,18 @@ MAX_LAWS = 12
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class FreeRunScan:
-    """Proposes the laws whose free runs over whole records leave least."""
+    """Proposes the laws whose free runs over whole decays leave least."""
 
     name: str = "free-run scan"
 
     def __call__(self, given: Round) -> Proposal:
-        """Propose laws of elements; nothing where a candidate keeps to the records."""
+        """Propose laws of elements; nothing where a candidate keeps to the records.
+
+        A force that acts gives the phase again.
+        """
         best = given.best()
-        if best is not None and best.chi2_in_band < LOST_CHI2:
+        driven = any(trial.inputs.any() for trial in given.trials)
+        if driven or (best is not None and best.chi2_in_band < LOST_CHI2):
             return Proposal(self.name, ())
         found: list[tuple[float, Effect]] = []
         for kind, place in _sites(given):

@@ -43,6 +43,7 @@ from slowtime.discrepancy.selection.acceptance import (
     end_with,
     is_second_curve,
 )
+from slowtime.discrepancy.selection.comparison import leaves_too_little
 from slowtime.discrepancy.selection.shortlist import begun_with, shortlist
 from slowtime.discrepancy.selection.trial_order import (
     TrialOrder,
@@ -83,6 +84,8 @@ def next_effect(
             pulled = bool(moved_of(before))
         if not pulled:
             return Step(found, added=0)
+    if not pulled and leaves_too_little(found):
+        return Step(found, added=0)
     held = held or refit_within_tolerances(before, found.trials)
     localized = locate(held, found.trials) if found.effects else None
     if localized is not None:

@@ -31,6 +31,18 @@ def explains_all(hypothesis: Hypothesis) -> bool:
     return hypothesis.final or enough or little
 
 
+def leaves_too_little(hypothesis: Hypothesis) -> bool:
+    """Return whether all that is left, noise included, is too little for another effect.
+
+    Whatever it explained of that, it would be negligible beside what was missing at first.
+    """
+    first, last, trials = hypothesis.first, hypothesis.last, hypothesis.trials
+    if not hypothesis.effects or not hypothesis.fits_whole_records:
+        return False
+    left, missing = (misfit(fit, last.noise, trials) for fit in (last, first))
+    return left < LIMITS.negligible_share * (missing - last.data)
+
+
 def better(
     one: Hypothesis,
     other: Hypothesis,

@@ -400,7 +400,10 @@ def propagate_slopes(
 
 @ROUTINES.define(NOTHING(STORE, GRID, GRID, WHOLE))
 def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
-    """Solve a system of linear equations in place, by elimination with pivoting.
+    """Solve a system of linear equations in place, by elimination with scaled pivoting.
+
+    Each row counts relative to its largest element: the row of a law that is silent, as before
+    it begins, stays a row of the unit matrix beside one whose slopes are large.
 
     Parameters
     ----------
@@ -415,10 +418,13 @@ def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
     """
     sides = right.shape[1]
     for k in range(size):
-        best = k
-        for i in range(k + 1, size):
-            if abs(matrix[i, k]) > abs(matrix[best, k]):
-                best = i
+        best, share = k, 0.0
+        for i in range(k, size):
+            largest = 0.0
+            for j in range(k, size):
+                largest = max(largest, abs(matrix[i, j]))
+            if abs(matrix[i, k]) > share * largest:
+                best, share = i, abs(matrix[i, k]) / largest
         if best != k:
             for j in range(k, size):
                 matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
@@ -498,8 +504,8 @@ def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: 
             y[first + c, 0] = law_value(laws[c], table[i], modes[i], w, t, p)
 
 
-@ROUTINES.define(NOTHING(STORE, LINE, REAL, WHOLE))
-def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
+@ROUTINES.define(NOTHING(STORE, LINE, REAL, WHOLE, TRUTH))
+def law_slopes(store: Whole, w: Reals, t: float, point: int, every: bool) -> None:
     """Differentiate all channels to observations and parameters, by central differences.
 
     Parameters
@@ -512,6 +518,8 @@ def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
         Time [s].
     point
         Index of the Radau point whose slopes are written.
+    every
+        Whether slopes to parameters are wanted, and not only those to observations.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     column, modes = whole_line(store, PARAMETER_SLOPE), line(store, MODES)
@@ -527,7 +535,7 @@ def law_slopes(store: Whole, w: Reals, t: float, point: int) -> None:
         for c in range(channel, channel + 1 + table[i, STATES]):
             for k in range(observed_count + table[i, PARAMETERS]):
                 at = seen + k if k < observed_count else first + k - observed_count
-                if k >= observed_count and column[at] < 0:
+                if k >= observed_count and (not every or column[at] < 0):
                     continue
                 varied = w if k < observed_count else p
                 kept = varied[at]
@@ -784,7 +792,7 @@ def state_rate_slopes(
         for j in range(coefficients.shape[1] - 1, -1, -1):
             value = value * s + coefficients[first - states + i, j]
         slope_v[states + driven[i, 1], driven[i, 0]] += value
-    law_slopes(store, w, t, opaque(0))
+    law_slopes(store, w, t, opaque(0), True)
     for o in range(len(w)):
         for j in range(slopes):
             slope_w[o, j] = 0.0
@@ -1160,7 +1168,7 @@ def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: fl
             sum_rows(found, start, y.ctypes.data, 3 * channels, rows, width)
         for point in range(3):
             if trial == 0 or trial == 4:
-                law_slopes(store, points[point], t + RADAU[point] * h, point)
+                law_slopes(store, points[point], t + RADAU[point] * h, point, False)
             law_values(
                 store,
                 modes,
@@ -1282,7 +1290,7 @@ def accept_step(store: Whole, level: int, t: float, h: float) -> None:
         add_driven_inputs(store, level)
     for point in range(3):
         at = states + point * observed_count
-        law_slopes(store, points[point], t + RADAU[point] * h, point)
+        law_slopes(store, points[point], t + RADAU[point] * h, point, True)
         apply_chain_rule(store, point, slope_room, at, slope_right, point * channels)
         for i in range(len(table)):
             if table[i, FRICTION] == 1 and modes[i] == 0.0:

@@ -6,6 +6,7 @@ import pytest
 from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring
 from slowtime.dynamics.effects import Motion, catalogue, force_along
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 from tests.third_party_rigs.rigs import FINE, Excitation, Link, Structure, run
 
 RATE_HZ, SAMPLES = 200.0, 800
@@ -86,3 +87,15 @@ def test_the_force_along_a_motion_is_that_of_the_run():
     seen = Motion(e=told.states[:, 1], v=told.states[:, 3], a=a, times=told.times)
     known = force_along(catalogue()["mass_drift"], {"dm_kg": 0.4, "span_s": 4.0}, seen)
     np.testing.assert_allclose(known, told.forces[:, 0], atol=2e-3 * np.abs(known).max())
+
+
+def test_a_mass_that_is_not_there_yet_costs_no_more_steps_than_one_that_is():
+    u, _ = forced(None)
+    work = []
+    for instant in (-1.0, 100.0):
+        jump = {"effect": "mass_jump", "node": "f2", "dm_kg": 0.4, "t_jump_s": instant}
+        model = plant(jump)
+        with metered() as meter:
+            model.simulate(model.values, u, RATE_HZ)
+        work.append(meter.spent)
+    assert work[1] < 1.5 * work[0]
