@@ -51,6 +51,7 @@ def diagnose(
     stop: Stop | None = None,
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
+    enough: Stop | None = None,
     workers: Workers | None = None,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
@@ -71,11 +72,13 @@ def diagnose(
         Once true, no more laws are tried than those that come near the best along the force.
     over
         Once true, none are: what was found by then is the answer. With `late`, where not given.
+    enough
+        Once set, what was found by then is the answer, without a force surface.
     workers
         Processes that share the work; what is found does not depend on them.
     """
     with shared_among(workers):
-        return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over))
+        return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over, enough))
 
 
 def _diagnose(
@@ -123,7 +126,7 @@ def _diagnose(
     campaign = dataclasses.replace(campaign, description=described)
     campaign, found = _searched(campaign, windows, how)
     tell("validating on data that were not fitted", 0.92)
-    monitor = None if options.quick else tell
+    monitor = None if options.quick or tell.is_ended else tell
     answer = report(
         campaign, found.trials, findings, found, known, monitor, surface=options.surface
     )

@@ -36,15 +36,21 @@ class Monitor:
         Whether only the likeliest candidates should still be tried.
     over
         Whether nothing more should be tried at all; as `late` where not given.
+    enough
+        Request to answer with what was found so far.
     share_done
         Largest share that was reported.
+    so_far
+        What is likely missing by now, in words; told with each stage from then on.
     """
 
     progress: Progress | None = None
     stop: Stop | None = None
     late: Callable[[], bool] | None = None
     over: Callable[[], bool] | None = None
+    enough: Stop | None = None
     share_done: float = 0.0
+    so_far: str = ""
 
     def __call__(self, stage: str, share: float) -> None:
         """Report a stage.
@@ -65,14 +71,20 @@ class Monitor:
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
         self.share_done = max(self.share_done, share)
         if self.progress is not None and not is_helping():
-            self.progress(stage, self.share_done)
+            told = f"{stage} (so far: {self.so_far})" if self.so_far else stage
+            self.progress(told, self.share_done)
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether an answer is wanted now."""
+        return self.enough is not None and self.enough.is_set()
 
     @property
     def is_late(self) -> bool:
         """Whether only the likeliest candidates should still be tried."""
-        return self.late is not None and self.late()
+        return self.is_ended or (self.late is not None and self.late())
 
     @property
     def is_over(self) -> bool:
         """Whether nothing more should be tried at all."""
-        return self.is_late if self.over is None else self.over()
+        return self.is_ended or (self.is_late if self.over is None else self.over())

@@ -2,9 +2,12 @@
 
 import contextlib
 import functools
+import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
 import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -87,10 +90,10 @@ def diagnose(
     _refuse_unwritable(out)
     roles = roles_of(channels)
     options = SearchOptions(quick=quick, surface=SurfaceDemand.of(surface.split(",")))
-    with _stages() as progress:
+    with _stages() as progress, _until_enough() as enough:
         found, document = diagnose_records(
             description, learnt, judged, roles=roles, kinds=kinds,
-            options=options, unchecked=unchecked, progress=progress,
+            options=options, unchecked=unchecked, progress=progress, enough=enough,
             patience_s=patience_s, jobs=jobs or min(usable_cores(), MOST_JOBS),
         )  # fmt: skip
     for text in document.notes:
@@ -127,6 +130,23 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
         yield lambda stage, share: progress.update(
             task, description=stage, completed=share, refresh=True
         )
+
+
+@contextlib.contextmanager
+def _until_enough() -> Iterator[threading.Event]:
+    """Yield an event that the first Ctrl-C sets; the second one ends the command."""
+    enough = threading.Event()
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        enough.set()
+        signal.signal(signal.SIGINT, before)
+        note("Ending with what was found so far. Press Ctrl-C again to stop at once.")
+
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield enough
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:

@@ -43,6 +43,7 @@ CLOCK = (
     "The time limit ended the search: it took more than {limit:g} s of processor time. "
     "With a higher --patience, or on a faster computer, more effects may be found."
 )
+ENDED = "The search was ended on request: this is what was found by then."
 
 
 def diagnose_records(
@@ -56,6 +57,7 @@ def diagnose_records(
     unchecked: bool = False,
     progress: Progress | None = None,
     stop: Stop | None = None,
+    enough: Stop | None = None,
     patience_s: float | None = None,
     jobs: int = 1,
 ) -> tuple[Diagnosis, DiagnosisFile]:
@@ -75,6 +77,8 @@ def diagnose_records(
         Told the stage in words and the share done.
     stop
         Once set, `slowtime.discrepancy.progress.Cancelled` is raised.
+    enough
+        Once set, what was found by then is the answer.
     patience_s
         Budget of work, in seconds of a reference machine. Once it is used up, what is being
         fitted is given up, and what was found by then is the answer; in the last part of it
@@ -109,10 +113,12 @@ def diagnose_records(
             progress=progress,
             stop=stop,
             workers=workers,
+            enough=enough,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
         )
     clocked = (CLOCK.format(limit=LAST_STOP * allowed_s),) if is_last_stop() else ()
+    clocked += (ENDED,) if enough is not None and enough.is_set() else ()
     found = dataclasses.replace(
         found, notes=(*found.notes, *clocked), seconds=time.monotonic() - begun
     )

@@ -147,6 +147,7 @@ def extend(
             return _name_sensor_error(hypothesis, before, localized, sensor, how)
     monitor("trying effects", share + 0.05)
     tried = library_candidates(before, localized, how.kinds)
+    monitor.so_far = _so_far(hypothesis, tried, how)
     based = localized.with_base_first()
     moved_base = base_motion(based, tried, how.kinds, first=number == 0)
     if moved_base is not None and placed(based, tried):
@@ -401,6 +402,12 @@ def _explained_otherwise(
     ):
         return end_with(given.hypothesis, before, moved_base, kinds)
     return None
+
+
+def _so_far(hypothesis: Hypothesis, tried: Sequence[Candidate], how: SearchSettings) -> str:
+    """Say what was found, and what most likely comes next."""
+    told = [one.effect for one in hypothesis.effects] + [one.effect for one in tried[:1]]
+    return ", ".join(f"{how.kinds[one.kind].words} at {one.place}" for one in told)
 
 
 def _sits_on(effect: Effect, hypothesis: Hypothesis) -> bool:

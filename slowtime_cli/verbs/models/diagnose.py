@@ -210,6 +210,9 @@ def diagnose(
     With --history, find what drives the slow changes of a twin: temperature, load, time, a
     step. To adopt the result, order the same diagnosis on the twin's page or by REST (`clock:
     slow`).
+
+    Each stage tells what is likely missing so far. Ctrl-C ends the search with an answer from
+    what was found by then; pressed again, it stops at once.
     """
     if batch is not None and (model is not None or records or holdout or history):
         raise click.UsageError(

@@ -1,5 +1,7 @@
 """What a search out of budget still tries, and what it does not name."""
 
+import threading
+
 import pytest
 
 from slowtime.discrepancy.calibration import refit
@@ -44,8 +46,28 @@ def test_a_later_effect_whose_rivals_were_not_tried_is_not_named(lacking):
     found = searched(
         lacking,
         late=lambda: True,
-        over=lambda: stages.count("trying effects") == 2,
+        over=lambda: sum(one.startswith("trying effects") for one in stages) == 2,
         progress=lambda stage, _: stages.append(stage),
     )
     assert len(found.effects) == 1
     assert found.exhausted
+
+
+def test_what_is_likely_missing_is_told_while_the_search_goes_on(lacking):
+    first, trials = lacking
+    stages: list[str] = []
+    enough = threading.Event()
+
+    def progress(stage, _):
+        stages.append(stage)
+        if "so far" in stage:
+            enough.set()
+
+    monitor = Monitor(progress, enough=enough)
+    found = search(first, trials, SearchSettings(KINDS, monitor))
+    told = [one for one in stages if "so far" in one]
+    assert "so far" not in stages[0]
+    assert any(str(one.place) in told[0] for one in (CUBIC, DRAG))
+    # An answer was asked for at that moment: the likeliest is fitted, and nothing more.
+    assert found.exhausted
+    assert len(found.effects) <= 1
