@@ -10,7 +10,6 @@ from slowtime.dynamics.plant import Plant
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
 from .data.screening import screen, screen_records
-from .data.wiring import find_rewiring, with_rewiring
 from .diagnosis import Diagnosis
 from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
@@ -34,6 +33,7 @@ from .search.loop import grow
 from .selection.comparison import explains_all
 from .selection.refutation import refute
 from .validation.free_run import evaluation_trials
+from .wiring import find_rewiring, with_rewiring
 from .workers import Workers, shared_among
 
 QUICK = (

@@ -3,7 +3,8 @@
     python -m tests.third_party_rigs --seeds 0 150 --out var/third_party_rigs
 
 Of each 30 seeds 6 lack something on an element, 12 something elsewhere, 6 both, and 6 nothing.
-What is there already is not done again.
+From seed 1000 on there are gyroscopic couplings, wrongly wired sensors, bases that rock (no
+name is right) and frames of beams, in turn. What is there already is not done again.
 """
 
 import argparse
@@ -12,9 +13,11 @@ import sys
 from pathlib import Path
 
 from .battery import diagnose, scored, table
-from .cases import draw
+from .cases import FURTHER, draw
 
 WHAT = ("on", "off", "off", "both", "nothing")
+FURTHER_FROM = 1000
+"""Seed from which cases are of the further kinds, in turn."""
 HOW = ("random", "random", "sweep", "base", "random", "release", "ambient", "sweep")
 
 
@@ -23,13 +26,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 150))
     parser.add_argument("--out", type=Path, default=Path("var/third_party_rigs"))
-    parser.add_argument("--what", nargs="+", choices=WHAT, default=WHAT)
+    parser.add_argument(
+        "--what", nargs="+", choices=(*WHAT, *FURTHER), default=(*WHAT, *FURTHER)
+    )
     parser.add_argument("--how", nargs="+", choices=HOW, default=HOW)
     parser.add_argument("--patience")
     asked = parser.parse_args()
     rows = []
     for seed in range(*asked.seeds):
-        what, how = WHAT[seed % len(WHAT)], HOW[seed // len(WHAT) % len(HOW)]
+        whats = WHAT if seed < FURTHER_FROM else tuple(FURTHER)
+        what, how = whats[seed % len(whats)], HOW[seed // len(whats) % len(HOW)]
         if what not in asked.what or how not in asked.how:
             continue
         folder = asked.out / f"{seed:04d}"

@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 TEN_DECIBEL = math.sqrt(10.0)
+LEAST_TOLD, MOST_ALIKE = 3.0, 10.0
+"""Nats between the truth and its best rival, below which to leave it undecided is right, and
+above which it is not."""
 HELD_OUT = 1.15
 """Error on the held-out record over the noise's, up to which the gap is closed."""
 
@@ -57,6 +60,14 @@ def scored(folder: Path) -> dict[str, Any]:
     verdict = found["verdict"]
     if verdict in ("nothing_missing", "parameters_only"):
         outcome = "exact" if not sought else "missed"
+    elif any("rocking" in kinds for kinds, *_ in sought):
+        outcome = "exact" if verdict in ("unknown_effect", "undecided") else "wrong"
+    elif verdict == "undecided" and (case.get("nats") or MOST_ALIKE) < LEAST_TOLD:
+        rivals = [(one["effect"], _where(one["where"], ends)) for one in found["undecided"]]
+        held = all(
+            any(k in kinds and w == where for k, w in rivals) for kinds, where, *_ in sought
+        )
+        outcome = "alike" if held else verdict
     elif verdict in ("undecided", "unknown_effect"):
         outcome = verdict
     elif None not in right and not extra:
@@ -98,6 +109,7 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
     """Tell how many were right."""
     every = list(rows)
     seen = [r for r in every if r["truth"] and r.get("contrast", 0.0) >= TEN_DECIBEL]
+    alike = [r for r in seen if r["outcome"] == "alike"]
     exact = [r for r in seen if r["outcome"] == "exact"]
     off = [r for r in seen if any(one["off"] for one in r["truth"])]
     closed = [r for r in exact if r["left"] <= HELD_OUT]
@@ -106,7 +118,8 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
     times = sorted(r["seconds"] for r in every)
     lines = [
         f"{len(every)} cases, {len(seen)} with an effect 10 dB over the noise",
-        f"named and placed: {len(exact)} of {len(seen)}",
+        f"named and placed: {len(exact)} of {len(seen)}; {len(alike)} more were rightly left "
+        "undecided",
         "of those with something off the model: "
         f"{sum(r['outcome'] == 'exact' for r in off)} of {len(off)}",
         f"wrong name: {sum(r['outcome'] == 'wrong' for r in seen)} of {len(seen)}",

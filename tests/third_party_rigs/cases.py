@@ -11,11 +11,25 @@ import numpy as np
 import yaml
 from scipy.interpolate import CubicSpline
 
-from .rigs import FINE, GROUND, Excitation, Force, Hysteresis, Link, Rider, Structure, run
+from .rigs import (
+    FINE,
+    GROUND,
+    Excitation,
+    Extra,
+    Force,
+    Hysteresis,
+    Link,
+    Rider,
+    Structure,
+    plain,
+    run,
+)
+from .rivals import least_nats
 
 RATE_HZ, SECONDS = 200.0, 30.0
 NOISE = 0.01
 """Standard deviation of the sensors' noise over that of what they read."""
+FORCED = ("random", "sweep")
 STIFFNESS_OFF, DAMPING_OFF = 0.015, 0.10
 """Standard deviation of what the model's constants are off by, relative."""
 
@@ -28,6 +42,8 @@ class Truth:
     ----------
     where
         Element, node or channel; of what joins two points, both in a set.
+    linear
+        What it is among `rivals.changes`, where it is one of them.
     """
 
     kinds: tuple[str, ...]
@@ -35,6 +51,7 @@ class Truth:
     parameter: str
     value: float
     off: bool
+    linear: tuple[str, tuple[int, ...]] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +64,7 @@ class Case:
     model: dict[str, Any]
     records: dict[str, dict[str, np.ndarray]]
     truth: tuple[Truth, ...]
+    nats: float | None = None
 
     def write(self, folder: Path) -> None:
         """Write model, records and truth as a user has them."""
@@ -58,9 +76,8 @@ class Case:
         for one in told:
             where = one["where"]
             one["where"] = where if isinstance(where, str) else sorted(where)
-        (folder / "truth.json").write_text(
-            json.dumps({"label": self.label, "excitation": self.excitation, "truth": told})
-        )
+        case = {"label": self.label, "excitation": self.excitation, "truth": told}
+        (folder / "truth.json").write_text(json.dumps(case | {"nats": self.nats}))
 
 
 @dataclasses.dataclass
@@ -121,6 +138,7 @@ def _law(
     parameter: str,
     strength: Callable[[float, float, float], float],
     law: Callable[[float, float, float], Force],
+    linear: str = "",
 ) -> Adder:
     """Make a law: `strength` from force and amplitudes, `law` from strength and amplitudes."""
 
@@ -130,8 +148,11 @@ def _law(
         draft.add("forces", (pair, law(value, e, v)))
         where = draft.place(pair)
         draft.truth.append(
-            Truth(kinds, where, parameter, value, off=not isinstance(where, str))
-        )
+            Truth(
+                kinds, where, parameter, value, off=not isinstance(where, str),
+                linear=(linear, pair) if linear else None,
+            )
+        )  # fmt: skip
 
     return adder
 
@@ -174,11 +195,11 @@ LAWS: dict[str, Adder] = {
 OFF_ONLY: dict[str, Adder] = {
     "spring": _law(
         ("missing_spring",), "k_n_per_m",
-        lambda f, e, v: f / e, lambda k, e, v: lambda x, w, t: k * x,
+        lambda f, e, v: f / e, lambda k, e, v: lambda x, w, t: k * x, "spring",
     ),
     "damper": _law(
         ("missing_damper",), "c_n_s_per_m",
-        lambda f, e, v: f / v, lambda c, e, v: lambda x, w, t: c * w,
+        lambda f, e, v: f / v, lambda c, e, v: lambda x, w, t: c * w, "damper",
     ),
 }  # fmt: skip
 ON_ONLY: dict[str, Adder] = {
@@ -201,7 +222,9 @@ def heavier(draft: Draft, size: float) -> None:
     masses = list(draft.structure.masses)
     masses[at] += more
     draft.structure = dataclasses.replace(draft.structure, masses=tuple(masses))
-    draft.truth.append(Truth(("added_mass",), _name(at), "dm_kg", more, off=True))
+    draft.truth.append(
+        Truth(("added_mass",), _name(at), "dm_kg", more, off=True, linear=("mass", (at,)))
+    )
 
 
 def lighter_in_time(draft: Draft, size: float) -> None:
@@ -229,7 +252,8 @@ def rider(draft: Draft, size: float) -> None:
 def channel(draft: Draft, size: float, what: str) -> None:
     """A sensor, or the input, does not tell what was there."""
     sensor = what.startswith("sensor")
-    name = f"a{int(draft.rng.integers(draft.size)) + 1}" if sensor else "u"
+    at = int(draft.rng.integers(draft.size)) if sensor else 0
+    name = f"a{at + 1}" if sensor else "u"
     if what.endswith("delay"):
         value = float(draft.rng.uniform(0.004, 0.02))
         parameter = "delay_s"
@@ -244,7 +268,77 @@ def channel(draft: Draft, size: float, what: str) -> None:
     draft.channel_faults.append(fault)
     # A recorder that tells the input late is an input that acts early.
     turned = {"delay_s": -value, "gain": 1.0 / value}[parameter] if not sensor else value
-    draft.truth.append(Truth((what.replace(" ", "_"),), name, parameter, turned, off=True))
+    linear = (what, (at,) if sensor else ())
+    kinds = (what.replace(" ", "_"),)
+    draft.truth.append(Truth(kinds, name, parameter, turned, off=True, linear=linear))
+
+
+def rewired(draft: Draft, size: float) -> None:
+    """Two channels are exchanged, or one sensor sits at another mass, or is upside down."""
+    i, j = draft.rng.permutation(draft.size)[:2].tolist()
+    what = str(draft.rng.choice(["exchanged", "elsewhere", "upside down"]))
+    one, other = f"a{i + 1}", f"a{j + 1}"
+
+    def fault(told: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        if what == "exchanged":
+            return told | {one: told[other], other: told[one]}
+        return told | {one: told[other] if what == "elsewhere" else -told[one]}
+
+    draft.channel_faults.append(fault)
+    if what == "upside down":
+        draft.truth.append(Truth(("sensor_gain",), one, "gain", -1.0, off=True))
+        return
+    places = [(one, j), (other, i)][: 2 if what == "exchanged" else 1]
+    for name, at in places:
+        kinds = ("sensor_misplaced",)
+        draft.truth.append(Truth(kinds, name, "node_number", float(at + 1), off=True))
+
+
+def gyroscopic(draft: Draft, size: float) -> None:
+    """A spinning disc couples two directions, the first and the second half of the masses."""
+    half = draft.size // 2
+    at = int(draft.rng.integers(half))
+    pair = (at, half + at)
+    value = 4.0 * size * draft.scale_force / draft.amplitude((GROUND, half + at))[1]
+    value = float(value * draft.rng.choice([-1.0, 1.0]))
+    extra = plain(draft.size, draft.size)
+    damping = np.zeros((draft.size, draft.size))
+    damping[pair], damping[pair[::-1]] = value, -value
+    more = dataclasses.replace(extra, damping=damping)
+    draft.structure = dataclasses.replace(draft.structure, extra=more)
+    kinds, where = ("gyroscopic_coupling",), draft.place(pair)
+    draft.truth.append(
+        Truth(kinds, where, "g_n_s_per_m", value, off=True, linear=("gyroscopic", pair))
+    )
+
+
+def rocking(draft: Draft, size: float) -> None:
+    """The base turns on soft ground, and every mass with it by its height: no name is right."""
+    masses = np.array(draft.structure.masses)
+    heights = 0.4 * np.arange(1, draft.size + 1)
+    along = np.append(np.zeros(draft.size), 1.0)
+    reading = np.hstack([np.eye(draft.size), heights[:, None]])
+    inertia = 0.2 * float(masses @ heights**2)
+    mass = reading.T @ np.diag(masses) @ reading - np.diag([*masses, 0.0])
+    mass += inertia * np.outer(along, along)
+    hertz = 1.5 * draft.structure.frequencies_hz().min()
+    stiffness = float(mass[-1, -1] * (2 * math.pi * hertz) ** 2) * np.outer(along, along)
+    extra = Extra(mass, 0.002 * stiffness, stiffness, 1.0 - along, reading)
+    draft.structure = dataclasses.replace(draft.structure, extra=extra)
+    draft.truth.append(Truth(("rocking",), "base", "", 0.0, off=True))
+
+
+def beamed(draft: Draft, size: float) -> None:
+    """A law joins a node of a frame to the ground, or to another that none joins."""
+    names = [*OFF_ONLY, "cubic", "drag", "stop"]
+    name = str(draft.rng.choice(names))
+    pairs = off_pairs(draft.size)
+    (LAWS | OFF_ONLY)[name](draft, pairs[int(draft.rng.integers(len(pairs)))], size)
+    # Its matrices are not those of `rivals`.
+    draft.truth[-1] = dataclasses.replace(draft.truth[-1], linear=None)
+
+
+FURTHER = {"gyroscopic": gyroscopic, "wiring": rewired, "rocking": rocking, "frame": beamed}
 
 
 def told_late(series: np.ndarray, times: np.ndarray, late_s: float) -> np.ndarray:
@@ -302,6 +396,78 @@ def chain(rng: np.random.Generator, size: int) -> Structure:
     return Structure(masses, tuple(links))
 
 
+def two_directions(rng: np.random.Generator, size: int) -> Structure:
+    """Masses in a row that move in two directions, which nothing couples."""
+    one = chain(rng, size)
+    links = list(one.links)
+    for link in one.links:
+        a, b = (end if end == GROUND else end + size for end in link.between)
+        k, c = (
+            value * float(rng.uniform(0.8, 1.25)) for value in (link.stiffness, link.damping)
+        )
+        links.append(Link(f"t{link.name[1:]}", (a, b), k, c))
+    return Structure((*one.masses, *one.masses), tuple(links))
+
+
+BEAM_M = 0.5
+
+
+def frame(rng: np.random.Generator, size: int) -> Structure:
+    """A clamped column of beams in bending, with a mass at each node (Euler and Bernoulli)."""
+    masses, per_m = rng.uniform(1.5, 4.0, size), float(rng.uniform(0.5, 1.0))
+    hertz = float(rng.uniform(3.0, 6.0))
+    length = BEAM_M
+    bent = np.array([
+        [12, 6 * length, -12, 6 * length],
+        [6 * length, 4 * length**2, -6 * length, 2 * length**2],
+        [-12, -6 * length, 12, -6 * length],
+        [6 * length, 2 * length**2, -6 * length, 4 * length**2],
+    ]) / length**3  # fmt: skip
+    heavy = per_m * length / 420 * np.array([
+        [156, 22 * length, 54, -13 * length],
+        [22 * length, 4 * length**2, 13 * length, -3 * length**2],
+        [54, 13 * length, 156, -22 * length],
+        [-13 * length, -3 * length**2, -22 * length, 4 * length**2],
+    ])  # fmt: skip
+    mass, stiffness = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
+    for i in range(size):
+        own = [i - 1, size + i - 1, i, size + i]
+        kept = [k for k in range(4) if i or k > 1]
+        at = np.ix_([own[k] for k in kept], [own[k] for k in kept])
+        mass[at] += heavy[np.ix_(kept, kept)]
+        stiffness[at] += bent[np.ix_(kept, kept)]
+    extra = dataclasses.replace(plain(2 * size, size), mass=mass, stiffness=stiffness)
+    first = Structure(tuple(masses.tolist()), (), extra=extra).frequencies_hz().min()
+    bending = float((hertz / first) ** 2)
+    extra = dataclasses.replace(
+        extra, stiffness=bending * stiffness, damping=1e-3 * bending * stiffness
+    )
+    return Structure(tuple(masses.tolist()), (), extra=extra)
+
+
+def _beams(rng: np.random.Generator, structure: Structure) -> dict[str, Any]:
+    """Write the frame as a user would; its bending stiffness is off, as other constants are."""
+    assert structure.extra is not None
+    size = len(structure.masses)
+    # 24 EI / L^3 where two beams meet; 12 EI / L^3 at the tip.
+    bending = float(structure.extra.stiffness[size - 1, size - 1]) * BEAM_M**3 / 12
+    per_m = float(structure.extra.mass[size - 1, size - 1]) * 420 / 156 / BEAM_M
+    return {
+        "nodes": [
+            {"id": _name(i), "kind": "beam", "mass_kg": float(m)}
+            for i, m in enumerate(structure.masses)
+        ],
+        "elements": [
+            {
+                "id": f"s{i + 1}", "kind": "beam", "between": [_name(i - 1), _name(i)],
+                "length_m": BEAM_M, "mass_kg_per_m": per_m, "damping_s": 1e-3,
+                "bending_stiffness_n_m2": bending * (1 + STIFFNESS_OFF * rng.normal()),
+            }
+            for i in range(size)
+        ],
+    }  # fmt: skip
+
+
 def off_pairs(size: int) -> list[tuple[int, int]]:
     """Pairs of points that nothing joins in a chain."""
     pairs = [(GROUND, i) for i in range(1, size)]
@@ -314,13 +480,15 @@ def draw(seed: int, what: str, how: str) -> Case:
     Parameters
     ----------
     what
-        `on`, `off`, `both` or `nothing`.
+        `on`, `off`, `both`, `nothing`, or one of `FURTHER`.
     how
         `random`, `sweep`, `release`, `ambient` or `base`.
     """
     rng = np.random.default_rng([seed, 53])
     least = 2 if what in ("off", "both") else 1
-    structure = chain(rng, int(rng.integers(least, 5)))
+    made = {"gyroscopic": two_directions, "frame": frame}.get(what, chain)
+    several = what in FURTHER
+    structure = made(rng, int(rng.integers(2, 4)) if several else int(rng.integers(least, 5)))
     size = len(structure.masses)
     plain = excite(rng, structure, how)
     motion = dict(run(structure, plain))
@@ -344,13 +512,18 @@ def draw(seed: int, what: str, how: str) -> Case:
         noise = NOISE * np.std(records["a"][sensor["channel"]])
         sensor["noise_sd"] = float(f"{noise:.4g}")
     label = " and ".join(one for one in labels if one) or "nothing"
-    return Case(seed, label, how, model, records, tuple(draft.truth))
+    nats = least_nats(structure, model, draft.truth, records["a"]) if how in FORCED else None
+    return Case(seed, label, how, model, records, tuple(draft.truth), nats)
 
 
 def _add_one(draft: Draft, kind: str) -> str:
     rng, size = draft.rng, float(draft.rng.uniform(0.08, 0.25))
     if kind == "nothing":
         return ""
+    if kind in FURTHER:
+        FURTHER[kind](draft, size)
+        where = draft.truth[-1].where
+        return f"{kind} at {where if isinstance(where, str) else '-'.join(sorted(where))}"
     if kind == "on":
         names = [*LAWS, *ON_ONLY]
         name = names[int(rng.integers(len(names)))]
@@ -387,21 +560,28 @@ def _model(rng: np.random.Generator, structure: Structure, how: str) -> dict[str
         inputs = [{"channel": "u", "kind": "force", "node": _name(size - 1), "unit": "N"}]
     elif how == "base":
         inputs = [{"channel": "ag", "kind": "base_acceleration", "unit": "m/s^2"}]
+    parts = (
+        _beams(rng, structure)
+        if not structure.links
+        else {
+            "nodes": [
+                {"id": _name(i), "mass_kg": float(m)} for i, m in enumerate(structure.masses)
+            ],
+            "elements": [
+                {
+                    "id": link.name,
+                    "between": [_name(end) for end in link.between],
+                    "stiffness_n_per_m": link.stiffness * (1 + STIFFNESS_OFF * rng.normal()),
+                    "damping_n_s_per_m": link.damping * (1 + DAMPING_OFF * rng.normal()),
+                }
+                for link in structure.links
+            ],
+        }
+    )
     return {
         "slowtime_model": 1,
         "name": f"rig of {size}",
-        "nodes": [
-            {"id": _name(i), "mass_kg": float(m)} for i, m in enumerate(structure.masses)
-        ],
-        "elements": [
-            {
-                "id": link.name,
-                "between": [_name(end) for end in link.between],
-                "stiffness_n_per_m": link.stiffness * (1 + STIFFNESS_OFF * rng.normal()),
-                "damping_n_s_per_m": link.damping * (1 + DAMPING_OFF * rng.normal()),
-            }
-            for link in structure.links
-        ],
+        **parts,
         **({"inputs": inputs} if inputs else {}),
         "sensors": [
             {

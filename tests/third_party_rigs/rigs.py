@@ -50,6 +50,32 @@ class Rider:
 
 
 @dataclasses.dataclass(frozen=True)
+class Extra:
+    """Mass, damping and stiffness beside those of masses and links, over all coordinates.
+
+    Parameters
+    ----------
+    carried
+        1 for each coordinate that the ground carries along, else 0.
+    reading
+        From the coordinates to the displacements of the masses [mass, coordinate].
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    carried: np.ndarray
+    reading: np.ndarray
+
+
+def plain(size: int, own: int) -> Extra:
+    """Give nothing beside masses and links; the first coordinates are those of the masses."""
+    none = np.zeros((size, size))
+    along = np.arange(size) < own
+    return Extra(none, none, none, along.astype(float), np.eye(own, size))
+
+
+@dataclasses.dataclass(frozen=True)
 class Structure:
     """What is really there.
 
@@ -67,12 +93,17 @@ class Structure:
     hysteresis: tuple[Hysteresis, ...] = ()
     riders: tuple[Rider, ...] = ()
     more_mass: Callable[[float], np.ndarray] | None = None
+    extra: Extra | None = None
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness, riders last."""
         size = len(self.masses) + len(self.riders)
         mass = np.diag([*self.masses, *(one.mass for one in self.riders)])
         damping, stiffness = np.zeros((size, size)), np.zeros((size, size))
+        if self.extra is not None:
+            size = len(self.extra.mass)
+            mass = np.pad(mass, (0, size - len(mass))) + self.extra.mass
+            damping, stiffness = self.extra.damping.copy(), self.extra.stiffness.copy()
         ends = [(one.between, one.stiffness, one.damping) for one in self.links]
         ends += [
             ((one.on, len(self.masses) + i), one.stiffness, one.damping)
@@ -124,8 +155,10 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
     """Integrate; return displacement against the ground and acceleration of the masses."""
     mass, damping, stiffness = structure.matrices()
     size, own = len(mass), len(structure.masses)
+    extra = structure.extra or plain(size, own)
+    carried = np.ones(size) if structure.extra is None else extra.carried
     fine = np.arange((given.samples - 1) * FINE + 1) / (given.rate_hz * FINE)
-    load = CubicSpline(fine, np.pad(given.loads, ((0, 0), (0, size - own))))
+    load = CubicSpline(fine, given.loads @ extra.reading)
     ground = CubicSpline(fine, given.ground)
     forces = [(direction(pair, size), law) for pair, law in structure.forces]
     memory = [(direction(one.between, size), one) for one in structure.hysteresis]
@@ -143,10 +176,10 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
             share = abs(z[i] / one.yields_m) ** one.sharpness
             slip[i] = speed * (1.0 - share * (1.0 + np.sign(speed * z[i])) / 2.0)
         if structure.more_mass is None:
-            a = inverse @ force - ground(t)
+            a = inverse @ force - carried * ground(t)
         else:
             heavy = mass + np.diag(np.pad(structure.more_mass(t), (0, size - own)))
-            a = np.linalg.solve(heavy, force) - ground(t)
+            a = np.linalg.solve(heavy, force) - carried * ground(t)
         return np.concatenate([v, a, slip])
 
     start = np.zeros(2 * size + len(memory))
@@ -156,7 +189,7 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
                mxstep=20_000)  # fmt: skip
     a = np.stack([rates(row, t)[size : 2 * size] for row, t in zip(x, times, strict=True)])
     return {
-        "q": x[:, :own],
-        "v": x[:, size : size + own],
-        "a": a[:, :own] + ground(times)[:, None],
+        "q": x[:, :size] @ extra.reading.T,
+        "v": x[:, size : 2 * size] @ extra.reading.T,
+        "a": a @ extra.reading.T + ground(times)[:, None],
     }

@@ -264,7 +264,7 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
     if kind.where != place.kind:
         return False
     if kind.name == MISPLACED:
-        return False  # see `data.wiring`
+        return False  # see `wiring`
     if kind.is_coupling:
         return False  # no force along one motion: see `proposers.couplings`
     if kind.joins is not None and kind.joins != is_open(place, description):

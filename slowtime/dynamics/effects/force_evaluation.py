@@ -15,7 +15,8 @@ def force_along(kind: Kind, parameters: Mapping[str, float], motion: Motion) -> 
     """Force that an effect of known parameters has along a known motion [N].
 
     On an element it resists elongation, on a node it pushes the node. Internal states start at
-    zero; friction slides throughout, and is zero where the speed is.
+    zero; friction slides throughout, and is zero where the speed is. A coupling of two
+    coordinates has no force along an elongation.
 
     Parameters
     ----------

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.data.wiring import find_rewiring
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.wiring import find_rewiring
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import catalogue

@@ -11,15 +11,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit, refit
-from slowtime.discrepancy.candidates.library_fit import MISPLACED
-from slowtime.discrepancy.diagnosis import Diagnosis, NamedEffect, Number, Step
-from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.report.evaluation import described
-from slowtime.discrepancy.validation.free_run import evaluate_free_run
 from slowtime.dynamics.description import Description, Sensor
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Plant
+
+from .calibration import Fit, refit
+from .candidates.library_fit import MISPLACED
+from .diagnosis import Diagnosis, NamedEffect, Number, Step
+from .records import Trial
+from .report.evaluation import described
+from .validation.free_run import evaluate_free_run
 
 SUGGESTED_SHARE = 0.7
 """[share of the mean square left] Up to which an arrangement is fitted. Source: a decision: a
