@@ -35,6 +35,11 @@ PER_DECAY = 12
 OTHERS_SHARE = 2.5e-4
 """[1] Power of another line over that of the mode from which it is fitted beside it. Source: it
 moves amplitudes by 1.6 % at most."""
+LINE = 20.0
+"""[1] Power of a line over the median about it. Source: noise is as strong once in a million
+lines."""
+CELLS = 20
+"""[resolutions] On either side, of which that median is."""
 MOST_OTHERS = 6
 """[1] Other lines, the strongest. Source: four columns each, of a window of some dozen
 samples."""
@@ -157,7 +162,8 @@ def decay_envelope(
         raise ValueError(_too_few(0))
     hz, lines, strength = _lines(moved / scale, rate_hz, band_hz, near_hz)
     away = np.abs(lines - hz)
-    clear = lines[away > NEAR * hz]
+    far = away > NEAR * hz
+    clear = _told_apart(lines[far], strength[far], 3 / hz)
     shortest = max([1 / hz, *(APART / np.abs(clear - hz)), (6 + 8 * len(clear)) / rate_hz])
     if not len(clear):
         shortest = 1 / hz
@@ -165,8 +171,9 @@ def decay_envelope(
     rough = _followed(moved, rate_hz, hz, clear, begins)
     window, last = _window(rough, hz, shortest)
     moved = moved[: max(int(last * rate_hz), 2 * MIN_POINTS)]
-    free = lines[away * window > APART]
-    unresolved = (away * window <= APART) & (away * last > APART)
+    told = away * window > APART * (1 - 1e-6)  # `shortest` may be the window
+    free = _told_apart(lines[told], strength[told], window)
+    unresolved = ~told & (away * last > APART)
     beats = bool((unresolved & (strength > BEATS_SHARE)).any())
     flow = _followed(moved, rate_hz, hz, free, window)
     return _envelope(flow, hz, begun / rate_hz + start_s, window, beats)
@@ -225,12 +232,14 @@ def _lines(
     if near_hz is not None and own:
         strong = [p for p in own if power[p] > OTHERS_SHARE * power[main]]
         main = min(strong, key=lambda p: abs(frequency[p] - near_hz))
+    cells = CELLS * length // count
     heights = prominences(np.log(power + 1e-300), peaks)
     others = [
         int(p)
         for p, height in zip(peaks, heights, strict=True)
         if height > math.log(STANDS_OUT)
         and power[p] > OTHERS_SHARE * power[main]
+        and power[p] > LINE * float(np.median(power[max(p - cells, 0) : p + cells]))
         and abs(int(p) - main) > 3 * length // count
     ]
     others = sorted(others, key=lambda p: -power[p])[:MOST_OTHERS]
@@ -243,15 +252,28 @@ def _lines(
     return float(frequency[main]) + shift * step, frequency[others], power[others] / power[main]
 
 
+def _told_apart(
+    lines: Float[np.ndarray, " line"], strength: Float[np.ndarray, " line"], window: float
+) -> Float[np.ndarray, " told"]:
+    """Return lines that a window tells from all stronger ones."""
+    kept: list[float] = []
+    for line in lines[np.argsort(-strength)].tolist():
+        if all(abs(line - other) * window > APART * (1 - 1e-6) for other in kept):
+            kept.append(line)
+    return np.array(sorted(kept))
+
+
 def _window(flow: _Flow, hz: float, shortest: float) -> tuple[float, float]:
     """Length of a window, and end of the decay, by a rough flow [s]."""
     size = np.abs(flow.size)
-    low = np.flatnonzero(size < FLOOR * flow.sd)
-    count = int(low[0]) if len(low) else len(size)
-    if count < 3:
-        raise ValueError(_too_few(count))
-    span = float(flow.times[count - 1] - flow.times[0])
-    fall = max(float(np.log(size[0] / max(float(size[:count].min()), 1e-300))), 1e-9)
+    first = _first(size, flow.sd)
+    low = np.flatnonzero(size[first:] < FLOOR * flow.sd[first:])
+    count = first + (int(low[0]) if len(low) else len(size) - first)
+    if count - first < 3:
+        raise ValueError(_too_few(count - first))
+    span = float(flow.times[count - 1] - flow.times[first])
+    fall = float(np.log(size[first] / max(float(size[first:count].min()), 1e-300)))
+    fall = max(fall, 1e-9)
     window = min(span * WINDOW_FALL / fall, span / PER_DECAY)
     if shortest == 1 / hz and fall / span > hz:
         shortest = 0.5 / hz  # so strongly damped that a cycle is most of the decay
@@ -348,10 +370,12 @@ def _envelope(flow: _Flow, hz: float, start_s: float, window: float, beats: bool
     size = np.abs(flow.size)
     turned = np.unwrap(np.angle(flow.size) - 2 * np.pi * hz * (flow.times - flow.times[0]))
     phase = turned + 2 * np.pi * hz * (flow.times - flow.times[0])
-    count = _count(size, flow.sd, phase)
+    first = _first(size, flow.sd)
+    count = _count(size[first:], flow.sd[first:], phase[first:])
     if count < MIN_POINTS:
         raise ValueError(_too_few(count))
-    size, sd, phase, times = size[:count], flow.sd[:count], phase[:count], flow.times[:count]
+    kept = slice(first, first + count)
+    size, sd, phase, times = size[kept], flow.sd[kept], phase[kept], flow.times[kept]
     told = sd / size
     sd = sd * _roughness(np.log(size), told)
     turn_sd = told * _roughness(phase, told)
@@ -368,6 +392,12 @@ def _envelope(flow: _Flow, hz: float, start_s: float, window: float, beats: bool
         overlap=max(window / step, 1.0),
         beats=beats,
     )
+
+
+def _first(size: Points, sd: Points) -> int:
+    """First window in which the mode is alone: other modes may be stronger at the release."""
+    clear = np.flatnonzero(size[: len(size) // 4 + 1] >= FLOOR * sd[: len(size) // 4 + 1])
+    return int(clear[0]) if len(clear) else 0
 
 
 def _count(size: Points, sd: Points, phase: Points) -> int:
@@ -404,7 +434,7 @@ def _frequencies(times: Points, phase: Points, relative: Points) -> tuple[Points
 
 
 def local_slopes(at: Points, values: Points, sd: Points) -> tuple[Points, Points]:
-    """Slopes of straight lines through the points about each, with standard deviations.
+    """Slopes of parabolas through the points about each, with standard deviations.
 
     Parameters
     ----------
@@ -423,8 +453,9 @@ def local_slopes(at: Points, values: Points, sd: Points) -> tuple[Points, Points
     for i in range(count):
         first = min(max(i - reach, 0), max(count - 2 * reach - 1, 0))
         near = slice(first, min(first + 2 * reach + 1, count))
-        x = at[near] - at[near].mean()
-        spread = float(np.sum(x**2))
-        slopes[i] = float(x @ values[near]) / spread
-        errors[i] = math.sqrt(2 * float(np.mean(sd[near] ** 2)) / spread)
+        x = at[near] - at[i]
+        basis = np.stack([np.ones(len(x)), x, x**2], axis=1)
+        slope = np.linalg.pinv(basis)[1]
+        slopes[i] = float(slope @ values[near])
+        errors[i] = math.sqrt(2 * float(slope**2 @ sd[near] ** 2))
     return slopes, errors
