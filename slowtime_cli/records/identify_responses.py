@@ -65,16 +65,18 @@ def identify(
             )
         return False
     if given or flags.get("method", "auto") != "auto":
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in given) or "--method"
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given) or "--method"
         raise click.UsageError(
-            f"{names} goes with records in time; {path.name} holds frequency responses. Leave "
-            "it out."
+            f"{options} goes with records in time; {path.name} holds frequency responses. "
+            "Leave it out."
         )
     for text in measured.notes:
         note(text)
     response = measured.response
-    names = [name for name, _ in measured.outputs], [name for name, _ in measured.inputs]
-    points = driving_points(*names, test["driving_points"])
+    outputs, inputs = (
+        [name for name, _ in side] for side in (measured.outputs, measured.inputs)
+    )
+    points = driving_points(outputs, inputs, test["driving_points"])
     with counting("Identifying"):
         found = identify_responses(response, band_hz=flags["band_hz"], driving_points=points)
     if not found.result.modes:

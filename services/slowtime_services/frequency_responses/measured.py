@@ -178,8 +178,8 @@ def _lines(file: str, curves: Sequence[Curve]) -> np.ndarray:
 
 
 def _kind(matrix: Sequence[Sequence[Curve]], given: Kind | None, said: list[str]) -> Kind:
-    stated = {curve.kind for row in matrix for curve in row} - {None}
-    by_unit = {
+    stated: set[Kind] = {c.kind for row in matrix for c in row if c.kind is not None}
+    by_unit: set[Kind] = {
         unit.quantity
         for row in matrix
         for c in row
@@ -193,7 +193,7 @@ def _kind(matrix: Sequence[Sequence[Curve]], given: Kind | None, said: list[str]
                 "file for each, or state one with --frf-kind."
             )
         if given is None and kinds:
-            return next(iter(kinds))  # type: ignore[return-value]
+            return next(iter(kinds))
     if given is None:
         said.append(
             "frequency responses are treated as accelerations per force, because the file does "
@@ -230,7 +230,7 @@ def _coherence(
         np.min([missing if c.coherence is None else c.coherence for c in row], axis=0)
         for row in matrix
     ]
-    return np.column_stack(columns)[kept]
+    return np.asarray(np.column_stack(columns)[kept])
 
 
 def _in_si(

@@ -61,8 +61,8 @@ def identify_part(
     nothing = ModesAndLines((), (), ())
     if force.flags and method == "auto":
         found = all_modes(samples, rate_hz, band_hz=band_hz)
-        modes = tuple(_along(m, samples, rate_hz) for m in found if is_decay(m))
-        return dataclasses.replace(nothing, modes=modes), None
+        decays = tuple(_along(m, samples, rate_hz) for m in found if is_decay(m))
+        return dataclasses.replace(nothing, modes=decays), None
     single, whole = _by_method(samples, rate_hz, band_hz, method)
     single = dataclasses.replace(
         single, modes=tuple(_along(mode, samples, rate_hz) for mode in single.modes)

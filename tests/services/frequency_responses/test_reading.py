@@ -1,19 +1,26 @@
 """Measured frequency responses out of files of other programs, and of slowtime."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slowtime.identification.frequency_response.response import FrequencyResponse
+from slowtime.identification.frequency_response.response import FrequencyResponse, Kind
 from slowtime.identification.modal_fit.identification import identify_responses
 from slowtime_services.exports.frequency_responses import write_responses
 from slowtime_services.files.record import RecordError
-from slowtime_services.frequency_responses import read_responses
+from slowtime_services.frequency_responses import MeasuredResponses, read_responses
 
 HZ = 1.0 + np.arange(400) / 30.0
 POLES = 2 * np.pi * np.array([3.2, 6.9, 11.4]) * (-0.01 + 1j)
 SHAPES = np.array([[0.4, 1.0, -0.8], [0.8, 0.3, 1.0], [1.0, -0.9, -0.5]])
+
+
+def read(path: Path, kind: Kind | None = None) -> MeasuredResponses:
+    found = read_responses(path, kind)
+    assert found is not None
+    return found
 
 
 def responses(inputs: int = 2) -> np.ndarray:
@@ -23,7 +30,7 @@ def responses(inputs: int = 2) -> np.ndarray:
     for pole, shape in zip(POLES, SHAPES.T, strict=True):
         found += s**2 * np.outer(shape, shape[:inputs]) / ((s - pole) * (s - pole.conj()))
     noise = np.random.default_rng(4).standard_normal((2, *found.shape))
-    return found + 0.01 * (noise[0] + 1j * noise[1])
+    return np.asarray(found + 0.01 * (noise[0] + 1j * noise[1]))
 
 
 def measured(values: np.ndarray) -> FrequencyResponse:
@@ -42,7 +49,7 @@ INPUTS = (("f1", "N"), ("f2", "N"))
 def test_what_is_written_is_read_back_in_all_digits(tmp_path):
     given = measured(responses())
     write_responses(tmp_path / "h.uff", given, OUTPUTS, INPUTS)
-    found = read_responses(tmp_path / "h.uff")
+    found = read(tmp_path / "h.uff")
     np.testing.assert_allclose(found.response.response, given.response, rtol=1e-9)
     np.testing.assert_allclose(found.response.frequency_hz, HZ, rtol=1e-12)
     np.testing.assert_allclose(found.response.coherence, given.coherence, rtol=1e-9)
@@ -72,7 +79,7 @@ def test_universal_files_of_pyuff_are_read(tmp_path, double, even, binary):
             ),
             "add",
         )  # fmt: skip
-    found = read_responses(tmp_path / "h.uff")
+    found = read(tmp_path / "h.uff")
     tolerance = 1e-9 if double else 1e-5
     np.testing.assert_allclose(found.response.response, values, rtol=tolerance)
     np.testing.assert_allclose(found.response.frequency_hz, hz, rtol=2e-5)
@@ -99,7 +106,7 @@ def test_complex_cells_without_a_heading_are_read(tmp_path, unit):
     values = responses(1)
     columns = [cells(HZ + 0j, unit), *(cells(values[:, o, 0], unit) for o in range(3))]
     table(tmp_path / "h.csv", "", columns)
-    found = read_responses(tmp_path / "h.csv")
+    found = read(tmp_path / "h.csv")
     np.testing.assert_allclose(found.response.response, values, rtol=1e-12)
     np.testing.assert_allclose(found.response.frequency_hz, HZ, rtol=1e-12)
     assert any("accelerations per force" in note for note in found.notes)
@@ -124,7 +131,7 @@ def test_two_columns_of_parts_are_one_response(tmp_path, names, parts, delimiter
         heads += [f"a{o} {name}" for name in names]
         columns += parts(values[:, o, 0])
     table(tmp_path / "h.txt", delimiter.join(heads), columns, delimiter)
-    found = read_responses(tmp_path / "h.txt")
+    found = read(tmp_path / "h.txt")
     np.testing.assert_allclose(found.response.response, values, rtol=1e-9)
     assert [name for name, _ in found.outputs] == ["a0", "a1", "a2"]
 
@@ -142,7 +149,7 @@ def test_arrays_are_read_whatever_their_order_and_names(tmp_path):
     np.savez(tmp_path / "h.npz", frequency_hz=HZ, H=values.transpose(1, 2, 0))
     np.savez(tmp_path / "parts.npz", freq=HZ, H_re=values.real, H_im=values.imag)
     for name in ("h.npz", "parts.npz"):
-        found = read_responses(tmp_path / name)
+        found = read(tmp_path / name)
         np.testing.assert_array_equal(found.response.response, values)
     np.savez(tmp_path / "x.npz", t=HZ, x=values[:, 0, 0].real)
     assert read_responses(tmp_path / "x.npz") is None
@@ -154,11 +161,11 @@ def test_hdf5_and_matlab_files_are_read(tmp_path):
     with h5py.File(tmp_path / "h.h5", "w") as file:
         file["test/frequency_hz"], file["test/H"] = HZ, values
         file["test/outputs"] = ["a [m/s]", "b [m/s]", "c [m/s]"]
-    found = read_responses(tmp_path / "h.h5")
+    found = read(tmp_path / "h.h5")
     np.testing.assert_array_equal(found.response.response, values)
     assert (found.outputs[1], found.response.kind) == (("b", "m/s"), "velocity")
     scipy_io.savemat(tmp_path / "h.mat", {"f": HZ, "H": values})
-    found = read_responses(tmp_path / "h.mat")
+    found = read(tmp_path / "h.mat")
     np.testing.assert_array_equal(found.response.response, values)
 
 
@@ -170,7 +177,7 @@ def test_a_workbook_is_read(tmp_path):
     for hz, one in zip(HZ, values[:, 2, 0], strict=True):
         book.active.append([hz, one.real, one.imag])
     book.save(tmp_path / "h.xlsx")
-    found = read_responses(tmp_path / "h.xlsx")
+    found = read(tmp_path / "h.xlsx")
     np.testing.assert_allclose(found.response.response[:, 0, 0], values[:, 2, 0], rtol=1e-12)
 
 
@@ -179,7 +186,7 @@ def test_a_roving_hammer_gives_shapes_over_its_points(tmp_path):
     columns = [HZ, *(c for o in range(3) for c in (values[:, o, 0].real, values[:, o, 0].imag))]
     heads = ["freq", *(f"{part} a/f{o}" for o in range(3) for part in ("re", "im"))]
     table(tmp_path / "h.csv", ",".join(heads), columns, ",")
-    found = read_responses(tmp_path / "h.csv")
+    found = read(tmp_path / "h.csv")
     assert [name for name, _ in found.outputs] == ["f0", "f1", "f2"]
     np.testing.assert_allclose(found.response.response, values, rtol=1e-12)
     modes = identify_responses(found.response).result.modes

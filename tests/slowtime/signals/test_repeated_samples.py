@@ -8,7 +8,7 @@ from slowtime.signals.repeated_samples import find_hold
 RNG = np.random.default_rng(3)
 
 
-def polled(sensor_hz: float, reader_hz: float, jitter: float = 0.0) -> tuple:
+def polled(sensor_hz: float, reader_hz: float, jitter: float = 0.0) -> tuple[np.ndarray, ...]:
     """Give the sensor's values, the rows that a reader gets, and when it reads them."""
     values = np.round(np.cumsum(RNG.standard_normal((2000, 2)), axis=0), 3)
     times = np.arange(int(1990 / sensor_hz * reader_hz)) / reader_hz

@@ -33,7 +33,7 @@ def test_a_copy_is_named_whatever_its_gain_and_digits():
 
 def test_an_integral_is_named():
     first = motion()
-    velocity = scipy.integrate.cumulative_trapezoid(first, dx=1 / RATE, initial=0.0)
+    velocity = scipy.integrate.cumulative_trapezoid(first, dx=1 / RATE, initial=0)
     (said,) = value_notes(np.column_stack([velocity, first]), ("v", "a"))
     assert said.startswith("Channel 'v' is the integral of 'a'")
 

@@ -172,6 +172,7 @@ def test_a_mode_is_stated_with_its_range_where_no_number_holds():
     series = integrated(LAWS["viscous and drag"][0])[:, None]
     series = series + 1e-3 * np.random.default_rng(2).standard_normal(series.shape)
     changed, law = along_decay(mode(HZ, 0.02), series, RATE)
+    assert law is not None
     assert DEPENDS in changed.flags
     strong = law.damping[law.amplitude > 0.1 * law.amplitude[0]]
     told = changed.damping_ratio
@@ -181,6 +182,7 @@ def test_a_mode_is_stated_with_its_range_where_no_number_holds():
     steady, law = along_decay(
         mode(HZ, 0.16 / (2 * OMEGA)), integrated(LAWS["viscous"][0])[:, None], RATE
     )
+    assert law is not None
     assert law.one_number
     assert steady.flags == ()
 
