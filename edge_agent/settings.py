@@ -94,6 +94,8 @@ class FileInput(Frozen):
     """Unit of that column, where the file does not say."""
     wrapped: bool | None = None
     """Whether all columns are one series, several values a line; None to find out."""
+    repeated: Literal["drop", "keep"] | None = None
+    """Whether rows that repeat the row before are left out or kept; None to find out."""
     keep: tuple[str, ...] = ()
     """Columns to keep that would be set aside, as counters or constants; `all` for each. Those
     of covariates are kept in any case."""

@@ -38,6 +38,7 @@ class FileSource:
             time_column=given.time_column,
             time_unit=given.time_unit,
             wrapped=given.wrapped,
+            repeated=given.repeated,
             keep=given.keep if ALL in given.keep else (*given.keep, *self.covariates),
             units=given.units,
             sensitivities=given.sensitivities,

@@ -41,6 +41,11 @@ class SingleModeReader:
             return memory, ModeReading(why=("no_mode",))
         if not is_sound(found.frequency_hz, found.damping_ratio, found.correlation):
             return memory, ModeReading(why=("not_credible",))
+        if found.method == "free_decay":
+            # Imported here, for few windows hold a decay.
+            from slowtime.identification.free_decay.along_decay import along_decay
+
+            found, _ = along_decay(found, window.rows, window.rate_hz)
         own, clock = found.frequency_hz, window.clock
         memory = dataclasses.replace(memory, first=tracked)
         memory, smoothed = smooth(memory, 0, own, self.settings, clock)

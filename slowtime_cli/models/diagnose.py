@@ -20,7 +20,7 @@ from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.labels import labelled, number
 from slowtime_services.engines import Limits, usable_cores
-from slowtime_services.files import DateOrder
+from slowtime_services.files import DateOrder, Repeated
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
 
@@ -45,6 +45,7 @@ def diagnose(
     time_unit: str | None,
     date_order: DateOrder | None,
     wrapped: bool | None,
+    repeated: Repeated | None,
     units: tuple[str, ...],
     sensitivities: tuple[str, ...],
     patience_s: float | None,
@@ -83,8 +84,8 @@ def diagnose(
         )
     read = functools.partial(
         read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
-        time_unit=time_unit, date_order=date_order, wrapped=wrapped, units=units,
-        sensitivities=sensitivities,
+        time_unit=time_unit, date_order=date_order, wrapped=wrapped, repeated=repeated,
+        units=units, sensitivities=sensitivities,
     )  # fmt: skip
     learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
     _refuse_unwritable(out)

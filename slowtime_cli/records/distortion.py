@@ -9,15 +9,15 @@ from typing import Any
 import click
 import numpy as np
 
+from slowtime.identification.free_decay.along_decay import law_sentence
+from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
+from slowtime.identification.free_decay.envelope import decay_envelope
 from slowtime.identification.nonlinear_distortion import (
-    DecayLaw,
     Distortion,
     Resonance,
-    decay_law,
     distortion_of,
     find_period,
     fit_resonance,
-    free_decay_extremes,
     realisation_of,
     sort_by_level,
 )
@@ -75,7 +75,7 @@ def distortion(
         Where a record cannot be analysed; it says why and what to do.
     """
     if decay:
-        document, charts = _decays(records, told, transient_s, rate_hz)
+        document, charts = _decays(records, told, transient_s, rate_hz, band, near_hz)
     else:
         assert given is not None
         document, charts = _levels(
@@ -237,14 +237,19 @@ def _response_chart(found: Sequence[Distortion]) -> Chart:
 
 
 def _decays(
-    records: Sequence[str], told: str, transient_s: float, rate_hz: float | None
+    records: Sequence[str],
+    told: str,
+    transient_s: float,
+    rate_hz: float | None,
+    band: tuple[float, float] | None,
+    near_hz: float | None,
 ) -> tuple[Plain, list[Chart]]:
     rows, sentences, lines = [], [], []
     for text in records:
         (y,), rate = _columns(text, (told,), rate_hz)
-        law = decay_law(free_decay_extremes(y, rate, transient_s))
+        law = decay_law(decay_envelope(y, rate, transient_s, band_hz=band, near_hz=near_hz))
         rows.append(_decay(text, law))
-        sentences.append(_decay_sentence(text, law))
+        sentences.append(f"{text}: {law_sentence(law)}")
         for name, values in (("damping [%]", 100 * law.damping), ("Hz", law.frequency_hz)):
             lines.append(
                 {
@@ -263,6 +268,9 @@ def _decay(text: str, law: DecayLaw) -> Plain:
     return {
         "record": text,
         "terms": " + ".join(law.terms),
+        "stiffness": law.stiffness,
+        "one_number": law.one_number,
+        "beats": law.beats,
         "largest": float(law.amplitude[0]),
         "smallest": float(law.amplitude[-1]),
         "frequency_hz_at_largest": float(law.frequency_hz[0]),
@@ -282,14 +290,6 @@ def _decay(text: str, law: DecayLaw) -> Plain:
         "damping": law.damping.tolist(),
         "damping_sd": law.damping_sd.tolist(),
     }
-
-
-def _decay_sentence(text: str, law: DecayLaw) -> str:
-    return (
-        f"{text}: the damping ratio {law.trend} ({100 * law.damping[0]:.3g} % at "
-        f"{law.amplitude[0]:.3g}, {100 * law.damping[-1]:.3g} % at "
-        f"{law.amplitude[-1]:.3g}), by {' and '.join(law.terms)} damping."
-    )
 
 
 def _short(value: object) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from slowtime.identification import checks
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified
+from slowtime.identification.free_decay.along_decay import DEPENDS, along_decay_note
 from slowtime.identification.modes import Mode
 from slowtime.identification.single_mode.excitation import Excitation, excitation
 from slowtime.identification.single_mode.machine_lines import (
@@ -105,6 +106,9 @@ def identify(
         span_s = len(part) / record.rate_hz
         _say_force(force, span_s, told, whole)
         _say_lines(told)
+        for mode in told.modes:
+            if DEPENDS in mode.flags and (said := along_decay_note(mode, part, record.rate_hz)):
+                note(said)
         if not force.flags:
             found = bool(told.modes or (whole and whole.modes))
             _say_slow(part, record.rate_hz, band_hz, found=found)

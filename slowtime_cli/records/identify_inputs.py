@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from slowtime.identification.frequency_response.excitation import kind_of_excitation
-from slowtime.identification.frequency_response.hits import Hit, find_hits
+from slowtime.identification.frequency_response.hits import Hit, find_hits, rest_before
 from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.modal_fit.assembly import ModalTest
 from slowtime.identification.modal_fit.blows import HammerSettings, identify_blows
@@ -189,7 +189,11 @@ def _responses(record: Record, others: list[int]) -> list[int]:
 def _identified(
     measured: Measured, rate_hz: float, band_hz: tuple[float, float], flags: dict[str, Any]
 ) -> ModalTest:
-    points = _driving_points(measured, flags["driving_points"])
+    points = driving_points(
+        [name for name, _ in measured.output_channels],
+        [name for name, _ in measured.input_channels],
+        flags["driving_points"],
+    )
     if measured.excitation != "hammer":
         return identify_record(
             measured.inputs,
@@ -201,9 +205,9 @@ def _identified(
             estimator=flags["estimator"],
             driving_points=points,
         )
-    force = measured.inputs[:, 0]
-    hits = find_hits(force, measured.outputs, rate_hz, block_s=flags["block_s"])
-    _note_hits(hits, rate_hz)
+    force, outputs, lead = _with_rest(measured.inputs[:, 0], measured.outputs)
+    hits = find_hits(force, outputs, rate_hz, block_s=flags["block_s"])
+    _note_hits(hits, rate_hz, lead)
     decay = 1 / flags["decay_s"] if flags["decay_s"] else 0.0
     loudest = max((hit.ringing for hit in hits if not hit.refused), default=0.0)
     if decay and loudest > AT_REST:
@@ -217,7 +221,7 @@ def _identified(
     )
     return identify_blows(
         force,
-        measured.outputs,
+        outputs,
         rate_hz,
         hits,
         band_hz=band_hz,
@@ -226,19 +230,38 @@ def _identified(
     )
 
 
-def _note_hits(hits: Sequence[Hit], rate_hz: float) -> None:
+def _with_rest(force: np.ndarray, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Put rest in front of a record that begins with its first blow, with a note."""
+    lead = rest_before(force, outputs)
+    if lead:
+        note(
+            "the record begins at a blow or just before it: before the record, force and "
+            "responses are taken as at rest."
+        )
+    rest = np.full(lead, np.median(force)), np.tile(np.median(outputs, axis=0), (lead, 1))
+    return np.concatenate([rest[0], force]), np.concatenate([rest[1], outputs]), lead
+
+
+def _note_hits(hits: Sequence[Hit], rate_hz: float, lead: int) -> None:
     """Report how many blows are used, and why others are not."""
     used = [hit for hit in hits if not hit.refused]
     block_s = (hits[0].last - hits[0].first) / rate_hz
     note(f"{plural(len(used), 'blow')} of {len(hits)} used, blocks of {block_s:.4g} s.")
     for hit in hits:
         if hit.refused:
-            note(f"blow at {hit.at_s:.3f} s rejected: {hit.refused}.")
+            note(f"blow at {hit.at_s - lead / rate_hz:.3f} s rejected: {hit.refused}.")
 
 
-def _driving_points(measured: Measured, given: Sequence[str]) -> list[tuple[int, int]]:
-    outputs = [name for name, _ in measured.output_channels]
-    inputs = [name for name, _ in measured.input_channels]
+def driving_points(
+    outputs: Sequence[str], inputs: Sequence[str], given: Sequence[str]
+) -> list[tuple[int, int]]:
+    """Return the pairs of output and input that a person names as one place and direction.
+
+    Raises
+    ------
+    click.UsageError
+        Where a name is not one of an output or an input.
+    """
     found = []
     for text in given:
         output, _, driven = text.partition("=")
@@ -267,10 +290,18 @@ def _body(
         "channels": list(outputs),
         "duration_s": duration_s,
         "assumptions": [*record.assumptions, *record.notes],
-        "modes": [
-            without_shape(
-                mode_tables.as_json(mode, models, (0.0, duration_s), method=METHOD), mixed
-            )
-            for mode in found.result.modes
-        ],
+        "modes": found_modes(found, models, (0.0, duration_s), mixed),
     }
+
+
+def found_modes(
+    found: ModalTest,
+    models: Sequence[mode_tables.ModelMode],
+    span_s: tuple[float, float],
+    mixed: str,
+) -> list[dict[str, Any]]:
+    """Return the modes as a file of modes has them."""
+    return [
+        without_shape(mode_tables.as_json(mode, models, span_s, method=METHOD), mixed)
+        for mode in found.result.modes
+    ]

@@ -65,6 +65,13 @@ MIN_REPORT_S = 600.0
 def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
     """Find natural frequencies and damping: of a long file as a stream, else of the whole."""
     test = {name: flags.pop(name) for name in TEST_FLAGS}
+    kind = flags.pop("frf_kind")
+    if test["inputs"] is None and not stream:
+        # Imported here, for most records are in time.
+        from . import identify_responses
+
+        if identify_responses.identify(record_path, kind, flags, test):
+            return
     if test["inputs"] is not None:
         # Imported here, for most records have no measured input.
         from . import identify_inputs

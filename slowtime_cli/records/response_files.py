@@ -10,6 +10,7 @@ import numpy as np
 from slowtime.identification.modal_fit.assembly import ModalTest
 from slowtime_cli.shared.terminal import show, write_json
 from slowtime_services.exports.frequency_responses import write_responses
+from slowtime_services.files.units import unit_of
 from slowtime_services.modal import UNIVERSAL, Geometry
 
 Channels = Sequence[tuple[str, str]]
@@ -67,7 +68,7 @@ def _write_csv(path: Path, found: ModalTest, outputs: Channels, inputs: Channels
     pairs = [(o, i) for o in range(len(outputs)) for i in range(len(inputs))]
     heads = ["frequency_hz"]
     for o, i in pairs:
-        name = f"{outputs[o][0]}/{inputs[i][0]}"
+        name = f"{_with_unit(outputs[o])}/{inputs[i][0]}"
         heads += [f"re {name}", f"im {name}", f"sd {name}"]
     heads += [f"coherence {name}" for name, _ in outputs]
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -79,6 +80,13 @@ def _write_csv(path: Path, found: ModalTest, outputs: Channels, inputs: Channels
                 value = response.response[line, o, i]
                 row += [value.real, value.imag, response.sd[line, o, i]]
             table.writerow([*row, *response.coherence[line]])
+
+
+def _with_unit(channel: tuple[str, str]) -> str:
+    """Name of an output; with its unit where it is no acceleration, as a reader assumes."""
+    unit = unit_of(channel[1], channel[0])
+    plain = unit is None or unit.quantity == "acceleration"
+    return channel[0] if plain else f"{channel[0]} [{channel[1]}]"
 
 
 def _body(found: ModalTest, outputs: Channels, inputs: Channels) -> dict[str, Any]:

@@ -70,6 +70,11 @@ CLOCK = (
         default=None,
         help="Whether all columns are one series, several values a line.  [default: detected]",
     ),
+    click.option(
+        "--repeated",
+        type=click.Choice(["drop", "keep"]),
+        help="Leave out rows that repeat the row before, or keep them.  [default: detected]",
+    ),
 )
 """What a text file may leave open of its clock and lines."""
 

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
-from slowtime_services.files import DateOrder, Record, find_column, in_si, read_record
+from slowtime.signals.value_checks import value_notes
+from slowtime_services.files import DateOrder, Record, Repeated, find_column, in_si, read_record
 from slowtime_services.replay import record_or_foreign
 
 from .options import names
@@ -30,11 +32,12 @@ class ReadingFlags:
     date_order: DateOrder | None = None
     wrapped: bool | None = None
     keep: tuple[str, ...] = ()
+    repeated: Repeated | None = None
     units: tuple[str, ...] = ()
     sensitivities: tuple[str, ...] = ()
 
 
-TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep")
+TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep", "repeated")
 """Flags that say nothing of a recording, which names its channels and carries its clock."""
 
 
@@ -78,7 +81,10 @@ def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
                 note(
                     f"--{flag} was not used: an MCAP recording carries its own clock and names."
                 )
-        return overridden_by_flags(record_or_foreign(path), path, given)
+        record = overridden_by_flags(record_or_foreign(path), path, given)
+        said = value_notes(np.asarray(record.samples, dtype=float), record.channels)
+        fresh = (text for text in said if text not in record.notes)
+        return dataclasses.replace(record, notes=(*record.notes, *fresh))
     return read_record(
         path,
         **{

@@ -9,6 +9,8 @@ COUNTERS: Mapping[str, str] = {
     "samples_lost_unsure": "samples that may have been lost beyond those: a narrow counter may "
     "have wrapped once more in a pause, or the device have restarted in it",
     "samples_duplicated": "samples that came again",
+    "samples_repeated": "samples with the values of the one before in all channels, as of a "
+    "sensor that is polled faster than it measures",
     "samples_reordered": "samples that came after later ones, and were put in their place",
     "samples_late": "samples that came too late for it; they count as lost too",
     "samples_dropped": "samples dropped because the work fell behind and the queue was full",

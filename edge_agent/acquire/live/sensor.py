@@ -26,6 +26,7 @@ from .indexing.positions import ByArrival, ByStamp, Placement, Positions
 from .rate_changes import RateWatch
 from .reader import DescribingTransport, Reader
 from .registry import Opened
+from .repeats import RepeatWatch
 from .timestamps import Timing
 
 logger = logging.getLogger(__name__)
@@ -50,6 +51,7 @@ class LiveSource:
         self._settings, self._opened = settings, opened
         self._stop = stop
         self.tally = SampleCounts()
+        self._repeats = RepeatWatch(self.tally)
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
         self._reader: Reader | None = None
         self._dropped = 0
@@ -245,6 +247,7 @@ class LiveSource:
         if runs:
             reading = self._timing.read()
             for run in runs:
+                self._repeats.note(run.rows)
                 yield self._block(run, reading)
 
     def _block(self, run: Run, reading: ClockReading) -> Block:

@@ -5,7 +5,15 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from slowtime_services.files import DateOrder, Record, RecordError, in_si, part_of, read_record
+from slowtime_services.files import (
+    DateOrder,
+    Record,
+    RecordError,
+    Repeated,
+    in_si,
+    part_of,
+    read_record,
+)
 from slowtime_services.replay import record_or_foreign
 
 BINARY = (".npy", ".npz", ".mat")
@@ -54,6 +62,7 @@ def read_any(
     time_unit: str | None = None,
     date_order: DateOrder | None = None,
     wrapped: bool | None = None,
+    repeated: Repeated | None = None,
     units: Sequence[str] = (),
     sensitivities: Sequence[str] = (),
 ) -> Source:
@@ -63,7 +72,8 @@ def read_any(
     ----------
     text
         Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
-    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped, units, sensitivities
+    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped, repeated, units, \
+    sensitivities
         As `slowtime_services.files.read_record` takes them; of a recording, rate and units
         only.
     """
@@ -83,6 +93,7 @@ def read_any(
                 time_unit=time_unit,
                 date_order=date_order,
                 wrapped=wrapped,
+                repeated=repeated,
                 units=units,
                 sensitivities=sensitivities,
                 # A model names its channels, so that a column of zeros may well be a force.

@@ -56,19 +56,29 @@ def write_responses(
     places = _places(names, geometry)
     lines: list[str] = []
     count = 0
+    steps = np.diff(response.frequency_hz)
+    details = (
+        f"averages={response.averages} window_per_s={float(response.decay_rate)!r}",
+        f"from_hz={float(response.frequency_hz[0])!r} by_hz={float(steps.mean())!r}",
+    )
     for o, output in enumerate(outputs):
         for i, driven in enumerate(inputs):
             pair = places[o], places[len(outputs) + i]
             values = response.response[:, o, i]
             lines += _dataset(
-                _FREQUENCY_RESPONSE, response.frequency_hz, values, (output, driven), pair
+                _FREQUENCY_RESPONSE,
+                response.frequency_hz,
+                values,
+                (output, driven),
+                pair,
+                details,
             )
             count += 1
         if np.isfinite(response.coherence[:, o]).all():
             pair = places[o], places[len(outputs)]
             values = response.coherence[:, o]
             lines += _dataset(
-                _COHERENCE, response.frequency_hz, values, (output, inputs[0]), pair
+                _COHERENCE, response.frequency_hz, values, (output, inputs[0]), pair, details
             )
             count += 1
     path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii", errors="replace")
@@ -88,6 +98,7 @@ def _dataset(
     values: np.ndarray,
     pair: tuple[tuple[str, str], tuple[str, str]],
     places: tuple[Place, Place],
+    details: tuple[str, str],
 ) -> Iterator[str]:
     (output, unit), (driven, of_input) = pair
     steps = np.diff(frequency_hz)
@@ -96,7 +107,7 @@ def _dataset(
     yield from (f"{-1:6d}", f"{58:6d}")
     yield f"{output} over {driven}"[:_WIDE]
     yield MARK
-    yield from ("NONE", "NONE", "NONE")
+    yield from ("NONE", *details)
     yield (
         f"{function:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{places[0].node:10d}"
         f"{places[0].axis:4d} {'NONE':<10}{places[1].node:10d}{places[1].axis:4d}"
@@ -125,10 +136,10 @@ def _numbers(frequency_hz: np.ndarray, values: np.ndarray, even: bool) -> Iterat
     if even:
         flat = np.stack(parts, axis=1).ravel()
         for at in range(0, len(flat), _A_LINE):
-            yield "".join(f"{value:20.11E}" for value in flat[at : at + _A_LINE])
+            yield "".join(f"{value:20.12E}" for value in flat[at : at + _A_LINE])
         return
     for at, row in enumerate(np.stack(parts, axis=1)):
-        yield f"{frequency_hz[at]:13.5E}" + "".join(f"{value:20.11E}" for value in row)
+        yield f"{frequency_hz[at]:13.5E}" + "".join(f"{value:20.12E}" for value in row)
 
 
 def _axis(kind: int, label: str, unit: str) -> str:

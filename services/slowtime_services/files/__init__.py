@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .channels.gap_filling import MARK, bridged
     from .channels.si_conversion import Scaling, in_si, mixed_units, scaling_of
-    from .reading_options import ALL
+    from .reading_options import ALL, Repeated
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
     from .record_part import part_of
     from .record_reader import MAX_BYTES, read_record
@@ -22,7 +22,7 @@ _MODULES = {
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
     "record_part": ("part_of",),
-    "reading_options": ("ALL",),
+    "reading_options": ("ALL", "Repeated"),
     "times.stamps": ("DateOrder",),
     "record_streams.record_stream": ("RecordStream", "open_record", "streams"),
     "times.time_units": ("UNITS",),
@@ -40,6 +40,7 @@ __all__ = [
     "Record",
     "RecordError",
     "RecordStream",
+    "Repeated",
     "Scaling",
     "accelerations",
     "bridged",

@@ -1,7 +1,7 @@
 """Options of reading a file that a user gives, and the policy for missing values."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from .record import RecordError
 from .times.time_units import UNITS
@@ -9,10 +9,12 @@ from .times.time_units import UNITS
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-6, 1e9
 """Sampling rates that a user may give [Hz]; beyond them a rate is a typing error."""
 ALL = "all"
+Repeated = Literal["drop", "keep"]
+"""What is done with rows that repeat the one before."""
 
 
 class ReadingOptions(NamedTuple):
-    """Options that overrule what a file states: rate [Hz], channels, time column and unit."""
+    """Options that overrule what a file states: rate [Hz], channels, clock, repeated rows."""
 
     rate_hz: float | None
     channels: Sequence[str] | None
@@ -20,6 +22,7 @@ class ReadingOptions(NamedTuple):
     time_unit: str | None
     wrapped: bool | None
     keep: tuple[str, ...]
+    repeated: Repeated | None = None
 
 
 class MissingPolicy(NamedTuple):

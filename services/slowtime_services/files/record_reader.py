@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from slowtime.signals.value_checks import value_notes
+
 from . import plausibility
 from .channels import sentinels, wrapped_rows
 from .channels.missing_values import (
@@ -24,13 +26,14 @@ from .channels.missing_values import (
     rows_missing,
     rows_with_times,
 )
+from .channels.repeated_rows import new_rows, without_copies
 from .channels.selection import select_channels, unit_of_channel
 from .channels.separate_series import refuse_separate_runs, refuse_several_sensors
 from .channels.si_conversion import in_si
 from .clocks import candidates
 from .clocks.record_clock import axis_of, clock_of_sheet, clock_words, no_clock, start_of
 from .file_sheet import open_sheet, pairs_unwrapped, renamed
-from .reading_options import MissingPolicy, ReadingOptions, refuse_implausible_options
+from .reading_options import MissingPolicy, ReadingOptions, Repeated, refuse_implausible_options
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
 from .times.even_samples import between_rows, sampled_evenly
@@ -55,6 +58,7 @@ def read_record(
     date_order: DateOrder | None = None,
     wrapped: bool | None = None,
     keep: Sequence[str] = (),
+    repeated: Repeated | None = None,
     keep_missing: bool = False,
     skip_missing: bool = False,
     units: Sequence[str] = (),
@@ -92,6 +96,9 @@ def read_record(
         Whether all columns are one series, several values a line; None to find out.
     keep
         Columns to keep as channels that would be set aside; ``("all",)`` for each.
+    repeated
+        Whether rows that repeat the one before in all channels are left out, ``"drop"``, or
+        are samples, ``"keep"``; None to find out.
     keep_missing
         Whether NaN and empty fields are kept, as NaN, instead of refused.
     skip_missing
@@ -126,7 +133,9 @@ def read_record(
             f"{path.name} has {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
             "are read at once. Cut it into several files, or raise max_bytes."
         )
-    said = ReadingOptions(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
+    said = ReadingOptions(
+        rate_hz, channels, time_column, time_unit, wrapped, tuple(keep), repeated
+    )
     missing = MissingPolicy(keep_missing, skip_missing)
     chosen = None if channels is None else tuple(channels)
     sheet = open_sheet(path, skip_lines, max_bytes, date_order, chosen)
@@ -160,6 +169,10 @@ def _record(
     refuse_separate_runs(file, sheet, kept, said)
     if said.rate_hz is None:
         refuse_several_sensors(file, sheet, told.columns)
+    if said.repeated != "keep":
+        sheet, new = without_copies(sheet, kept, told.columns)
+        if not new.all():
+            timed, told = timed[new], clock_of_sheet(sheet, said)
     sheet, notes_of_codes = sentinels.as_missing(file, sheet, kept, missing)
     lost = rows_missing(file, sheet, kept, missing)
     rows = timed[~lost]
@@ -205,17 +218,27 @@ def _record(
         notes += (describe_gaps(gaps),)
     samples = in_sensor_type(_finite(np.column_stack(values)))
     aux = {**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}}
-    if axis is not None and axis.seconds is not None:
+    channels = tuple(names[i] for i in kept)
+    new_of = new_rows(file, samples, channels, rate, axis, said, of_a_piece=of_a_piece)
+    if new_of.rows is not None:
+        samples, aux = samples[new_of.rows], _rows_of(aux, new_of.rows, len(samples))
+    elif axis is not None and axis.seconds is not None:
         samples, aux = _at_even_times(samples, aux, axis)
     return Record(
         samples=samples,
-        rate_hz=float(rate),
-        channels=tuple(names[i] for i in kept),
+        rate_hz=float(new_of.rate_hz),
+        channels=channels,
         units=tuple(unit_of_channel(sheet, i, kept) for i in kept),
         start_ns=start_ns,
-        gaps=gaps,
+        gaps=gaps if new_of.rows is None else (),
         aux=aux,
-        notes=(*sheet.notes, *notes, *verdict.notes),
+        notes=(
+            *sheet.notes,
+            *notes,
+            *verdict.notes,
+            *new_of.notes,
+            *value_notes(np.asarray(samples, dtype=float), channels),
+        ),
         assumptions=assumptions,
     )
 
@@ -267,6 +290,13 @@ def _at_even_times(
     rows_of = {k: v for k, v in aux.items() if np.shape(v) == (len(samples),)}
     others = {name: between_rows(column, axis) for name, column in rows_of.items()}
     return sampled_evenly(samples, axis), {**aux, **others}
+
+
+def _rows_of(
+    aux: dict[str, Values], rows: np.ndarray[tuple[int], np.dtype[np.intp]], count: int
+) -> dict[str, Values]:
+    """Keep some rows of what has a value in each."""
+    return {k: v[rows] if np.shape(v) == (count,) else v for k, v in aux.items()}
 
 
 def _series(

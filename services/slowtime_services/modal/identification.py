@@ -8,6 +8,7 @@ import numpy as np
 from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified
+from slowtime.identification.free_decay.along_decay import along_decay
 from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
 from slowtime.identification.single_mode.estimation import all_modes
@@ -60,8 +61,12 @@ def identify_part(
     nothing = ModesAndLines((), (), ())
     if force.flags and method == "auto":
         found = all_modes(samples, rate_hz, band_hz=band_hz)
-        return dataclasses.replace(nothing, modes=tuple(m for m in found if is_decay(m))), None
+        decays = tuple(_along(m, samples, rate_hz) for m in found if is_decay(m))
+        return dataclasses.replace(nothing, modes=decays), None
     single, whole = _by_method(samples, rate_hz, band_hz, method)
+    single = dataclasses.replace(
+        single, modes=tuple(_along(mode, samples, rate_hz) for mode in single.modes)
+    )
     if force.flags and whole is not None:
         modes = tuple(_flagged(mode, force) for mode in whole.modes)
         whole = dataclasses.replace(whole, modes=modes)
@@ -76,6 +81,11 @@ def is_decay(mode: Identified) -> bool:
     """Return whether a mode was read off a free decay, with a damping that is significant."""
     damping = mode.damping_ratio
     return mode.method == "free_decay" and damping.value > 2 * damping.sd
+
+
+def _along(mode: Identified, samples: Samples, rate_hz: float) -> Identified:
+    """State the damping of a free decay with its range, where it depends on amplitude."""
+    return along_decay(mode, samples, rate_hz)[0] if is_decay(mode) else mode
 
 
 def _flagged(mode: F, force: Excitation) -> F:

@@ -298,7 +298,7 @@ def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
     Raises
     ------
     ValueError
-        Where the model has inputs or effects.
+        Where the model has inputs or effects, or nothing drives the structure in a record.
     """
     description = plant.description
     if description.inputs or plant.effects:
@@ -329,12 +329,14 @@ def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
         if structure.influence is None
         else np.flatnonzero(structure.influence).tolist()
     )
-    return SpectralProblem(
-        plant,
-        prior_of(plant),
-        tuple(driven_lines(linear, *one) for one in records),
-        tuple(forces),
-    )
+    driven = tuple(driven_lines(linear, *one) for one in records)
+    if not all(len(one.frequency_hz) for one in driven):
+        raise ValueError(
+            "No part of the spectrum of a record is driven by a random force: it is a tone, or "
+            "a decay that is hidden by noise. Give a longer record, one of a free decay from "
+            "its release, or one with its measured force."
+        )
+    return SpectralProblem(plant, prior_of(plant), driven, tuple(forces))
 
 
 def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:

@@ -12,23 +12,12 @@ from typing import Literal
 
 import numpy as np
 import scipy.ndimage
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.records import Trial
+from slowtime.signals.value_checks import clipped_samples, stuck_samples
 
 Fault = Literal["missing", "constant", "stuck", "zero", "clipped"]
-
-STUCK_P_VALUE = 1e-6
-"""[probability] That any run of a channel is as long by chance, below which it is a fault.
-Source: one false alarm in a million channels."""
-
-MIN_STUCK_SAMPLES = 6
-"""[samples] Equal values in a row that may be a fault, however fine the resolution. Source:
-judgement; no study is recorded."""
-
-CLIPPED_RATIO = 4
-"""[1] Times the samples on a neighbouring level, and samples, that clipping puts on the
-extreme level at least. Source: judgement; no study is recorded."""
 
 CLIPPED_NOISE_SDS = 4.0
 """[standard deviations of the channel's noise] Within which of a stop noise decides whether
@@ -40,9 +29,6 @@ NORMAL_MAD = 0.6745
 """[standard deviations] Median of the modulus of a normal variable. Source: 0.75 quantile of
 the normal distribution."""
 
-SAME_LEVEL = 1e-4
-"""[1] Relative difference of two levels of one channel that are the same stop. Source: four
-digits, as text files keep them."""
 LEVEL_RESOLUTION = float(np.finfo(np.float32).eps)
 """[1] Relative resolution of a level. Source: single precision; recorders keep no more."""
 
@@ -173,8 +159,8 @@ def _detect_faults(
     if there.size and np.ptp(there) == 0:
         yield "constant", ~missing
         return
-    clipped = _clipped_samples(samples, there, stops)
-    stuck = _stuck_samples(samples) & ~still & ~clipped
+    clipped = clipped_samples(samples, there, stops)
+    stuck = stuck_samples(samples) & ~still & ~clipped
     for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
         if (stuck & which).any():
             yield "zero" if fault == "zero" else "stuck", stuck & which
@@ -189,62 +175,6 @@ def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
         return np.zeros(len(moved), dtype=bool)
     first = int(np.argmax(moved)) if moved.any() else 0
     return np.arange(len(moved)) < first + 1
-
-
-def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-    """Mask of runs of equal values that are longer than the record's own repetitions allow."""
-    starts, lengths = _runs(samples)
-    ordinary = lengths[lengths < MIN_STUCK_SAMPLES]
-    pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
-    habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
-    longest = max(
-        MIN_STUCK_SAMPLES, math.ceil(math.log(STUCK_P_VALUE / len(samples)) / math.log(habit))
-    )
-    found = np.zeros(len(samples), dtype=bool)
-    for start, length in zip(starts, lengths, strict=True):
-        if length >= longest:
-            found[start : start + length] = True
-    return found
-
-
-def _runs(
-    samples: Float[np.ndarray, " time"],
-) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """First samples, and lengths, of runs of equal values."""
-    changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
-    starts = np.concatenate([[0], changes])
-    return starts, np.diff(np.concatenate([starts, [len(samples)]]))
-
-
-def _clipped_samples(
-    samples: Float[np.ndarray, " time"],
-    there: Float[np.ndarray, " finite"],
-    stops: Collection[float],
-) -> Bool[np.ndarray, " time"]:
-    """Find samples on an extreme value that occurs far more often than the value next to it.
-
-    A single run at an extreme is a stuck channel, unless the channel is clipped at its other
-    extreme or at that level in other records.
-    """
-    levels, counts = np.unique(there, return_counts=True)
-    piles: list[Bool[np.ndarray, " time"]] = []
-    several = False
-    if len(levels) >= 2 * CLIPPED_RATIO:
-        for extreme, neighbours in (
-            (0, counts[1:CLIPPED_RATIO]),
-            (-1, counts[-CLIPPED_RATIO:-1]),
-        ):
-            if counts[extreme] >= CLIPPED_RATIO * max(neighbours):
-                at = samples == levels[extreme]
-                size = abs(float(levels[extreme]))
-                rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
-                several = (
-                    several
-                    or rows > 1
-                    or any(abs(size - stop) < SAME_LEVEL * stop for stop in stops)
-                )
-                piles.append(at)
-    return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
 
 
 def _clipped_neighbourhood(

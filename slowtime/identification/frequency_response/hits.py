@@ -28,6 +28,10 @@ STEEP = 4.0
 the record, from which these are a clipped top. The top of a slow vibration is flat as well
 where the converter is coarse, but is reached by single steps of it."""
 
+AT_REST = 0.3
+"""[1] Motion just before the first blow over that after it, above which the structure was not
+at rest. Source: judgement; the pulse itself begins before it reaches the threshold."""
+
 PRE_SHARE = 0.02
 """[block] Before the blow, so that the pulse is seen from its very beginning."""
 
@@ -112,6 +116,38 @@ def find_hits(
         hit = _judged(signed, overloaded, first, length, start, rate_hz)
         found.append(dataclasses.replace(hit, ringing=_ringing(responses, hit)))
     return tuple(found)
+
+
+def rest_before(
+    force: Float[np.ndarray, " time"], responses: Float[np.ndarray, "time output"]
+) -> int:
+    """Return how many samples of rest a record lacks that begins with its first blow.
+
+    A recorder that is triggered by the hammer stores nothing before it; the structure was at
+    rest then, and force and responses may be continued by their levels.
+
+    Parameters
+    ----------
+    force, responses
+        Samples.
+
+    Returns
+    -------
+    Samples to put in front; 0 where the record begins long enough before the blow, or the
+    structure moves before it.
+    """
+    signed = _upright(force)
+    threshold = max(TRIGGER * signed.max(), NOISE_FACTOR * _noise(signed))
+    above = np.flatnonzero(signed >= threshold)
+    needed = int(np.ceil(PRE_SHARE * len(force))) + 2
+    if not len(above) or above[0] >= needed:
+        return 0
+    start = int(above[0])
+    level = np.median(responses, axis=0)
+    before, after = responses[:start] - level, responses[start : start + needed] - level
+    if start and np.mean(before**2) > AT_REST**2 * np.mean(after**2):
+        return 0
+    return needed
 
 
 def _ringing(responses: np.ndarray, hit: Hit) -> float:

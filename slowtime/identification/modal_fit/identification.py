@@ -14,6 +14,7 @@ from slowtime.identification.subspace.stabilisation import StablePole
 from .assembly import Candidates, ModalTest, assemble_test
 from .mode_choice import choose_modes, reweighted
 from .polyreference import polyreference_poles
+from .sharp_peaks import peak_candidates
 from .spectral_data import SpectralData
 from .stable_poles import stable_poles
 
@@ -63,6 +64,9 @@ def identify_responses(
     response = dataclasses.replace(response, sd=sd)
     rough = _dithered(response, seed)
     poles, candidates = candidate_poles(rough, order, seed)
+    candidates = sorted(
+        [*candidates, *peak_candidates(rough, candidates)], key=lambda one: one.frequency_hz
+    )
     data = data_of(response)
     band = (float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
     found = choose_modes(data, np.array([c.pole for c in candidates], dtype=complex), band)

@@ -28,6 +28,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
   slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
   slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
+  slowtime identify h.uff --band-hz 5 200
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
@@ -136,6 +137,12 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "else JSON with the fit and modal masses.",
 )
 @click.option(
+    "--frf-kind",
+    type=click.Choice(["displacement", "velocity", "acceleration", "transmissibility"]),
+    help="RECORD holds measured frequency responses of this quantity per force (or of a motion "
+    "per motion of the base).  [default: detected]",
+)
+@click.option(
     "--model",
     type=EXISTING,
     help="Model file (YAML or JSON, finite elements too) to compare the modes with, mode by "
@@ -183,10 +190,10 @@ def identify(
     frequencies; errors are standard deviations. If no mode exceeds the noise, none is
     reported.
     """
-    if inputs is None and (driving_points or block_s or decay_s or frf):
+    if inputs is None and (block_s or decay_s):
         raise click.UsageError(
-            "--driving-point, --block-s, --decay-s and --frf can only be used together with "
-            "--input, which names the measured inputs. Give --input, or leave them out."
+            "--block-s and --decay-s can only be used together with --input, which names the "
+            "measured inputs. Give --input, or leave them out."
         )
     if inputs is not None:
         if window_s or stream or second or method != "auto":

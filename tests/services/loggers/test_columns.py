@@ -263,7 +263,8 @@ def test_values_that_only_look_like_codes_are_kept(read):
     clipped = np.clip(np.round(40_000 * A), -32_768, 32_767).astype(int)
     record = read("time,ch1", (TIME, clipped))
     np.testing.assert_array_equal(record.samples[:, 0], clipped)
-    assert record.notes == ()
+    (note,) = record.notes
+    assert "'ch1' is clipped" in note
     doubtful = np.round(1500 * A).astype(int)
     doubtful[[7, 90]] = 9999
     record = read("time,ch1", (TIME, doubtful))

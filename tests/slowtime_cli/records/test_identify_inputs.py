@@ -135,3 +135,49 @@ def test_what_cannot_be_done_is_said(run, record, flags, says):
     done = run("identify", record, *flags)
     assert done.status == 2
     assert says in done.err
+
+
+@pytest.mark.parametrize("name", ["h.uff", "h.csv", "h.json"])
+def test_responses_that_were_written_give_the_same_modes(run, record, name):
+    assert run("identify", record, *FLAGS, "--frf", name, "--out", "a.json").status == 0
+    done = run("identify", name, "--out", "b.json", "--report", "b.html", "--frf", "again.uff")
+    assert done.status == 0
+    with open("a.json") as first, open("b.json") as second:
+        before, after = json.load(first), json.load(second)
+    assert after["channels"] == before["channels"] == ["a1", "a2", "a3"]
+    assert len(after["modes"]) == 3
+    for one, other in zip(before["modes"], after["modes"], strict=True):
+        sd = np.hypot(one["frequency_hz"]["sd"], other["frequency_hz"]["sd"])
+        assert abs(one["frequency_hz"]["value"] - other["frequency_hz"]["value"]) < 5 * sd
+
+
+def test_options_of_records_are_refused_for_frequency_responses(run, record):
+    run("identify", record, *FLAGS, "--frf", "h.uff", "--out", "a.json")
+    done = run("identify", "h.uff", "--frf-kind", "acceleration", "--window-s", 3)
+    assert done.status == 2
+    assert "--window-s goes with records in time" in done.err
+
+
+@pytest.mark.parametrize("lead_s", [0.1, 0.0])
+def test_a_record_that_begins_with_its_blow_is_used(run, tmp_path, lead_s):
+    rng = np.random.default_rng(0)
+    force = blows(np.array([1.0]), np.array([100.0]), RATE, 40.0, 0.02)
+    motion = response_to(frame(3), np.column_stack([force, 0 * force]), RATE)
+    force = force + 0.02 * rng.standard_normal(len(force))
+    motion = motion + 0.05 * rng.standard_normal(motion.shape)
+    begins = int(np.argmax(force > 1)) - round(lead_s * RATE)
+    found = []
+    for first in (0, begins):
+        rows = np.column_stack([force, motion])[first:]
+        table = np.column_stack([np.arange(len(rows)) / RATE, rows])
+        head = "t_s,force [N],a1 [m/s^2],a2 [m/s^2],a3 [m/s^2]"
+        path = tmp_path / "one.csv"
+        np.savetxt(path, table, delimiter=",", fmt="%.6f", comments="", header=head)
+        done = run("identify", path, *FLAGS, "--excitation", "hammer", "--out", "one.json")
+        assert done.status == 0, done.err
+        with open("one.json") as file:
+            found.append(json.load(file)["modes"])
+    assert len(found[0]) == len(found[1]) == 3
+    for one, other in zip(*found, strict=True):
+        apart = one["frequency_hz"]["value"] - other["frequency_hz"]["value"]
+        assert abs(apart) < 2 * one["frequency_hz"]["sd"]

@@ -18,6 +18,8 @@ HEADING_BYTES = 512
 """Before an HDF5 file's own first bytes, where MATLAB has written one."""
 MOST_DIGITS = 24
 """Characters of a number that is written as a text."""
+_COMPLEX = ("real", "imag")
+"""Fields of a complex number of MATLAB in HDF5."""
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -46,7 +48,7 @@ def _flatten(name: str, value: Any, into: dict[str, Values]) -> None:
     if array.dtype.names and array.size == 1:
         for field in array.dtype.names:
             _flatten(f"{name}.{field}", array[field].flat[0], into)
-    elif array.dtype.kind in "fiub":
+    elif array.dtype.kind in "fiubc":
         into[name] = array
     elif array.dtype.kind == "U" and array.size == 1 and len(str(array.flat[0])) <= MOST_DIGITS:
         into[name] = array  # a rate may be written as a text
@@ -76,7 +78,10 @@ def _read_version_73(path: Path, max_bytes: int) -> Arrays:
             for item in datasets:
                 name = item.name.strip("/").replace("/", ".")
                 # MATLAB stores by columns, HDF5 by rows: what is read is transposed.
-                found[name] = np.asarray(item[()]).T
+                values = np.asarray(item[()]).T
+                if values.dtype.names == _COMPLEX:
+                    values = values["real"] + 1j * values["imag"]
+                found[name] = values
     except RecordError:
         raise
     except Exception as error:  # the library says in many ways that a file is torn
@@ -87,7 +92,8 @@ def _read_version_73(path: Path, max_bytes: int) -> Arrays:
 def _is_numeric(item: Any) -> bool:
     if "MATLAB_empty" in item.attrs or item.attrs.get("MATLAB_class") == b"char":
         return False
-    return item.dtype.kind in "fiub" and not item.name.startswith("/#")
+    numeric = item.dtype.kind in "fiubc" or item.dtype.names == _COMPLEX
+    return numeric and not item.name.startswith("/#")
 
 
 def main(path: str, max_bytes: str, out: str) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from slowtime_services.files.reading_options import ReadingOptions
 from slowtime_services.files.record import RecordError, Values
 from slowtime_services.files.sheet import Column, Sheet
-from slowtime_services.files.times.time_units import is_time_name, words_of
+from slowtime_services.files.times.time_units import FIRST_EPOCH_S, is_time_name, words_of
 
 MAX_SENSORS_IN_TURN = 64
 """Sensors whose rows may alternate in a file [1]."""
@@ -40,6 +40,7 @@ _WORDS_OF_RECORDS = frozenset(
 _COUNTER_WORDS = frozenset(
     "seq sequence count counter cnt index idx row sample n no nr".split()
 )
+_GROUP = re.compile(r"(.+?)[/.]")
 _RUN = re.compile(
     r"(?<![^\W_])(?:run|test|trial|take|shot|experiment|exp|event|measurement|meas|messung|"
     r"versuch|session|pass|rep|repetition|essai|ensayo|prova)[ _-]?\d+$",
@@ -147,6 +148,20 @@ def _are_of_several(
     return False
 
 
+def _groups_with_clocks(sheet: Sheet) -> frozenset[str]:
+    """Return groups that have a time of their own, counted from their start."""
+    found = set()
+    for name, column in zip(sheet.names, sheet.columns, strict=True):
+        group = _GROUP.match(name)
+        if group is None or column.kind != "number" or column.values.dtype.kind not in "fiu":
+            continue
+        own = re.split(r"[/.]", name)[-1]
+        rises = len(column.values) > 2 and bool((np.diff(column.values) > 0).all())
+        if rises and is_time_name(own) and float(column.values[0]) < FIRST_EPOCH_S:
+            found.add(group[1])
+    return frozenset(found)
+
+
 def refuse_separate_runs(
     file: str, sheet: Sheet, kept: Sequence[int], said: ReadingOptions
 ) -> None:
@@ -155,17 +170,23 @@ def refuse_separate_runs(
     Raises
     ------
     RecordError
-        Where groups of the file are called ``run1``, ``run2`` or the like, and nobody has
-        chosen channels.
+        Where groups of the file are called ``run1``, ``run2`` or the like, or have each a
+        time of their own from its start, and nobody has chosen channels.
     """
     if said.channels is not None:
         return
     names = sheet.names
-    runs: dict[str, list[str]] = defaultdict(list)
+    groups: dict[str, list[str]] = defaultdict(list)
     for name in (names[place] for place in kept):
-        group = re.match(r"(.+?)[/.]", name)
-        if group is not None and _RUN.search(group[1]):
-            runs[group[1]].append(name)
+        group = _GROUP.match(name)
+        if group is not None:
+            groups[group[1]].append(name)
+    timed = _groups_with_clocks(sheet)
+    runs = {
+        group: channels
+        for group, channels in groups.items()
+        if _RUN.search(group) or (group in timed and len(timed) > 1)
+    }
     if len(runs) > 1:
         first = next(iter(runs.values()))
         raise RecordError(

@@ -67,8 +67,9 @@ def _refuse_spectrum(sheet: Sheet) -> None:
         ):
             raise RecordError(
                 f"Column {name!r} is an axis of frequencies or periods: this is a spectrum, "
-                "not a record in time. Export the time histories; if rows are samples after "
-                "all, give --rate-hz."
+                "not a record in time. Export the time histories, or frequency responses with "
+                "both parts (docs/modal_testing.md); if rows are samples after all, give "
+                "--rate-hz."
             )
         first = False
 

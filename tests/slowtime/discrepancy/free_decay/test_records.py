@@ -144,3 +144,19 @@ def test_a_random_response_with_one_loud_beginning_is_seldom_a_decay():
         series = scipy.signal.lfilter([1.0], a, rng.standard_normal(3000))[1000:1800]
         taken += is_free_decay([record(series)])
     assert taken <= 3
+
+
+def test_a_decay_that_falls_by_less_than_its_noise_is_one():
+    rng = np.random.default_rng(8)
+    t = np.arange(4000) / RATE
+    turned = 2 * np.pi * 11.3 * t
+    falling = np.exp(-0.002 * t) * np.cos(turned) + 0.05 * rng.standard_normal(len(t))
+    tone = np.cos(turned) + 0.05 * rng.standard_normal(len(t))
+    assert is_free_decay([record(falling)])
+    assert not is_free_decay([record(tone)])
+    # The same mode under random force is driven anew within its memory.
+    pole = np.exp((-0.002 + 2j * np.pi * 11.3) / RATE)
+    force = rng.standard_normal(len(t)) + 1j * rng.standard_normal(len(t))
+    force[0] /= np.sqrt(1 - abs(pole) ** 2)
+    driven = scipy.signal.lfilter([1.0], [1.0, -pole], force).real
+    assert not is_free_decay([record(driven)])

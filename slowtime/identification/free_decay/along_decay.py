@@ -1,0 +1,113 @@
+"""One number for the damping of a decay where one holds; else a value with its range."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.identification.estimates import Identified, Measured
+
+from .amplitude_law import STRONG, DecayLaw, decay_law
+from .envelope import decay_envelope
+
+DEPENDS = "depends_on_amplitude"
+"""Flag of a mode whose damping or frequency is not one number along its decay."""
+BEATS = "beats"
+"""Flag of a mode whose damping may be the beat with another one."""
+
+
+def along_decay(
+    mode: Identified, samples: Float[np.ndarray, "time channel"], rate_hz: float
+) -> tuple[Identified, DecayLaw | None]:
+    """Compare a mode of a free decay with its course along the decay.
+
+    Parameters
+    ----------
+    mode
+        As fitted to a stretch of the decay.
+    samples
+        The whole record.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    The mode: with at least the error that its difference from the whole decay tells; or, where
+    damping or frequency depend on amplitude, with the values at the middle amplitude and a
+    standard deviation that spans those at amplitudes down to a tenth of the largest. And the
+    law; None where the decay is too short for one.
+    """
+    try:
+        law = decay_law(decay_envelope(samples, rate_hz, near_hz=mode.frequency_hz.value))
+    except ValueError:
+        return mode, None
+    strong = law.amplitude > STRONG * law.amplitude[0]
+    natural = law.frequency_hz / np.sqrt(1.0 - law.damping**2)
+    damping, frequency = law.damping[strong], natural[strong]
+    middle = len(damping) // 2
+    if law.one_number:
+        told = float(np.mean(law.damping_sd[strong]))
+        return dataclasses.replace(
+            mode, damping_ratio=_spanning(mode.damping_ratio, float(damping[middle]), told)
+        ), law
+    flags = (*mode.flags, DEPENDS, *((BEATS,) if law.beats else ()))
+    own = float(law.damping_sd[strong][middle]), float(law.frequency_sd_hz[strong][middle])
+    changed = dataclasses.replace(
+        mode,
+        damping_ratio=_covering(damping, middle, own[0]),
+        frequency_hz=_covering(frequency, middle, own[1]),
+        correlation=0.0,
+        flags=flags,
+    )
+    return changed, law
+
+
+def along_decay_note(
+    mode: Identified, samples: Float[np.ndarray, "time channel"], rate_hz: float
+) -> str:
+    """Say at which amplitude a mode with `DEPENDS` is stated, and what the decay tells."""
+    _, law = along_decay(mode, samples, rate_hz)
+    if law is None:
+        return ""
+    strong = law.amplitude[law.amplitude > STRONG * law.amplitude[0]]
+    return (
+        f"mode at {mode.frequency_hz.value:.4g} Hz: {law_sentence(law)} Its values are those "
+        f"at amplitude {strong[len(strong) // 2]:.3g}, with the range down to a tenth of the "
+        "largest; `slowtime distortion --decay` prints the table."
+    )
+
+
+def _spanning(given: Measured, other: float, other_sd: float) -> Measured:
+    """Enlarge an error where another estimate differs by more than two of both."""
+    apart = abs(given.value - other)
+    if apart <= 2 * float(np.hypot(given.sd, other_sd)):
+        return given
+    return Measured(given.value, max(given.sd, apart / 2))
+
+
+def _covering(values: Float[np.ndarray, " point"], middle: int, own: float) -> Measured:
+    value = float(values[middle])
+    return Measured(value, max(own, float(np.abs(values - value).max())))
+
+
+def law_sentence(law: DecayLaw) -> str:
+    """Say what a decay tells, for a note: one number, or both ends of the table."""
+    first, last = float(law.amplitude[0]), float(law.amplitude[-1])
+    zeta, hz = 100 * law.damping, law.frequency_hz
+    if law.beats:
+        return (
+            "another mode is so near that their beat imitates a change of damping: whether it "
+            "depends on amplitude is undecided. Give a longer record, or channels that tell "
+            "the modes apart."
+        )
+    if law.one_number:
+        return (
+            f"the damping ratio is {zeta[0]:.4g} ± {100 * law.damping_sd[0]:.2g} % along the "
+            f"whole decay, from amplitude {first:.3g} to {last:.3g}."
+        )
+    stiffness = "" if law.stiffness == "constant" else f" and {law.stiffness} stiffness"
+    return (
+        f"the damping ratio {law.trend} ({zeta[0]:.3g} % at {first:.3g}, {zeta[-1]:.3g} % at "
+        f"{last:.3g}), by {' and '.join(law.terms)} damping{stiffness}; frequency "
+        f"{hz[0]:.5g} to {hz[-1]:.5g} Hz."
+    )

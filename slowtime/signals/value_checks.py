@@ -1,0 +1,172 @@
+"""Samples that a sensor cannot have measured: stuck, clipped, too coarse, copies of others."""
+
+import math
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+STUCK_P_VALUE = 1e-6
+"""[probability] That any run of a channel is as long by chance, below which it is a fault.
+Source: one false alarm in a million channels."""
+
+MIN_STUCK_SAMPLES = 6
+"""[samples] Equal values in a row that may be a fault, however fine the resolution. Source:
+judgement; no study is recorded."""
+
+CLIPPED_RATIO = 4
+"""[1] Times the samples on a neighbouring level, and samples, that clipping puts on the
+extreme level at least. Source: judgement; no study is recorded."""
+
+SAME_LEVEL = 1e-4
+"""[1] Relative difference of two levels of one channel that are the same stop. Source: four
+digits, as text files keep them."""
+LEAST_SAMPLES = 64
+"""[samples] From which channels are compared. Source: judgement; a few are
+alike by chance."""
+COPY_RESIDUAL = 1e-5
+"""[share of the variance] That a copy leaves of the other. Source: what four digits leave."""
+INTEGRAL_RESIDUAL = 1e-3
+"""[share of the variance] That the differences of an integral leave of the other. Source: the
+trapezoidal rule at twenty samples a period."""
+COARSE_LEVELS = 4
+"""[levels] Of a channel, up to which its noise is its resolution. Source: with four, the error
+of rounding has a tenth of the variance."""
+CLIPPED_SHARE = 1e-3
+"""[share of the samples] At a stop from which that is said. Source: judgement; fewer change no
+mode."""
+
+
+def stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """Mask runs of equal values that are longer than the record's own repetitions allow."""
+    starts, lengths = _runs(samples)
+    ordinary = lengths[lengths < MIN_STUCK_SAMPLES]
+    pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
+    habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
+    longest = max(
+        MIN_STUCK_SAMPLES, math.ceil(math.log(STUCK_P_VALUE / len(samples)) / math.log(habit))
+    )
+    found = np.zeros(len(samples), dtype=bool)
+    for start, length in zip(starts, lengths, strict=True):
+        if length >= longest:
+            found[start : start + length] = True
+    return found
+
+
+def _runs(
+    samples: Float[np.ndarray, " time"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """First samples, and lengths, of runs of equal values."""
+    changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
+    starts = np.concatenate([[0], changes])
+    return starts, np.diff(np.concatenate([starts, [len(samples)]]))
+
+
+def clipped_samples(
+    samples: Float[np.ndarray, " time"],
+    there: Float[np.ndarray, " finite"],
+    stops: Collection[float] = (),
+) -> Bool[np.ndarray, " time"]:
+    """Find samples on an extreme value that occurs far more often than the value next to it.
+
+    A single run at an extreme is a stuck channel, unless the channel is clipped at its other
+    extreme or at that level in other records.
+    """
+    levels, counts = np.unique(there, return_counts=True)
+    piles: list[Bool[np.ndarray, " time"]] = []
+    several = False
+    if len(levels) >= 2 * CLIPPED_RATIO:
+        for extreme, neighbours in (
+            (0, counts[1:CLIPPED_RATIO]),
+            (-1, counts[-CLIPPED_RATIO:-1]),
+        ):
+            if counts[extreme] >= CLIPPED_RATIO * max(neighbours):
+                at = samples == levels[extreme]
+                size = abs(float(levels[extreme]))
+                rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+                several = (
+                    several
+                    or rows > 1
+                    or any(abs(size - stop) < SAME_LEVEL * stop for stop in stops)
+                )
+                piles.append(at)
+    return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
+
+
+def value_notes(
+    columns: Float[np.ndarray, "time channel"], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Describe channels whose values are no measurements of their own.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit; not finite ones are left out.
+    names
+        Of the channels.
+
+    Returns
+    -------
+    A sentence for each finding.
+    """
+    rows = columns[np.isfinite(columns).all(axis=1)]
+    if len(rows) < LEAST_SAMPLES:
+        return ()
+    notes = []
+    moves = (np.diff(rows, axis=0, prepend=rows[:1]) != 0).sum(axis=1)
+    for name, series in zip(names, rows.T, strict=True):
+        stuck = float((stuck_samples(series) & (moves > 0)).mean())
+        clipped = float(clipped_samples(series, series).mean())
+        levels = len(np.unique(series))
+        if clipped > CLIPPED_SHARE:
+            notes.append(
+                f"Channel {name!r} is clipped in {100 * clipped:.2g} % of its samples: "
+                "harmonics of its modes may be taken for modes. Use a wider range, or leave it "
+                "out."
+            )
+        elif stuck > CLIPPED_SHARE and len(names) > 1 and levels > COARSE_LEVELS:
+            notes.append(
+                f"Channel {name!r} is stuck in {100 * stuck:.2g} % of its samples, while "
+                "others move. Check the sensor, or leave it out with --channels."
+            )
+        elif 1 < levels <= COARSE_LEVELS:
+            notes.append(
+                f"Channel {name!r} has {levels} different values: its resolution is as large "
+                "as its signal. Use a finer range, or leave it out."
+            )
+    return (*notes, *_likeness_notes(rows, names))
+
+
+def _likeness_notes(
+    rows: Float[np.ndarray, "time channel"], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Sentences on channels that repeat or integrate another one."""
+    centred = rows - rows.mean(axis=0)
+    steps = np.diff(rows, axis=0)
+    mean = (centred[1:] + centred[:-1]) / 2
+    notes, gone = [], set()
+    for second in range(rows.shape[1]):
+        for first in range(rows.shape[1]):
+            if first == second or first in gone:
+                continue
+            if first < second and _left(centred[:, first], centred[:, second]) < COPY_RESIDUAL:
+                how = "is a copy of"
+            elif _left(mean[:, first], steps[:, second]) < INTEGRAL_RESIDUAL:
+                how = "is the integral of"
+            else:
+                continue
+            gone.add(second)
+            notes.append(
+                f"Channel {names[second]!r} {how} {names[first]!r}: it tells nothing new. "
+                "Leave it out with --channels."
+            )
+            break
+    return tuple(notes)
+
+
+def _left(first: Float[np.ndarray, " time"], second: Float[np.ndarray, " time"]) -> float:
+    """Share of the variance of the second series that the first, scaled, leaves."""
+    power, own = float(first @ first), float(second @ second)
+    if not power or not own:
+        return 1.0
+    return 1.0 - float(first @ second) ** 2 / (power * own)

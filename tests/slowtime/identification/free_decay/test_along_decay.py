@@ -1,0 +1,208 @@
+"""Decays of many laws, simulated and measured, against piecewise fits by SciPy."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.signal
+from scipy.integrate import solve_ivp
+
+from slowtime.identification.estimates import Identified, Measured
+from slowtime.identification.free_decay.along_decay import DEPENDS, along_decay, law_sentence
+from slowtime.identification.free_decay.amplitude_law import decay_law
+from slowtime.identification.free_decay.envelope import decay_envelope
+
+DATA = Path(os.environ.get("SLOWTIME_DATA", Path(__file__).parents[5] / "shared/data"))
+RATE, HZ = 60.0, 1.3
+OMEGA = 2 * np.pi * HZ
+
+
+def integrated(force, seconds=45.0, start=0.5):
+    """Free decay of a unit mass by SciPy, under a force of displacement and velocity."""
+    t = np.arange(0, seconds, 1 / RATE)
+    return solve_ivp(
+        lambda _, x: [x[1], -(OMEGA**2) * x[0] - force(x[0], x[1])], (0, t[-1]), [start, 0.0],
+        t_eval=t, rtol=1e-8, atol=1e-10, method="LSODA",
+    ).y[0]  # fmt: skip
+
+
+SOFT = 2e-3
+LAWS = {
+    "viscous": (lambda x, v: 0.16 * v, ("viscous",), "constant"),
+    "weak viscous": (lambda x, v: 0.01 * v, ("viscous",), "constant"),
+    "strong viscous": (lambda x, v: 1.2 * v, ("viscous",), "constant"),
+    "friction": (lambda x, v: 0.3 * np.tanh(v / SOFT), ("dry friction",), "constant"),
+    "drag": (lambda x, v: 0.2 * abs(v) * v, ("quadratic",), "constant"),
+    "viscous and friction": (
+        lambda x, v: 0.12 * v + 0.2 * np.tanh(v / SOFT), ("dry friction", "viscous"),
+        "constant",
+    ),
+    "viscous and drag": (
+        lambda x, v: 0.05 * v + 0.1 * abs(v) * v, ("viscous", "quadratic"), "constant",
+    ),
+    "hardening": (lambda x, v: 0.1 * v + 25 * x**3, ("viscous",), "hardening"),
+    "softening": (lambda x, v: 0.1 * v - 25 * x**3, ("viscous",), "softening"),
+    "pendulum": (lambda x, v: 0.1 * v + OMEGA**2 * (np.sin(x) - x), ("viscous",), "softening"),
+    "hardening and drag": (
+        lambda x, v: 0.05 * v + 0.1 * abs(v) * v + 25 * x**3, ("viscous", "quadratic"),
+        "hardening",
+    ),
+    "softening and friction": (
+        lambda x, v: 0.05 * v + 0.25 * np.tanh(v / SOFT) - 20 * x**3, ("dry friction",),
+        "softening",
+    ),
+}  # fmt: skip
+
+
+def piecewise(series, rate, hz, cycles=3.0):
+    """Damping and frequency of stretches: band-pass, then a damped cosine by least squares."""
+    band = scipy.signal.butter(
+        2, [hz / 2, min(2 * hz, 0.45 * rate)], "band", fs=rate, output="sos"
+    )
+    filtered = scipy.signal.sosfiltfilt(band, series)
+    length = int(cycles / hz * rate)
+    found = []
+    for first in range(2 * length, len(series) - 2 * length, length):
+        piece, t = filtered[first : first + length], np.arange(length) / rate
+
+        def model(t, a, b, alpha, w):
+            return np.exp(-alpha * t) * (a * np.cos(w * t) + b * np.sin(w * t))
+
+        size = float(np.abs(piece).max())
+        try:
+            best, covariance = scipy.optimize.curve_fit(
+                model, t, piece, [size / 2, size / 2, 0.02 * hz, 2 * np.pi * hz]
+            )
+        except RuntimeError:
+            continue
+        # What the filter leaves of white noise is correlated over its bandwidth.
+        sd = np.sqrt(np.diag(covariance) * rate / 2 / (1.5 * hz))
+        w = np.hypot(best[3], best[2])
+        found.append(
+            ((first + length / 2) / rate, best[2] / w, sd[2] / w, best[3] / (2 * np.pi))
+        )
+    return np.array(found)
+
+
+def compare(series, rate, hz, least_share=0.9, skip=0.0, **given):
+    """Compare the course of damping and frequency with the piecewise fit."""
+    envelope = decay_envelope(series, rate, **given)
+    law = decay_law(envelope)
+    at, zeta, zeta_sd, own_hz = piecewise(series, rate, hz).T
+    inside = (at > envelope.times_s[0] + skip) & (at < envelope.times_s[-1])
+    size = np.interp(at, envelope.times_s, law.amplitude)
+    inside &= size > 0.1 * law.amplitude[0]  # where filters and noise leave SciPy's fit alone
+    assert inside.sum() >= 3
+    ours = np.interp(at, envelope.times_s, law.damping)
+    sd = np.hypot(zeta_sd, np.interp(at, envelope.times_s, law.damping_sd))
+    near = np.abs(ours - zeta) < 3 * sd + 0.05 * zeta
+    assert near[inside].mean() >= least_share
+    frequency = np.interp(at, envelope.times_s, law.frequency_hz)
+    assert np.abs(frequency / own_hz - 1)[inside].max() < 0.01
+    return law
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_course_of_a_law_is_that_of_piecewise_fits(name):
+    force, terms, stiffness = LAWS[name]
+    series = integrated(force)
+    series = series + 1e-3 * np.random.default_rng(2).standard_normal(len(series))
+    if name == "strong viscous":  # over within three cycles, before a filter is settled
+        law = decay_law(decay_envelope(series, RATE))
+        assert law.damping[0] == pytest.approx(1.2 / (2 * OMEGA), rel=5e-3)
+    else:
+        law = compare(series, RATE, HZ)
+    assert set(terms) <= set(law.terms)
+    assert law.stiffness == stiffness
+    assert law.one_number == (terms == ("viscous",) and stiffness == "constant")
+
+
+@pytest.mark.long
+def test_viscous_decays_have_one_number_that_is_right():
+    alone, off = [], []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        zeta = 10 ** rng.uniform(np.log10(6e-5), np.log10(0.3))
+        rate = HZ * rng.uniform(8, 40)
+        cycles = min(max(3 / (2 * np.pi * zeta), 8), 400) * rng.uniform(0.7, 1.5)
+        t = np.arange(int(cycles / HZ * rate)) / rate
+        moved = np.exp(-zeta * OMEGA * t) * np.cos(OMEGA * np.sqrt(1 - zeta**2) * t)
+        samples = moved[:, None] * rng.uniform(-1, 1, rng.integers(1, 4))
+        noise = 0.3 * 10 ** rng.uniform(-3, -1.5) * np.abs(samples).max()
+        samples = samples + noise * rng.standard_normal(samples.shape)
+        law = decay_law(decay_envelope(samples, rate))
+        middle = len(law.damping) // 2
+        alone.append(law.one_number)
+        off.append((law.damping[middle] - zeta) / law.damping_sd[middle])
+    assert np.mean(alone) >= 0.95
+    assert np.mean(np.abs(off) < 1.96) >= 0.9
+
+
+def test_several_channels_tell_a_second_mode_apart():
+    rng = np.random.default_rng(1)
+    t = np.arange(3000) / 100.0
+    first = np.exp(-0.01 * 8 * t) * np.cos(8 * t)
+    second = np.exp(-0.02 * 27 * t) * np.cos(27 * t)
+    samples = np.outer(first, [1.0, -0.5]) + np.outer(second, [0.4, 0.8])
+    samples += 0.002 * rng.standard_normal(samples.shape)
+    for omega, zeta in ((8.0, 0.01), (27.0, 0.02)):
+        envelope = decay_envelope(samples, 100.0, near_hz=omega / (2 * np.pi))
+        law = decay_law(envelope)
+        assert law.one_number
+        assert law.damping[0] == pytest.approx(zeta, abs=max(4 * law.damping_sd[0], 1e-4))
+
+
+def test_a_beat_is_undecided():
+    t = np.arange(4000) / 50.0
+    beating = np.exp(-0.02 * t) * (np.cos(8.0 * t) + 0.4 * np.cos(8.17 * t))
+    law = decay_law(decay_envelope(beating + 1e-3 * np.sin(1e4 * t), 50.0))
+    assert not law.one_number
+
+
+def mode(value, zeta):
+    return Identified(
+        frequency_hz=Measured(value, 1e-4), damping_ratio=Measured(zeta, 1e-4), correlation=0.0,
+        snr_db=None, amplitude=1.0, method="free_decay", span_s=(0.0, 1.0),
+    )  # fmt: skip
+
+
+def test_a_mode_is_stated_with_its_range_where_no_number_holds():
+    series = integrated(LAWS["viscous and drag"][0])[:, None]
+    series = series + 1e-3 * np.random.default_rng(2).standard_normal(series.shape)
+    changed, law = along_decay(mode(HZ, 0.02), series, RATE)
+    assert law is not None
+    assert DEPENDS in changed.flags
+    strong = law.damping[law.amplitude > 0.1 * law.amplitude[0]]
+    told = changed.damping_ratio
+    assert told.value - told.sd <= strong.min() + 1e-9
+    assert told.value + told.sd >= strong.max() - 1e-9
+    assert "grows with amplitude" in law_sentence(law)
+    steady, law = along_decay(
+        mode(HZ, 0.16 / (2 * OMEGA)), integrated(LAWS["viscous"][0])[:, None], RATE
+    )
+    assert law is not None
+    assert law.one_number
+    assert steady.flags == ()
+
+
+def column(path, name):
+    if not path.is_file():
+        pytest.skip(f"no measurements at {path}; set SLOWTIME_DATA")
+    return np.genfromtxt(path, delimiter=",", names=True)[name]
+
+
+@pytest.mark.data
+def test_measured_decays_are_those_of_piecewise_fits():
+    roll = np.degrees(column(DATA / "ship_roll/model_test_21337.csv", "phi"))
+    compare(roll, 100.0, 0.39, skip=5.0)
+    swing = column(DATA / "single_pendulum/swing_1kHz.csv", "angle_from_hanging_rad")
+    compare(swing[::10], 100.0, 1.2, least_share=0.8)
+    law = compare(
+        column(DATA.parent / "cases/reports/decay_by_amplitude/al_cut_128hz.csv", "acc"),
+        128.0, 6.9,
+    )  # fmt: skip
+    assert not law.one_number
+    assert law.stiffness == "softening"
+    assert law.trend == "grows with amplitude"
