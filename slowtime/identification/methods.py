@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .automatic.estimation import ModalResult, identify_modes
+from . import checks
+from .automatic.estimation import ModalResult, identify_modes, modelled_band
 from .bayes import bayesian_modes
 from .estimates import Measured
 from .fdd.estimation import efdd, fdd
@@ -38,7 +39,8 @@ def by_method(
         the fast Bayesian FFT. `fdd`, `efdd`: peaks of the first singular value, plain or
         enhanced; no stabilisation.
     band_hz
-        Where to look for modes [Hz].
+        Of the modes that are reported [Hz]. All of the record is modelled, so that a mode does
+        not depend on where the edges are.
 
     Returns
     -------
@@ -47,8 +49,13 @@ def by_method(
     if method == "modes":
         return identify_modes(samples, rate_hz, band_hz=band_hz)
     if method == "bayes":
-        return _bayesian(samples, rate_hz, identify_modes(samples, rate_hz, band_hz=band_hz))
-    found, _ = find_harmonics(samples, rate_hz, band_hz=band_hz)
+        modelled = modelled_band(band_hz, rate_hz, len(samples))
+        candidates = identify_modes(samples, rate_hz, band_hz=modelled)
+        return _bayesian(samples, rate_hz, candidates).within(band_hz)
+    usual = checks.band(None, rate_hz, len(samples))
+    found, _ = find_harmonics(
+        samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual)
+    )
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
     spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
@@ -57,7 +64,7 @@ def by_method(
         stabilisation=_empty(),
         spectrum_hz=spectra.frequency_hz,
         singular_values=spectra.values,
-    )
+    ).within(band_hz)
 
 
 def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> ModalResult:

@@ -6,6 +6,7 @@ modes, and says how well each is known. Bands, rates, lags and orders follow fro
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 import scipy.fft as fft
@@ -72,6 +73,9 @@ def identify_modes(
 ) -> ModalResult:
     """Identify every mode that a record shows.
 
+    A mode does not depend on where the edges of the band are, because the band selects what is
+    reported only: candidates, neighbours and noise come from the whole record.
+
     Parameters
     ----------
     samples
@@ -80,8 +84,8 @@ def identify_modes(
     rate_hz
         Samples per second [Hz].
     band_hz
-        Where modes are looked for [Hz]; by default from 20 cycles in the record to nearly half
-        the rate.
+        Of the modes that are reported [Hz]; by default from 20 cycles in the record to nearly
+        half the rate.
     order
         Highest order of the subspace model of one band; a band spans about half an octave.
     most
@@ -94,13 +98,14 @@ def identify_modes(
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples
     moving = checks.moving(given)
-    edges = _band(band_hz, rate_hz, len(columns))
+    edges = modelled_band(band_hz, rate_hz, len(columns))
     columns = detrended(columns)
     scale = columns.std(axis=0)
     columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
+    usual = checks.band(None, rate_hz, len(columns))
     everywhere, _ = find_harmonics(
-        columns, rate_hz, band_hz=_widest(edges, rate_hz, len(columns))
+        columns, rate_hz, band_hz=checks.modelled_band(edges, usual)
     )
     tones = tuple(line.frequency_hz for line in everywhere)
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
@@ -116,8 +121,8 @@ def identify_modes(
     spectrum = _spectrum(transform, rate_hz / count, tones)
     sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
     if most is not None:
-        strongest = sorted(sharp, key=lambda pair: -pair[1].evidence)[:most]
-        sharp = [pair for pair in sharp if pair in strongest]
+        asked = [p for p in sharp if checks.is_inside(_natural_hz(p[1].pole), band_hz)]
+        sharp = sorted(asked, key=lambda pair: -pair[1].evidence)[:most]
     units = _Units(scale, moving)
     modes = [_mode(found[k], s, units) for k, s in sharp]
     modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
@@ -129,7 +134,7 @@ def identify_modes(
         stabilisation=join_stabilisation(poles, members, places),
         spectrum_hz=frequency,
         singular_values=values,
-    )
+    ).within(band_hz)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -152,12 +157,31 @@ def _frequency(mode: Mode) -> float:
     return mode.frequency_hz.value
 
 
-def _band(
+def _natural_hz(pole: complex) -> float:
+    return abs(pole) / (2 * np.pi)
+
+
+def modelled_band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
+    """Band in which modes are modelled, whatever part of it is reported.
+
+    Parameters
+    ----------
+    band_hz
+        Of the modes that are reported [Hz], or None.
+    rate_hz
+        Sampling rate [Hz].
+    count
+        Number of samples.
+
+    Returns
+    -------
+    Lower and upper limit [Hz].
+    """
+    low, high = _default_band(rate_hz, count)
     if band_hz is not None:
-        return checks.band(band_hz, rate_hz, count)
-    low, high = FEWEST_CYCLES * rate_hz / count, 0.95 * EDGE * rate_hz / 2
+        return checks.modelled_band(checks.band(band_hz, rate_hz, count), (low, high))
     if low >= high:
         raise ValueError(
             f"{count} samples at {rate_hz:g} Hz hold {FEWEST_CYCLES} cycles of nothing below "
@@ -166,10 +190,19 @@ def _band(
     return low, high
 
 
-def _widest(edges: tuple[float, float], rate_hz: float, count: int) -> tuple[float, float]:
-    """Widest band in which lines can be told, and no less than `edges`."""
-    low, high = checks.band(None, rate_hz, count)
-    return min(low, edges[0]), max(high, edges[1])
+def _default_band(rate_hz: float, count: int) -> tuple[float, float]:
+    return FEWEST_CYCLES * rate_hz / count, 0.95 * EDGE * rate_hz / 2
+
+
+def _planned(edges: tuple[float, float], count: int, rate_hz: float) -> list[Band]:
+    """Bands of the subspace models: where edges are wider, others are added to the usual."""
+    low, high = edges
+    usual = _default_band(rate_hz, count)
+    ends = [low, *(edge for edge in usual if low < edge < high), high]
+    planned: list[Band] = []
+    for lower, upper in itertools.pairwise(ends):
+        planned.extend(plan_bands(lower, upper, rate_hz, resolution_hz=rate_hz / count))
+    return planned
 
 
 def _candidates(
@@ -184,7 +217,7 @@ def _candidates(
     found: list[StablePole] = []
     members: list[np.ndarray] = []
     before = 0
-    for band in plan_bands(*edges, rate_hz, resolution_hz=rate_hz / count):
+    for band in _planned(edges, count, rate_hz):
         of_band = _poles(transform, count, rate_hz, band, order)
         if of_band is None:
             continue
