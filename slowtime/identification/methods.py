@@ -18,6 +18,11 @@ from .subspace.stabilisation import Stabilisation
 
 Method = Literal["modes", "bayes", "fdd", "efdd"]
 
+CONTRADICTION = 3.0
+"""Distance of a Bayesian mode from its candidate, and its error, above which the candidate is
+kept [standard deviations of the candidate]. Of independent errors 3 in 100 differences would
+be larger; those of the same record are far smaller."""
+
 
 def by_method(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
@@ -36,7 +41,8 @@ def by_method(
         Sampling rate [Hz].
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
-        the fast Bayesian FFT. `fdd`, `efdd`: peaks of the first singular value, plain or
+        the fast Bayesian FFT; a mode that contradicts its candidate is replaced by it, with the
+        flag `misfit`. `fdd`, `efdd`: peaks of the first singular value, plain or
         enhanced; no stabilisation.
     band_hz
         Of the modes that are reported [Hz]. All of the record is modelled, so that a mode does
@@ -73,7 +79,7 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
         return result
     lines = tuple(mode for mode in result.modes if mode.kind == "harmonic")
     modes = [
-        dataclasses.replace(mode, quality=before.quality)
+        dataclasses.replace(_agreed(mode, before), quality=before.quality)
         for mode, before in zip(
             bayesian_modes(
                 samples,
@@ -92,6 +98,27 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
     moved = np.where(before >= 0, np.array(places)[before], -1)
     stabilisation = dataclasses.replace(result.stabilisation, mode=moved)
     return dataclasses.replace(result, modes=whole, stabilisation=stabilisation)
+
+
+def _agreed(mode: Mode, before: Mode) -> Mode:
+    """Most probable mode, or its candidate, flagged, where that contradicts it.
+
+    Both are likeliest values of one record, so that their difference is no larger than the
+    error of either. A larger one shows that the forces are not as the Bayesian model has them:
+    white within a band, with a flat noise floor.
+    """
+    pairs = (
+        (mode.frequency_hz, before.frequency_hz),
+        (mode.damping_ratio, before.damping_ratio),
+    )
+    # Written so that a NaN contradicts.
+    agrees = all(
+        abs(new.value - old.value) <= CONTRADICTION * old.sd and new.sd <= CONTRADICTION * old.sd
+        for new, old in pairs
+    )
+    if agrees:
+        return mode
+    return dataclasses.replace(before, flags=(*before.flags, "misfit"))
 
 
 def _line(verdict: PeakClass) -> Mode:
