@@ -182,7 +182,7 @@ def is_inside(frequency_hz: float, band_hz: tuple[float, float] | None) -> bool:
     -------
     Whether the frequency lies within the limits.
     """
-    return band_hz is None or band_hz[0] <= frequency_hz <= band_hz[1]
+    return band_hz is None or bool(band_hz[0] <= frequency_hz <= band_hz[1])
 
 
 def share_below(

@@ -59,9 +59,7 @@ def by_method(
         candidates = identify_modes(samples, rate_hz, band_hz=modelled)
         return _bayesian(samples, rate_hz, candidates).within(band_hz)
     usual = checks.band(None, rate_hz, len(samples))
-    found, _ = find_harmonics(
-        samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual)
-    )
+    found, _ = find_harmonics(samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual))
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
     spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
@@ -113,7 +111,8 @@ def _agreed(mode: Mode, before: Mode) -> Mode:
     )
     # Written so that a NaN contradicts.
     agrees = all(
-        abs(new.value - old.value) <= CONTRADICTION * old.sd and new.sd <= CONTRADICTION * old.sd
+        abs(new.value - old.value) <= CONTRADICTION * old.sd
+        and new.sd <= CONTRADICTION * old.sd
         for new, old in pairs
     )
     if agrees:

@@ -104,9 +104,7 @@ def identify_modes(
     columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
     usual = checks.band(None, rate_hz, len(columns))
-    everywhere, _ = find_harmonics(
-        columns, rate_hz, band_hz=checks.modelled_band(edges, usual)
-    )
+    everywhere, _ = find_harmonics(columns, rate_hz, band_hz=checks.modelled_band(edges, usual))
     tones = tuple(line.frequency_hz for line in everywhere)
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
     count = len(columns)

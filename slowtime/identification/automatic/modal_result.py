@@ -39,7 +39,7 @@ class ModalResult:
         return tuple(mode for mode in self.modes if mode.kind == "structural")
 
     def within(self, band_hz: tuple[float, float] | None) -> "ModalResult":
-        """Result without what lies outside a band.
+        """Return the result without what lies outside a band.
 
         Parameters
         ----------

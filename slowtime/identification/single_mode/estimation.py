@@ -272,9 +272,7 @@ def _is_in_doubt(decay: Identified) -> bool:
     return not {"part_of_record", "not_decaying"}.isdisjoint(decay.flags)
 
 
-def _after_a_blow(
-    record: LongRecord, band_hz: tuple[float, float] | None
-) -> Identified | None:
+def _after_a_blow(record: LongRecord, band_hz: tuple[float, float] | None) -> Identified | None:
     """Lowest mode of a record that begins with a blow and says little else, or None."""
     columns, rate_hz = record.columns, record.rate_hz
     if not _is_struck(columns):
