@@ -13,6 +13,7 @@ from .estimates import Measured
 from .fdd.estimation import efdd, fdd
 from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
 from .harmonics.detection import PeakClass, find_harmonics
+from .harmonics.periodic_force import FLAG, mean_period, without_periodic_force
 from .modes import Mode
 from .subspace.stabilisation import Stabilisation
 
@@ -58,22 +59,37 @@ def by_method(
         modelled = modelled_band(band_hz, rate_hz, len(samples))
         candidates = identify_modes(samples, rate_hz, band_hz=modelled)
         return _bayesian(samples, rate_hz, candidates).within(band_hz)
+    return _decomposed(samples, rate_hz, method, band_hz).within(band_hz)
+
+
+def _decomposed(
+    samples: np.ndarray, rate_hz: float, method: Method, band_hz: tuple[float, float] | None
+) -> ModalResult:
+    """Modes and lines by frequency domain decomposition; of a periodic force, of its mean."""
     usual = checks.band(None, rate_hz, len(samples))
-    found, _ = find_harmonics(samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual))
+    everywhere, _ = find_harmonics(
+        samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual)
+    )
+    found, periods = without_periodic_force(everywhere, rate_hz / len(samples))
+    if periods > 1:
+        samples = mean_period(samples.reshape(len(samples), -1), periods)
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
+    if periods > 1:
+        modes = tuple(dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes)
     spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
     return ModalResult(
         modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
         stabilisation=_empty(),
         spectrum_hz=spectra.frequency_hz,
         singular_values=spectra.values,
-    ).within(band_hz)
+    )
 
 
 def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> ModalResult:
     """Structural modes found anew, pole by pole; the lines stay."""
-    if not result.structural:
+    # The Bayesian model has no periodic force: what is known of such a record is known already.
+    if not result.structural or any(FLAG in mode.flags for mode in result.structural):
         return result
     lines = tuple(mode for mode in result.modes if mode.kind == "harmonic")
     modes = [

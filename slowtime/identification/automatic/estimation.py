@@ -20,6 +20,7 @@ from slowtime.identification.harmonics.detection import (
     find_harmonics,
 )
 from slowtime.identification.harmonics.narrowband import Spectra
+from slowtime.identification.harmonics.periodic_force import FLAG, without_periodic_force
 from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
@@ -104,7 +105,10 @@ def identify_modes(
     columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
     usual = checks.band(None, rate_hz, len(columns))
-    everywhere, _ = find_harmonics(columns, rate_hz, band_hz=checks.modelled_band(edges, usual))
+    found_lines, _ = find_harmonics(
+        columns, rate_hz, band_hz=checks.modelled_band(edges, usual)
+    )
+    everywhere, periods = without_periodic_force(found_lines, rate_hz / len(columns))
     tones = tuple(line.frequency_hz for line in everywhere)
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
     count = len(columns)
@@ -116,14 +120,17 @@ def identify_modes(
     poles, found, members = _candidates(transform, count, rate_hz, edges, order)
     # In its place: from here on, densities are asked for.
     transform *= np.sqrt(2.0 / (rate_hz * count))
-    spectrum = _spectrum(transform, rate_hz / count, tones)
+    spectrum = _spectrum(transform, rate_hz / count, tones, periods)
     sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
     if most is not None:
         asked = [p for p in sharp if checks.is_inside(_natural_hz(p[1].pole), band_hz)]
         sharp = sorted(asked, key=lambda pair: -pair[1].evidence)[:most]
     units = _Units(scale, moving)
     modes = [_mode(found[k], s, units) for k, s in sharp]
-    modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
+    if periods > 1:
+        modes = [dataclasses.replace(mode, flags=(FLAG,)) for mode in modes]
+    else:
+        modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     members = [members[k] for k, _ in sharp]
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
@@ -258,13 +265,16 @@ def _poles(
     return combine_poles(found, scale[:, None] * directions.conj())
 
 
-def _spectrum(transform: np.ndarray, spacing: float, lines: tuple[Measured, ...]) -> Spectrum:
+def _spectrum(
+    transform: np.ndarray, spacing: float, lines: tuple[Measured, ...], periods: float = 1.0
+) -> Spectrum:
+    """Spectrum of a record; under a periodic force, all periods are worth one."""
     spared = np.zeros(len(transform), dtype=bool)
     for line in lines:
         reach = max(1, int(np.ceil(2.0 * line.sd / spacing))) + 1
         at = round(line.value / spacing)
         spared[max(0, at - reach) : at + reach + 1] = True
-    return Spectrum(transform, spacing, spared)
+    return Spectrum(transform, spacing, spared, 1.0 / periods)
 
 
 def _sharp(
