@@ -47,6 +47,7 @@ from .acceptance import MOVED as MOVED
 from .acceptance import PEAK as PEAK
 from .acceptance import is_mode, without_duplicates
 from .modal_result import ModalResult as ModalResult
+from .roll_off import roll_off_hz
 from .modal_result import join_stabilisation, singular_values
 
 FEWEST_CYCLES = 20
@@ -117,11 +118,14 @@ def identify_modes(
     transform = fft.rfft(columns, axis=0)
     del columns
     frequency, values = singular_values(transform, count, rate_hz)
+    highest = min(EDGE * rate_hz / 2, roll_off_hz(transform, rate_hz / 2))
     poles, found, members = _candidates(transform, count, rate_hz, edges, order)
+    edges = edges[0], min(edges[1], highest)
+    found, members = _below(highest, found, members)
     # In its place: from here on, densities are asked for.
     transform *= np.sqrt(2.0 / (rate_hz * count))
     spectrum = _spectrum(transform, rate_hz / count, tones, periods)
-    sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
+    sharp = _sharp(spectrum, found, edges, highest)
     if most is not None:
         asked = [p for p in sharp if checks.is_inside(_natural_hz(p[1].pole), band_hz)]
         sharp = sorted(asked, key=lambda pair: -pair[1].evidence)[:most]
@@ -232,6 +236,14 @@ def _candidates(
         members.extend(candidate.members + before for candidate in staying)
         before += len(of_band.order)
     return poles, found, members
+
+
+def _below(
+    highest_hz: float, found: list[StablePole], members: list[np.ndarray]
+) -> tuple[list[StablePole], list[np.ndarray]]:
+    """Candidates where the spectrum is not the filter's."""
+    kept = [k for k, candidate in enumerate(found) if candidate.frequency_hz < highest_hz]
+    return [found[k] for k in kept], [members[k] for k in kept]
 
 
 def _poles(
