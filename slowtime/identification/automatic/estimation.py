@@ -29,6 +29,7 @@ from slowtime.identification.spectral_likelihood.mode_selection import (
     InitialMode,
     fit_modes,
     select_modes,
+    widen_for_windows,
 )
 from slowtime.identification.spectral_likelihood.windows import Spectrum
 from slowtime.identification.subspace.bands import EDGE, Band, demodulate, plan_bands
@@ -47,8 +48,8 @@ from .acceptance import MOVED as MOVED
 from .acceptance import PEAK as PEAK
 from .acceptance import is_mode, without_duplicates
 from .modal_result import ModalResult as ModalResult
-from .roll_off import roll_off_hz
 from .modal_result import join_stabilisation, singular_values
+from .roll_off import roll_off_hz
 
 FEWEST_CYCLES = 20
 """Nothing is looked for below so many cycles in the record."""
@@ -298,7 +299,8 @@ def _sharp(
     chosen = without_duplicates([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
     again = [InitialMode(s.pole, s.shape) for _, s in chosen]
     final = fit_modes(spectrum, again, low_hz=low, high_hz=highest_hz)
-    sharp = [(chosen[k][0], s) for k, s in final]
+    known = widen_for_windows(spectrum, [s for _, s in final], low_hz=low, high_hz=highest_hz)
+    sharp = [(chosen[k][0], s) for (k, _), s in zip(final, known, strict=True)]
     return without_duplicates([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
 
 

@@ -1,7 +1,7 @@
 """Where the filter of a logger, or of a decimation, begins to take the spectrum away.
 
-Beyond that frequency a spectrum has the shape of the filter. A noise floor that falls within the
-window of a mode would be taken for its skirt, and the roll-off for a mode.
+Beyond that frequency a spectrum has the shape of the filter. A noise floor that falls within
+the window of a mode would be taken for its skirt, and the roll-off for a mode.
 """
 
 import numpy as np
@@ -26,11 +26,13 @@ damping: of a mode at 0.54 of half the rate of a record resampled by 5/4, by 2 s
 deviations; with this share by 0.2."""
 
 LOWEST = 0.4
-"""Lowest beginning of a roll-off, relative to half the sampling rate [1]: filters of loggers and
-decimations begin above; a fall below is the structure's own."""
+"""Lowest beginning of a roll-off, relative to half the sampling rate [1]: filters of loggers
+and decimations begin above; a fall below is the structure's own."""
 
 
-def roll_off_hz(transform: Complex[np.ndarray, "frequency channel"], nyquist_hz: float) -> float:
+def roll_off_hz(
+    transform: Complex[np.ndarray, "frequency channel"], nyquist_hz: float
+) -> float:
     """Find where all channels fall below the quiet parts of the octave before, and stay there.
 
     Parameters
