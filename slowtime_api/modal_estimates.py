@@ -13,10 +13,11 @@ from slowtime.identification.estimates import Measured
 from slowtime.identification.single_mode.excitation import excitation
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
-from slowtime_services.files import accelerations, bridged, mixed_units
+from slowtime_services.files import accelerations, mixed_units
 from slowtime_services.modal import read_geometry, write_modes
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import Method, identify_part, stretches
+from slowtime_services.modal.losses import Gaps, completed, widened
 
 from .arguments import pair
 from .optional import optional
@@ -275,6 +276,7 @@ def identify(
     *,
     band_hz: tuple[float, float] | None = None,
     method: Method = "auto",
+    gaps: Gaps = "use",
 ) -> Modes:
     """Find natural frequencies, damping ratios and mode shapes, with standard deviations.
 
@@ -283,12 +285,17 @@ def identify(
     signals
         Vibration, under a steady random excitation or in free decay.
     band_hz
-        Band of the modes [Hz]; where not given, all that the record can show.
+        Band of the modes that are reported [Hz]; where not given, all that the record can show.
+        Modes beside it are modelled too, so that its edges change nothing.
     method
         ``"auto"`` chooses by the record. ``"modes"``: all modes of all channels, with shapes
         (covariance-driven subspace identification). ``"bayes"``: these by the fast Bayesian
         FFT method. ``"efdd"``, ``"fdd"``: frequency domain decomposition, with and without
         damping. ``"ambient"``, ``"free_decay"``, ``"peak"``: mode by mode.
+    gaps
+        Missing samples. ``"use"``: all samples that are there count, and errors grow by the
+        loss. ``"fill"``: short gaps are filled, longer ones cut the record. ``"split"``: every
+        gap cuts it. The longest part of a record that is cut is used.
 
     Returns
     -------
@@ -307,6 +314,9 @@ def identify(
     if method not in get_args(Method):
         allowed = ", ".join(get_args(Method))
         raise ValueError(f"method={method!r} was given. Allowed: {allowed}.")
+    if gaps not in get_args(Gaps):
+        allowed = ", ".join(get_args(Gaps))
+        raise ValueError(f"gaps={gaps!r} was given. Allowed: {allowed}.")
     if band_hz is not None:
         band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
     record = signals.record
@@ -316,7 +326,8 @@ def identify(
         left_out = [name for name in record.channels if name not in chosen]
         notes.append(f"Left out, as they are no accelerations: {', '.join(left_out)}.")
         signals = signals[list(chosen)]
-    record, said = bridged(signals.record)
+    whole_record = completed(signals.record, gaps)
+    record, said = whole_record.record, whole_record.note
     notes += [said] if said else []
     samples = np.asarray(record.samples, dtype=float)
     first, last, _ = max(stretches(record), key=lambda one: one[1] - one[0])
@@ -326,6 +337,8 @@ def identify(
     part = samples[first:last]
     force = excitation(part, record.rate_hz)
     single, whole = identify_part(part, record.rate_hz, band_hz, method, force)
+    inflation = whole_record.inflation(0, len(part))
+    single, whole = widened(single, whole, inflation, whole_record.flags)
     if force.flags:
         notes.append(
             "The excitation was not a steady random one, so the assumptions of ambient "

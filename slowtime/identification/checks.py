@@ -144,6 +144,47 @@ def band(
     return low, high
 
 
+def modelled_band(
+    band_hz: tuple[float, float] | None, default_hz: tuple[float, float]
+) -> tuple[float, float]:
+    """Band that is modelled where modes of `band_hz` are asked for.
+
+    The band of a user selects what is reported. Neighbours and noise floor come from the whole
+    record, because a skirt whose mode is left out would widen the modes that are left.
+
+    Parameters
+    ----------
+    band_hz
+        Given limits [Hz], or None.
+    default_hz
+        Limits without `band_hz` [Hz]; they may be in the wrong order in a short record.
+
+    Returns
+    -------
+    Lower and upper limit [Hz]
+    """
+    if band_hz is None:
+        return default_hz
+    return min(band_hz[0], default_hz[0]), max(band_hz[1], default_hz[1])
+
+
+def is_inside(frequency_hz: float, band_hz: tuple[float, float] | None) -> bool:
+    """Whether a mode is reported where `band_hz` is asked for.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequency of the mode [Hz].
+    band_hz
+        Given limits [Hz], or None.
+
+    Returns
+    -------
+    Whether the frequency lies within the limits.
+    """
+    return band_hz is None or bool(band_hz[0] <= frequency_hz <= band_hz[1])
+
+
 def share_below(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, low_hz: float
 ) -> float:

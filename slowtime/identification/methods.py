@@ -6,16 +6,23 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .automatic.estimation import ModalResult, identify_modes
+from . import checks
+from .automatic.estimation import ModalResult, identify_modes, modelled_band
 from .bayes import bayesian_modes
 from .estimates import Measured
 from .fdd.estimation import efdd, fdd
 from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
 from .harmonics.detection import PeakClass, find_harmonics
+from .harmonics.periodic_force import FLAG, mean_period, without_periodic_force
 from .modes import Mode
 from .subspace.stabilisation import Stabilisation
 
 Method = Literal["modes", "bayes", "fdd", "efdd"]
+
+CONTRADICTION = 3.0
+"""Distance of a Bayesian mode from its candidate, and its error, above which the candidate is
+kept [standard deviations of the candidate]. Of independent errors 3 in 100 differences would
+be larger; those of the same record are far smaller."""
 
 
 def by_method(
@@ -35,10 +42,12 @@ def by_method(
         Sampling rate [Hz].
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
-        the fast Bayesian FFT. `fdd`, `efdd`: peaks of the first singular value, plain or
+        the fast Bayesian FFT; a mode that contradicts its candidate is replaced by it, with the
+        flag `misfit`. `fdd`, `efdd`: peaks of the first singular value, plain or
         enhanced; no stabilisation.
     band_hz
-        Where to look for modes [Hz].
+        Of the modes that are reported [Hz]. All of the record is modelled, so that a mode does
+        not depend on where the edges are.
 
     Returns
     -------
@@ -47,10 +56,27 @@ def by_method(
     if method == "modes":
         return identify_modes(samples, rate_hz, band_hz=band_hz)
     if method == "bayes":
-        return _bayesian(samples, rate_hz, identify_modes(samples, rate_hz, band_hz=band_hz))
-    found, _ = find_harmonics(samples, rate_hz, band_hz=band_hz)
+        modelled = modelled_band(band_hz, rate_hz, len(samples))
+        candidates = identify_modes(samples, rate_hz, band_hz=modelled)
+        return _bayesian(samples, rate_hz, candidates).within(band_hz)
+    return _decomposed(samples, rate_hz, method, band_hz).within(band_hz)
+
+
+def _decomposed(
+    samples: np.ndarray, rate_hz: float, method: Method, band_hz: tuple[float, float] | None
+) -> ModalResult:
+    """Modes and lines by frequency domain decomposition; of a periodic force, of its mean."""
+    usual = checks.band(None, rate_hz, len(samples))
+    everywhere, _ = find_harmonics(
+        samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual)
+    )
+    found, periods = without_periodic_force(everywhere, rate_hz / len(samples))
+    if periods > 1:
+        samples = mean_period(samples.reshape(len(samples), -1), periods)
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
+    if periods > 1:
+        modes = tuple(dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes)
     spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
     return ModalResult(
         modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
@@ -62,11 +88,12 @@ def by_method(
 
 def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> ModalResult:
     """Structural modes found anew, pole by pole; the lines stay."""
-    if not result.structural:
+    # The Bayesian model has no periodic force: what is known of such a record is known already.
+    if not result.structural or any(FLAG in mode.flags for mode in result.structural):
         return result
     lines = tuple(mode for mode in result.modes if mode.kind == "harmonic")
     modes = [
-        dataclasses.replace(mode, quality=before.quality)
+        dataclasses.replace(_agreed(mode, before), quality=before.quality)
         for mode, before in zip(
             bayesian_modes(
                 samples,
@@ -85,6 +112,28 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
     moved = np.where(before >= 0, np.array(places)[before], -1)
     stabilisation = dataclasses.replace(result.stabilisation, mode=moved)
     return dataclasses.replace(result, modes=whole, stabilisation=stabilisation)
+
+
+def _agreed(mode: Mode, before: Mode) -> Mode:
+    """Most probable mode, or its candidate, flagged, where that contradicts it.
+
+    Both are likeliest values of one record, so that their difference is no larger than the
+    error of either. A larger one shows that the forces are not as the Bayesian model has them:
+    white within a band, with a flat noise floor.
+    """
+    pairs = (
+        (mode.frequency_hz, before.frequency_hz),
+        (mode.damping_ratio, before.damping_ratio),
+    )
+    # Written so that a NaN contradicts.
+    agrees = all(
+        abs(new.value - old.value) <= CONTRADICTION * old.sd
+        and new.sd <= CONTRADICTION * old.sd
+        for new, old in pairs
+    )
+    if agrees:
+        return mode
+    return dataclasses.replace(before, flags=(*before.flags, "misfit"))
 
 
 def _line(verdict: PeakClass) -> Mode:

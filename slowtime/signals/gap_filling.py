@@ -73,7 +73,7 @@ def bridge(
         )
     filled = np.where(present[:, None], samples, 0.0).astype(float)
     worst = 0.0
-    runs = _runs(present)
+    runs = runs_missing(present)
     for channel in range(samples.shape[1]):
         mean = filled[present, channel].mean()
         series = np.where(present, filled[:, channel] - mean, 0.0)
@@ -98,15 +98,26 @@ def _autocovariance(
     counts = np.fft.irfft(np.abs(np.fft.rfft(present.astype(float), size)) ** 2, size)
     products = np.fft.irfft(np.abs(spectrum) ** 2, size)
     found = products[:lags] / np.maximum(counts[:lags], 1.0)
-    # A taper leaves the near lags, which are used, nearly as they are.
+    # A taper leaves the near lags, which are used, nearly as they are, and ends the last ones
+    # at zero: samples on either side of a longer gap are taken for uncorrelated.
     taper = np.cos(0.5 * np.pi * np.arange(lags) / lags) ** 2
     two_sided = np.concatenate([found * taper, (found * taper)[-1:0:-1]])
     power = np.maximum(np.fft.rfft(two_sided).real, 0.0)
-    return np.fft.irfft(power, len(two_sided))[: 2 * REACH + REACH]
+    return np.append(np.fft.irfft(power, len(two_sided))[:lags], 0.0)
 
 
-def _runs(present: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
-    """First and after-last row of each run of missing samples."""
+def runs_missing(present: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
+    """First and after-last row of each run of missing samples.
+
+    Parameters
+    ----------
+    present
+        Which rows were measured.
+
+    Returns
+    -------
+    Runs, ascending.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([1], present.astype(int), [1]))))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -23,13 +23,15 @@ from slowtime.identification.single_mode.sliding_windows import (
     dependence,
     identify_windows,
 )
+from slowtime.signals.imputation import LEAST_SHARE
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
-from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
+from slowtime_services.files import MARK, Record, accelerations, mixed_units
 from slowtime_services.matrices import read_any_description
 from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import identify_part, is_decay, stretches
+from slowtime_services.modal.losses import Completed, Gaps, completed, widened, wider
 
 from . import mode_tables
 from .modes_file import write_modes_file
@@ -63,6 +65,7 @@ def identify(
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,
+    gaps: Gaps,
     method: Any,
     model: Path | None,
     report: Path | None,
@@ -84,7 +87,8 @@ def identify(
     mixed = mixed_units(record.channels, record.units)
     models = reference_modes(model, record.channels, mixed)
     duration_s, rows = record.duration_s, len(record.samples)
-    record, said = bridged(record)
+    whole_record = completed(record, gaps)
+    record, said = whole_record.record, whole_record.note
     if said:
         note(said)
     samples = np.asarray(record.samples, dtype=float)
@@ -103,6 +107,8 @@ def identify(
         with counting("Identifying"):
             force = excitation(part, record.rate_hz)
             told, whole = identify_part(part, record.rate_hz, band_hz, method, force)
+            inflation = whole_record.inflation(0, len(part))
+            told, whole = widened(told, whole, inflation, whole_record.flags)
         span_s = len(part) / record.rate_hz
         _say_force(force, span_s, told, whole)
         _say_lines(told)
@@ -143,6 +149,7 @@ def identify(
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
+        epochs = [_informed(epoch, whole_record) for epoch in epochs]
         result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
         if not silent:
             _show_epochs(epochs, path.name)
@@ -287,12 +294,28 @@ def _say_constant(record: Record, samples: Samples) -> None:
         )
 
 
+def _informed(epoch: Epoch, whole: Completed) -> Epoch:
+    """Window with errors as large as its samples allow; refused where most are missing."""
+    if whole.present is None:
+        return epoch
+    rate = whole.record.rate_hz
+    first, last = round(epoch.start_s * rate), round(epoch.end_s * rate)
+    there = float(np.mean(whole.present[first:last]))
+    if there < LEAST_SHARE:
+        why = f"{100 * (1 - there):.0f} % of the samples of this window are missing."
+        return dataclasses.replace(epoch, modes=(), refused=why)
+    factor = whole.inflation(first, last)
+    return dataclasses.replace(
+        epoch, modes=tuple(wider(mode, factor, whole.flags) for mode in epoch.modes)
+    )
+
+
 def _longest(record: Record, samples: Samples) -> Samples:
     first, last, _ = max(stretches(record), key=lambda part: part[1] - part[0])
     if record.gaps:
         note(
             "only the longest part without a gap is used, "
-            f"{(last - first) / record.rate_hz:.3f} s. --window-s uses all parts."
+            f"{(last - first) / record.rate_hz:.3f} s. --gaps use takes all samples."
         )
     return samples[first:last]
 
@@ -311,7 +334,7 @@ def _windows(
         longest = max(b - a for a, b, _ in stretches(record)) / record.rate_hz
         raise click.UsageError(
             f"--window-s {window_s:g} is longer than the longest part of the record without a "
-            f"gap, {longest:g} s. Give a shorter window."
+            f"gap, {longest:g} s. Give a shorter window{' or --gaps use' * bool(record.gaps)}."
         )
     epochs: list[Epoch] = []
     with counting("Identifying windows") as tell:

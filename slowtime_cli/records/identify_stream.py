@@ -51,7 +51,7 @@ TEST_FLAGS = (
 """Options of records with measured inputs."""
 
 SINGLE_RECORD_FLAGS = (
-    "window_s", "hop_s", "method", "second", "start_sd_ms", "rate_sd_ppm",
+    "window_s", "hop_s", "gaps", "method", "second", "start_sd_ms", "rate_sd_ppm",
 )  # fmt: skip
 """Options of records without."""
 
@@ -95,7 +95,7 @@ def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
 def _is_long(path: Path, flags: dict[str, Any]) -> bool:
     """Whether a file is long, can be read in pieces, and is asked for no more than modes."""
     whole = flags["window_s"] or flags["report"] or flags["second"]
-    whole = whole or flags["method"] not in ("auto", "modes")
+    whole = whole or flags["method"] not in ("auto", "modes") or flags["gaps"] != "use"
     kind = path.suffix.lower() == ".mcap" or streams(path)
     if whole or not kind or path.stat().st_size < LONG_BYTES:
         return False

@@ -6,6 +6,7 @@ modes, and says how well each is known. Bands, rates, lags and orders follow fro
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 import scipy.fft as fft
@@ -19,6 +20,7 @@ from slowtime.identification.harmonics.detection import (
     find_harmonics,
 )
 from slowtime.identification.harmonics.narrowband import Spectra
+from slowtime.identification.harmonics.periodic_force import FLAG, without_periodic_force
 from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
@@ -27,6 +29,7 @@ from slowtime.identification.spectral_likelihood.mode_selection import (
     InitialMode,
     fit_modes,
     select_modes,
+    widen_for_windows,
 )
 from slowtime.identification.spectral_likelihood.windows import Spectrum
 from slowtime.identification.subspace.bands import EDGE, Band, demodulate, plan_bands
@@ -46,6 +49,7 @@ from .acceptance import PEAK as PEAK
 from .acceptance import is_mode, without_duplicates
 from .modal_result import ModalResult as ModalResult
 from .modal_result import join_stabilisation, singular_values
+from .roll_off import roll_off_hz
 
 FEWEST_CYCLES = 20
 """Nothing is looked for below so many cycles in the record."""
@@ -72,6 +76,9 @@ def identify_modes(
 ) -> ModalResult:
     """Identify every mode that a record shows.
 
+    A mode does not depend on where the edges of the band are, because the band selects what is
+    reported only: candidates, neighbours and noise come from the whole record.
+
     Parameters
     ----------
     samples
@@ -80,8 +87,8 @@ def identify_modes(
     rate_hz
         Samples per second [Hz].
     band_hz
-        Where modes are looked for [Hz]; by default from 20 cycles in the record to nearly half
-        the rate.
+        Of the modes that are reported [Hz]; by default from 20 cycles in the record to nearly
+        half the rate.
     order
         Highest order of the subspace model of one band; a band spans about half an octave.
     most
@@ -94,14 +101,16 @@ def identify_modes(
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples
     moving = checks.moving(given)
-    edges = _band(band_hz, rate_hz, len(columns))
+    edges = modelled_band(band_hz, rate_hz, len(columns))
     columns = detrended(columns)
     scale = columns.std(axis=0)
     columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
-    everywhere, _ = find_harmonics(
-        columns, rate_hz, band_hz=_widest(edges, rate_hz, len(columns))
+    usual = checks.band(None, rate_hz, len(columns))
+    found_lines, _ = find_harmonics(
+        columns, rate_hz, band_hz=checks.modelled_band(edges, usual)
     )
+    everywhere, periods = without_periodic_force(found_lines, rate_hz / len(columns))
     tones = tuple(line.frequency_hz for line in everywhere)
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
     count = len(columns)
@@ -110,17 +119,23 @@ def identify_modes(
     transform = fft.rfft(columns, axis=0)
     del columns
     frequency, values = singular_values(transform, count, rate_hz)
+    highest = min(EDGE * rate_hz / 2, roll_off_hz(transform, rate_hz / 2))
     poles, found, members = _candidates(transform, count, rate_hz, edges, order)
+    edges = edges[0], min(edges[1], highest)
+    found, members = _below(highest, found, members)
     # In its place: from here on, densities are asked for.
     transform *= np.sqrt(2.0 / (rate_hz * count))
-    spectrum = _spectrum(transform, rate_hz / count, tones)
-    sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
+    spectrum = _spectrum(transform, rate_hz / count, tones, periods)
+    sharp = _sharp(spectrum, found, edges, highest)
     if most is not None:
-        strongest = sorted(sharp, key=lambda pair: -pair[1].evidence)[:most]
-        sharp = [pair for pair in sharp if pair in strongest]
+        asked = [p for p in sharp if checks.is_inside(_natural_hz(p[1].pole), band_hz)]
+        sharp = sorted(asked, key=lambda pair: -pair[1].evidence)[:most]
     units = _Units(scale, moving)
     modes = [_mode(found[k], s, units) for k, s in sharp]
-    modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
+    if periods > 1:
+        modes = [dataclasses.replace(mode, flags=(FLAG,)) for mode in modes]
+    else:
+        modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     members = [members[k] for k, _ in sharp]
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
@@ -129,7 +144,7 @@ def identify_modes(
         stabilisation=join_stabilisation(poles, members, places),
         spectrum_hz=frequency,
         singular_values=values,
-    )
+    ).within(band_hz)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -152,12 +167,31 @@ def _frequency(mode: Mode) -> float:
     return mode.frequency_hz.value
 
 
-def _band(
+def _natural_hz(pole: complex) -> float:
+    return abs(pole) / (2 * np.pi)
+
+
+def modelled_band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
+    """Band in which modes are modelled, whatever part of it is reported.
+
+    Parameters
+    ----------
+    band_hz
+        Of the modes that are reported [Hz], or None.
+    rate_hz
+        Sampling rate [Hz].
+    count
+        Number of samples.
+
+    Returns
+    -------
+    Lower and upper limit [Hz].
+    """
+    low, high = _default_band(rate_hz, count)
     if band_hz is not None:
-        return checks.band(band_hz, rate_hz, count)
-    low, high = FEWEST_CYCLES * rate_hz / count, 0.95 * EDGE * rate_hz / 2
+        return checks.modelled_band(checks.band(band_hz, rate_hz, count), (low, high))
     if low >= high:
         raise ValueError(
             f"{count} samples at {rate_hz:g} Hz hold {FEWEST_CYCLES} cycles of nothing below "
@@ -166,10 +200,19 @@ def _band(
     return low, high
 
 
-def _widest(edges: tuple[float, float], rate_hz: float, count: int) -> tuple[float, float]:
-    """Widest band in which lines can be told, and no less than `edges`."""
-    low, high = checks.band(None, rate_hz, count)
-    return min(low, edges[0]), max(high, edges[1])
+def _default_band(rate_hz: float, count: int) -> tuple[float, float]:
+    return FEWEST_CYCLES * rate_hz / count, 0.95 * EDGE * rate_hz / 2
+
+
+def _planned(edges: tuple[float, float], count: int, rate_hz: float) -> list[Band]:
+    """Bands of the subspace models: where edges are wider, others are added to the usual."""
+    low, high = edges
+    usual = _default_band(rate_hz, count)
+    ends = [low, *(edge for edge in usual if low < edge < high), high]
+    planned: list[Band] = []
+    for lower, upper in itertools.pairwise(ends):
+        planned.extend(plan_bands(lower, upper, rate_hz, resolution_hz=rate_hz / count))
+    return planned
 
 
 def _candidates(
@@ -184,7 +227,7 @@ def _candidates(
     found: list[StablePole] = []
     members: list[np.ndarray] = []
     before = 0
-    for band in plan_bands(*edges, rate_hz, resolution_hz=rate_hz / count):
+    for band in _planned(edges, count, rate_hz):
         of_band = _poles(transform, count, rate_hz, band, order)
         if of_band is None:
             continue
@@ -194,6 +237,14 @@ def _candidates(
         members.extend(candidate.members + before for candidate in staying)
         before += len(of_band.order)
     return poles, found, members
+
+
+def _below(
+    highest_hz: float, found: list[StablePole], members: list[np.ndarray]
+) -> tuple[list[StablePole], list[np.ndarray]]:
+    """Candidates where the spectrum is not the filter's."""
+    kept = [k for k, candidate in enumerate(found) if candidate.frequency_hz < highest_hz]
+    return [found[k] for k in kept], [members[k] for k in kept]
 
 
 def _poles(
@@ -227,13 +278,16 @@ def _poles(
     return combine_poles(found, scale[:, None] * directions.conj())
 
 
-def _spectrum(transform: np.ndarray, spacing: float, lines: tuple[Measured, ...]) -> Spectrum:
+def _spectrum(
+    transform: np.ndarray, spacing: float, lines: tuple[Measured, ...], periods: float = 1.0
+) -> Spectrum:
+    """Spectrum of a record; under a periodic force, all periods are worth one."""
     spared = np.zeros(len(transform), dtype=bool)
     for line in lines:
         reach = max(1, int(np.ceil(2.0 * line.sd / spacing))) + 1
         at = round(line.value / spacing)
         spared[max(0, at - reach) : at + reach + 1] = True
-    return Spectrum(transform, spacing, spared)
+    return Spectrum(transform, spacing, spared, 1.0 / periods)
 
 
 def _sharp(
@@ -245,7 +299,8 @@ def _sharp(
     chosen = without_duplicates([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
     again = [InitialMode(s.pole, s.shape) for _, s in chosen]
     final = fit_modes(spectrum, again, low_hz=low, high_hz=highest_hz)
-    sharp = [(chosen[k][0], s) for k, s in final]
+    known = widen_for_windows(spectrum, [s for _, s in final], low_hz=low, high_hz=highest_hz)
+    sharp = [(chosen[k][0], s) for (k, _), s in zip(final, known, strict=True)]
     return without_duplicates([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
 
 

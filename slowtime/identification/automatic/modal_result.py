@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.identification.checks import is_inside
 from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import Stabilisation
@@ -36,6 +37,27 @@ class ModalResult:
     def structural(self) -> tuple[Mode, ...]:
         """Modes that are no machine's."""
         return tuple(mode for mode in self.modes if mode.kind == "structural")
+
+    def within(self, band_hz: tuple[float, float] | None) -> "ModalResult":
+        """Return the result without what lies outside a band.
+
+        Parameters
+        ----------
+        band_hz
+            Lower and upper limit [Hz]; None for no limits.
+
+        Returns
+        -------
+        Modes and poles of the band; the spectra are those of the whole record.
+        """
+        if band_hz is None:
+            return self
+        kept = [k for k, m in enumerate(self.modes) if is_inside(m.frequency_hz.value, band_hz)]
+        return dataclasses.replace(
+            self,
+            modes=tuple(self.modes[k] for k in kept),
+            stabilisation=self.stabilisation.of_modes(kept).within(band_hz),
+        )
 
 
 def join_stabilisation(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammainccinv
 
+from slowtime.identification import checks
 from slowtime.signals.peaks import local_maxima
 from slowtime.signals.spectra import noise_floor, periodogram, smoothed
 
@@ -104,6 +105,45 @@ def detect_peaks(
     return _with_bands(curve, above, low, high)
 
 
+def detect_separate_peaks(
+    columns: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    band_hz: tuple[float, float] | None,
+    *,
+    taper: str = "hann",
+) -> list[PeakCandidate]:
+    """Peaks without companions whose own bands overlap the band that is reported.
+
+    Peaks are sought in the whole record, so that the band of a candidate ends at the valley to
+    its neighbour, and not at an edge that the user chose. A peak just outside is returned too,
+    because the frequency of its mode may lie inside.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    band_hz
+        Of the modes that are reported [Hz]; None for all.
+    taper
+        Window of the periodogram.
+
+    Returns
+    -------
+    Candidates with their bands [Hz] and prominences [dB], ascending in frequency
+    """
+    usual = checks.band(None, rate_hz, len(columns))
+    given = None if band_hz is None else checks.band(band_hz, rate_hz, len(columns))
+    found = without_companions(
+        detect_peaks(columns, rate_hz, *checks.modelled_band(given, usual), taper=taper),
+        len(columns) / rate_hz,
+    )
+    if given is None:
+        return found
+    return [one for one in found if one.low_hz < given[1] and one.high_hz > given[0]]
+
+
 def strongest_peak(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
@@ -121,7 +161,8 @@ def strongest_peak(
     rate_hz
         Sampling rate [Hz].
     low, high
-        Limits of the search [Hz].
+        Limits of the peak's frequency [Hz]; its band ends at the valleys to its neighbours,
+        which may lie outside.
     taper
         Window of the periodogram.
 
@@ -129,7 +170,11 @@ def strongest_peak(
     -------
     Candidate with its band [Hz] and prominence [dB]
     """
-    found = detect_peaks(columns, rate_hz, low, high, taper=taper)
+    usual = checks.band(None, rate_hz, len(columns))
+    everywhere = detect_peaks(
+        columns, rate_hz, *checks.modelled_band((low, high), usual), taper=taper
+    )
+    found = [one for one in everywhere if low <= one.frequency_hz <= high]
     if found:
         return max(found, key=lambda c: c.prominence_db)
     curve = _curve(columns, rate_hz, taper, high)

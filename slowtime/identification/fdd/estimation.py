@@ -27,6 +27,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
+from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import mac_matrix
 from slowtime.identification.modes import Mode
@@ -70,7 +71,8 @@ def fdd(
     samples, rate_hz
         Record in any unit, channels in columns.
     band_hz
-        Where to look [Hz]; by default from 20 cycles in the record to nearly half the rate.
+        Of the modes that are reported [Hz]; by default from 20 cycles in the record to nearly
+        half the rate.
     resolution
         Half-width over which ordinates are averaged, relative to the frequency. Modes nearer
         to each other than about twice that are seen as one.
@@ -104,7 +106,7 @@ def fdd(
         top = _top(data, found, peak, resolution)
         crest = _crest(data, top, _bell(data, found, peak, top), derivatives)
         modes.append(_mode(data, top, crest, NOTHING, float("nan"), ("no_damping",)))
-    return _ascending(modes)
+    return _ascending(modes, band_hz)
 
 
 def efdd(
@@ -161,7 +163,7 @@ def efdd(
         else:
             values = rung.frequency_hz, rung.damping_ratio, rung.correlation
             modes.append(_mode(data, top, *values, rung.flags))
-    return _ascending(modes)
+    return _ascending(modes, band_hz)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -291,5 +293,6 @@ def _mode(
     )
 
 
-def _ascending(modes: list[Mode]) -> tuple[Mode, ...]:
-    return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+def _ascending(modes: list[Mode], band_hz: tuple[float, float] | None) -> tuple[Mode, ...]:
+    inside = [mode for mode in modes if checks.is_inside(mode.frequency_hz.value, band_hz)]
+    return tuple(sorted(inside, key=lambda mode: mode.frequency_hz.value))

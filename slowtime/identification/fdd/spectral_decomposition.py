@@ -157,14 +157,15 @@ def decompose_spectrum(
     band_hz: tuple[float, float] | None = None,
     resolution: float = RESOLUTION,
 ) -> SpectralDecomposition:
-    """Singular value decomposition over a band, with its significant peaks.
+    """Singular value decomposition of the whole spectrum, with its significant peaks.
 
     Parameters
     ----------
     data
         Fourier coefficients of all channels.
     band_hz
-        Where to look [Hz]; by default from 20 cycles in the record to nearly half the rate.
+        What is to be covered besides [Hz]: all from 20 cycles in the record to nearly half the
+        rate is, so that peaks and valleys do not depend on the band that is reported.
     resolution
         Half-width of the average, relative to the frequency: two modes nearer to each other
         are seen as one.
@@ -173,7 +174,7 @@ def decompose_spectrum(
     -------
     Singular values, first singular vectors, and peaks.
     """
-    low, high = _band(band_hz, data)
+    low, high = _modelled_band(band_hz, data)
     places = [low]
     while places[-1] < high:
         places.append(places[-1] + data.half_width_hz(places[-1], resolution) / PLACES)
@@ -222,10 +223,13 @@ def ordinates_about(
     return slice(int(first), int(last)), kernel_weights(away)
 
 
-def _band(band_hz: tuple[float, float] | None, data: ScaledCoefficients) -> tuple[float, float]:
-    if band_hz is not None:
-        return checks.band(band_hz, data.rate_hz, data.count)
+def _modelled_band(
+    band_hz: tuple[float, float] | None, data: ScaledCoefficients
+) -> tuple[float, float]:
     low, high = FEWEST_CYCLES / data.duration_s, 0.95 * EDGE * data.rate_hz / 2
+    if band_hz is not None:
+        given = checks.band(band_hz, data.rate_hz, data.count)
+        return checks.modelled_band(given, (low, high))
     if low >= high:
         raise ValueError(
             f"{data.count} samples at {data.rate_hz:g} Hz hold {FEWEST_CYCLES} cycles of "

@@ -77,6 +77,9 @@ def _excess(power: np.ndarray, width: int) -> np.ndarray:
     middle = [median_filter(column, size=around, mode="nearest") for column in power.T]
     floor = np.maximum(np.stack(middle, axis=1) / np.log(2.0), np.finfo(float).tiny)
     level = uniform_filter1d((power / floor).max(axis=1), width, mode="nearest")
+    # A band without any power, as of a noiseless command, has no peak; its running sums may be
+    # negative by rounding.
+    level = np.maximum(level, np.finfo(float).tiny)
     ordinates = max(1.0, width / 1.5)
     # Each channel may be the one that shows the line.
     rare = FALSE_ALARM / power.size

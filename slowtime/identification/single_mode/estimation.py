@@ -14,8 +14,7 @@ from slowtime.identification.detection.mode_isolation import IsolatedSeries, iso
 from slowtime.identification.detection.record_decimation import LONG, LongRecord
 from slowtime.identification.detection.resonance_peaks import (
     PeakCandidate,
-    detect_peaks,
-    without_companions,
+    detect_separate_peaks,
 )
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.free_decay.decay_test import is_random
@@ -83,7 +82,8 @@ def first_mode(
     rate_hz
         Samples per second [Hz].
     band_hz
-        Look only there; by default from four cycles in the record to 0.45 of the rate.
+        Report a mode only there; by default from four cycles in the record to 0.45 of the
+        rate. Neighbours outside are taken into account.
     method
         `auto`, or one fit for every record.
     expected_hz
@@ -95,19 +95,20 @@ def first_mode(
     None where nothing significant is found.
     """
     columns = detrended(checks.series(samples, rate_hz))
-    low, high = checks.band(band_hz, rate_hz, len(columns))
+    if band_hz is not None:
+        band_hz = checks.band(band_hz, rate_hz, len(columns))
     record = LongRecord(columns, rate_hz)
     struck = None
     if method in ("auto", "free_decay") and expected_hz is None:
-        struck = _after_a_blow(record, low, high)
+        struck = _after_a_blow(record, band_hz)
         # Something else that happened in the record shows in the residual; stretches can tell.
         if struck is not None and "coloured_residual" not in struck.flags:
             return struck
-    found = without_companions(
-        detect_peaks(columns, rate_hz, low, high), len(columns) / rate_hz
-    )
+    found = detect_separate_peaks(columns, rate_hz, band_hz)
     for candidate in _in_order(found, expected_hz):
         mode = _mode(record, candidate, method)
+        if not _is_reported(mode, candidate, band_hz):
+            continue
         found_out = classify_fit(mode)
         if found_out == "mode":
             return _decaying(_with_force(mode, record))
@@ -133,7 +134,8 @@ def all_modes(
     rate_hz
         Sampling rate [Hz].
     band_hz
-        Search band [Hz]; by default from four cycles in the record to 0.45 of the rate.
+        Of the modes that are reported [Hz]; by default from four cycles in the record to 0.45
+        of the rate.
     method
         `auto`, or one method for every peak.
     most
@@ -144,18 +146,24 @@ def all_modes(
     Modes, ascending in frequency.
     """
     columns = detrended(checks.series(samples, rate_hz))
-    low, high = checks.band(band_hz, rate_hz, len(columns))
     modes: list[Identified] = []
     record = LongRecord(columns, rate_hz)
-    for candidate in without_companions(
-        detect_peaks(columns, rate_hz, low, high), len(columns) / rate_hz
-    ):
+    for candidate in detect_separate_peaks(columns, rate_hz, band_hz):
         mode = _mode(record, candidate, method)
-        if classify_fit(mode) == "mode":
+        if _is_reported(mode, candidate, band_hz) and classify_fit(mode) == "mode":
             modes.append(_decaying(mode))
         if len(modes) == most:
             break
     return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+
+
+def _is_reported(
+    mode: Identified, candidate: PeakCandidate, band_hz: tuple[float, float] | None
+) -> bool:
+    """Whether a mode lies in the band; of a fit without a frequency its candidate decides."""
+    told = "strayed" not in mode.flags and np.isfinite(mode.frequency_hz.value)
+    frequency = mode.frequency_hz.value if told else candidate.frequency_hz
+    return checks.is_inside(frequency, band_hz)
 
 
 def _mode(record: LongRecord, candidate: PeakCandidate, method: Method) -> Identified:
@@ -264,16 +272,18 @@ def _is_in_doubt(decay: Identified) -> bool:
     return not {"part_of_record", "not_decaying"}.isdisjoint(decay.flags)
 
 
-def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | None:
+def _after_a_blow(record: LongRecord, band_hz: tuple[float, float] | None) -> Identified | None:
     """Lowest mode of a record that begins with a blow and says little else, or None."""
     columns, rate_hz = record.columns, record.rate_hz
     if not _is_struck(columns):
         return None
     # No taper: it would hide the beginning, which is where the decay is.
-    peaks = detect_peaks(columns, rate_hz, low, high, taper="boxcar")
-    found = without_companions(peaks, len(columns) / rate_hz)
-    if not found:
+    everywhere = detect_separate_peaks(columns, rate_hz, None, taper="boxcar")
+    asked = [one for one in everywhere if checks.is_inside(one.frequency_hz, band_hz)]
+    if not asked:
         return None
+    # All modes ring: those beyond the band are fitted with it, the nearest first.
+    found = sorted(everywhere, key=lambda one: abs(one.frequency_hz - asked[0].frequency_hz))
     slower = record.at_rate_for(max(one.frequency_hz for one in found[:MOST_MODES]), BEGINNING)
     if not _is_struck(slower.samples):
         return None
@@ -281,7 +291,8 @@ def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | N
     if blow is None or blow.explained < EXPLAINED:
         return None
     mode = _begun(blow.identified, slower.start_s)
-    return mode if classify_fit(mode) == "mode" else None
+    reported = _is_reported(mode, asked[0], band_hz) and classify_fit(mode) == "mode"
+    return mode if reported else None
 
 
 def _is_struck(columns: Float[np.ndarray, "time channel"]) -> bool:

@@ -10,6 +10,7 @@ from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.free_decay.estimation import FRONT_SHARE
 from slowtime.identification.harmonics.detection import LEAST_DAMPING, PeakClass, find_harmonics
 from slowtime.identification.harmonics.families import HarmonicFamily
+from slowtime.identification.harmonics.periodic_force import without_periodic_force
 from slowtime.identification.harmonics.tones import remove_lines
 
 from .estimation import Method, all_modes
@@ -63,7 +64,9 @@ def modes_and_machine_lines(
         return ModesAndLines(
             all_modes(columns, rate_hz, band_hz=band_hz, method=method), (), ()
         )
-    everywhere, families = find_harmonics(columns, rate_hz)
+    found, families = find_harmonics(columns, rate_hz)
+    everywhere, periods = without_periodic_force(found, rate_hz / len(columns))
+    families = families if periods == 1 else ()
     low, high = checks.band(band_hz, rate_hz, len(columns))
     tones = tuple(line.frequency_hz for line in everywhere)
     cleaned = remove_lines(columns, rate_hz, tones) if tones else columns

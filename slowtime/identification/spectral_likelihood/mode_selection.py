@@ -35,6 +35,9 @@ MOST_BESIDE = 3
 WORTH = 1.5
 """Least evidence of a mode [Bayesian penalties]."""
 
+CONTRADICTION = 2.0
+"""Difference of estimates in narrow and wide windows that counts [its standard deviations]."""
+
 CLEAR = 3.0
 """Evidence above which a rough refit without the mode is sufficient [Bayesian penalties]."""
 
@@ -130,6 +133,50 @@ def fit_modes(
     Modes, each with the index of its start.
     """
     return _in_windows(spectrum, starts, (low_hz, high_hz), _FINAL)
+
+
+def widen_for_windows(
+    spectrum: Spectrum, fitted: list[FittedMode], *, low_hz: float, high_hz: float
+) -> list[FittedMode]:
+    """Widen the errors of modes that narrow windows contradict.
+
+    The likeliest values in a narrow window differ from those in a wide one by no more than the
+    difference of their variances allows, if the model holds [1]_. A larger difference shows a
+    force or a neighbour that is not as modelled; it is added to the variance.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    fitted
+        Modes fitted in wide windows.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    The same modes, some with larger errors.
+
+    References
+    ----------
+    .. [1] J. A. Hausman, "Specification tests in econometrics", Econometrica 46 (1978).
+    """
+    starts = [InitialMode(one.pole, one.shape) for one in fitted]
+    narrow = dict(_in_windows(spectrum, starts, (low_hz, high_hz), _CONFIRMATION))
+    return [
+        _contradicted(one, narrow[k]) if k in narrow else one for k, one in enumerate(fitted)
+    ]
+
+
+def _contradicted(wide: FittedMode, narrow: FittedMode) -> FittedMode:
+    away = np.array(
+        [np.log(narrow.pole.real / wide.pole.real), narrow.pole.imag - wide.pole.imag]
+    )
+    expected = np.maximum(np.diag(narrow.covariance) - np.diag(wide.covariance), 0.0)
+    more = np.where(away**2 > CONTRADICTION**2 * expected, away**2 - expected, 0.0)
+    # Below its own error a difference is that of where the search stopped.
+    more = np.where(away**2 > np.diag(wide.covariance), more, 0.0)
+    return dataclasses.replace(wide, covariance=wide.covariance + np.diag(more))
 
 
 def _in_windows(
@@ -233,6 +280,7 @@ def _selected(case: WindowData) -> tuple[list[int], BandFit]:
 
 _SELECTION = _Stage(SELECTING, 0, _selected, whole=False)
 _FINAL = _Stage(FITTING, MOST_BESIDE, _kept, whole=True)
+_CONFIRMATION = _Stage(SELECTING, MOST_BESIDE, _kept, whole=False)
 
 
 def _without(case: WindowData, whole: BandFit, mode: int) -> BandModel:

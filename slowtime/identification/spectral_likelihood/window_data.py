@@ -127,7 +127,9 @@ def prepare_window(
     data, group = _grouped(projected, (omega - frame.middle) / frame.unit, guess)
     seconds = 1.0 / spectrum.spacing_hz
     turn = complex(np.exp(1j * frame.middle * seconds))
-    data = dataclasses.replace(data, length=frame.unit * seconds, turn=turn)
+    data = dataclasses.replace(
+        data, number=data.number * spectrum.worth, length=frame.unit * seconds, turn=turn
+    )
     start = frame.directions.conj().T @ (shapes / frame.scale[:, None])
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
     ordinates = Ordinates(coefficients / frame.scale, group)

@@ -26,12 +26,14 @@ JOINT = 1.1
 class Spectrum:
     """Fourier coefficients of channels of like power; |coefficient|² is a density.
 
-    `spared` marks ordinates that are not to be used, such as those of a line taken out.
+    `spared` marks ordinates that are not to be used, such as those of a line taken out;
+    `worth` is what one ordinate is worth in independent ones [1].
     """
 
     coefficients: Complex[np.ndarray, "frequency channel"]
     spacing_hz: float
     spared: np.ndarray
+    worth: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

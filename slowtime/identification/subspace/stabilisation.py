@@ -6,6 +6,7 @@ percent. What stays is a candidate: the spectra have the last word on whether it
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -90,6 +91,40 @@ class Stabilisation:
     damping_ratio: Float[np.ndarray, " pole"]
     damping_sd: Float[np.ndarray, " pole"]
     mode: Int[np.ndarray, " pole"]
+
+    def of_modes(self, kept: Sequence[int]) -> "Stabilisation":
+        """Diagram after a selection of modes.
+
+        Parameters
+        ----------
+        kept
+            Former indices of the modes, in their new order.
+
+        Returns
+        -------
+        Diagram whose `mode` counts the modes kept; poles of the others belong to none.
+        """
+        places = np.full(int(self.mode.max(initial=-1)) + 2, -1)
+        for place, former in enumerate(kept):
+            if former < len(places) - 1:
+                places[former] = place
+        return dataclasses.replace(self, mode=places[self.mode])
+
+    def within(self, band_hz: tuple[float, float]) -> "Stabilisation":
+        """Diagram without the poles outside a band.
+
+        Parameters
+        ----------
+        band_hz
+            Lower and upper limit [Hz].
+
+        Returns
+        -------
+        Diagram of the poles within the limits.
+        """
+        use = (self.frequency_hz >= band_hz[0]) & (self.frequency_hz <= band_hz[1])
+        parts = {f.name: getattr(self, f.name)[use] for f in dataclasses.fields(self)}
+        return Stabilisation(**parts)
 
 
 def find_stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[StablePole]:

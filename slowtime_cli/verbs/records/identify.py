@@ -40,7 +40,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     nargs=2,
     type=Number(),
     metavar="LO HI",
-    help="Frequency band of the modes.  [default: from a few cycles to 0.45 of the rate]",
+    help="Frequency band of the modes that are reported. Modes beside it are modelled too, so "
+    "that its edges change nothing.  [default: from a few cycles to 0.45 of the rate]",
 )
 @click.option(
     "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
@@ -50,6 +51,15 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     type=POSITIVE,
     help="From one window to the next; shorter than a window, they overlap and are marked.  "
     "[default: a whole window]",
+)
+@click.option(
+    "--gaps",
+    default="use",
+    show_default=True,
+    type=click.Choice(["use", "fill", "split"]),
+    help="Missing samples. use: all samples that are there count, and errors grow by the loss. "
+    "fill: gaps of up to 10 samples are filled, longer ones cut the record. split: every gap "
+    "cuts it. Without --window-s, the longest part of a record that is cut is used.",
 )
 @click.option(
     "--method",
@@ -169,6 +179,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 def identify(
     window_s: float | None,
     hop_s: float | None,
+    gaps: str,
     method: str,
     model: Path | None,
     report: Path | None,
@@ -196,10 +207,10 @@ def identify(
             "measured inputs. Give --input, or leave them out."
         )
     if inputs is not None:
-        if window_s or stream or second or method != "auto":
+        if window_s or stream or second or method != "auto" or gaps != "use":
             raise click.UsageError(
                 "--input has a method of its own, for one whole record. Leave out --window-s, "
-                "--stream, --with and --method."
+                "--stream, --with, --gaps and --method."
             )
         return
     if hop_s is not None and window_s is None:
@@ -217,10 +228,12 @@ def identify(
             f"--window-s follows the first mode. Leave it out for --method "
             f"{', '.join(ALL_CHANNELS)}, --model and --report."
         )
-    if stream and (window_s or report or second or method not in ("auto", "modes")):
+    one_of_a_stream = method in ("auto", "modes") and gaps == "use"
+    if stream and (window_s or report or second or not one_of_a_stream):
         raise click.UsageError(
-            "--stream finds all modes of a record of any length. Leave out --window-s, "
-            "--report, --with and any --method but modes, or give --whole."
+            "--stream finds all modes of a record of any length, and uses all samples. Leave "
+            "out --window-s, --report, --with, --gaps and any --method but modes, or give "
+            "--whole."
         )
     if (model or report) and method not in ("auto", *ALL_CHANNELS):
         raise click.UsageError(

@@ -5,6 +5,7 @@ import pytest
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.response import free_response
+from slowtime.dynamics.sdof.simulation import ambient_acceleration
 
 SECONDS = "note: assumed: time from column 'time' in seconds, because no unit is stated.\n"
 """What is said of a clock whose name tells no unit."""
@@ -175,3 +176,46 @@ def test_a_multisine_says_so_instead_of_listing_its_lines(run, text):
     done = run("identify", path, "--rate-hz", 100, "--out", "-")
     assert (done.status, done.json["modes"]) == (0, [])
     assert "it repeats itself after 5 s, as a multisine does" in done.err
+
+
+@pytest.fixture
+def lossy(text):
+    """Ten minutes of a mode at 3 Hz, 6 % lost in gaps of ten samples and more."""
+    rng, count, rate = np.random.default_rng(11), 15_000, 25.0
+    sway = ambient_acceleration(Oscillator.from_modal(3.0, 0.02), count, rate, rng)
+    present = np.ones(count, dtype=bool)
+    while present.mean() > 0.94:
+        first = rng.integers(1, count - 50)
+        present[first : first + rng.integers(10, 41)] = False
+    cells = [f"{x:.6f}" if there else "" for x, there in zip(sway, present, strict=True)]
+    return text(["time,a", *(f"{k / rate:.2f},{x}" for k, x in enumerate(cells))], "lossy.csv")
+
+
+def test_all_samples_count_where_some_are_missing(run, lossy):
+    done = run("identify", lossy, "--out", "-")
+    (mode,) = done.json["modes"]
+    assert abs(mode["frequency_hz"]["value"] - 3.0) < 3 * mode["frequency_hz"]["sd"]
+    assert abs(mode["damping_ratio"]["value"] - 0.02) < 3 * mode["damping_ratio"]["sd"]
+    assert mode["damping_ratio"]["sd"] < 0.004
+    assert mode["span_s"][1] - mode["span_s"][0] == pytest.approx(600.0, abs=1.0)
+    assert "bridged" in mode["flags"]
+    assert "All others are used" in done.err
+
+
+def test_advice_on_gaps_works_when_it_is_followed(run, refused, lossy):
+    done = run("identify", lossy, "--gaps", "split", "--out", "-")
+    assert "only the longest part without a gap is used" in done.err
+    assert "--gaps use takes all samples" in done.err
+    assert run("identify", lossy, "--gaps", "use", "--out", "-").json["modes"]
+    said = refused("identify", lossy, "--gaps", "split", "--window-s", "60")
+    assert "Give a shorter window or --gaps use." in said
+    followed = run("identify", lossy, "--gaps", "use", "--window-s", "60", "--out", "-")
+    assert [epoch["start_s"] for epoch in followed.json["epochs"]] == [
+        60.0 * k for k in range(10)
+    ]
+    assert sum(bool(epoch["modes"]) for epoch in followed.json["epochs"]) >= 9
+
+
+def test_ways_with_gaps_that_do_not_fit_are_refused(refused, lossy):
+    assert "Leave out" in refused("identify", lossy, "--stream", "--gaps", "split")
+    assert "'guess' is not one of 'use'" in refused("identify", lossy, "--gaps", "guess")

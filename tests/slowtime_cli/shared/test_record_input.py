@@ -177,7 +177,10 @@ def test_a_row_in_which_a_value_is_missing_is_a_gap(read, text, lines, word):
 def test_short_regular_losses_are_bridged_and_marked(read, text, lines):
     kept = [line for row, line in enumerate(lines[1:]) if row % 60 not in (30, 31)]
     whole, _ = read(text(lines))
-    found, said = read(text([lines[0], *kept]))
+    path = text([lines[0], *kept])
+    _, said = read(path)
+    assert "200 samples are missing in 100 gaps (3.3 %). All others are used" in said
+    found, said = read(path, "--gaps", "fill")
     assert "200 samples in 100 short losses (3.3 %) were estimated from their neigh" in said
     assert (found["duration_s"], found["rate_hz"]) == (60.0, 100.0)
     for mode, right in zip(found["modes"], whole["modes"], strict=True):
@@ -190,7 +193,7 @@ def test_losses_of_white_noise_are_not_bridged(read, text, lines):
     noise = np.random.default_rng(1).standard_normal((6000, 2))
     rows = [f"{i / 100:.2f},{a:.4f},{b:.4f}" for i, (a, b) in enumerate(noise)]
     kept = [line for row, line in enumerate(rows) if row % 60 < 56 or row < 900]
-    _, said = read(text([lines[0], *kept]))
+    _, said = read(text([lines[0], *kept]), "--gaps", "fill")
     assert "were not bridged: they are too far from what their neighbours tell" in said
     assert "only the longest part without a gap is used" in said
 
@@ -207,11 +210,12 @@ def test_what_was_assumed_stands_in_the_recording(run, text, lines):
 
 def test_a_gap_in_the_clock_is_told_and_only_whole_parts_are_used(read, text, lines, run):
     path = text(lines[:1000] + lines[1500:])
-    found, said = read(path)
+    found, said = read(path, "--gaps", "split")
     assert "500 samples are missing in 1 gap, before row 999." in said
     assert "only the longest part without a gap is used, 45.010 s" in said
     assert found["duration_s"] == 60.0
-    epochs = run("identify", path, "--window-s", 9, "--hop-s", 9, "--out", "-").json["epochs"]
+    flags = ("--gaps", "split", "--window-s", 9, "--hop-s", 9, "--out", "-")
+    epochs = run("identify", path, *flags).json["epochs"]
     assert [epoch["start_s"] for epoch in epochs] == pytest.approx([0, 14.99, 23.99, 32.99,
                                                                     41.99, 50.99])  # fmt: skip
 

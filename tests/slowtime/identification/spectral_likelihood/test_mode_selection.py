@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from slowtime.identification.spectral_likelihood.mode_selection import InitialMode, fit_modes
+from slowtime.identification.spectral_likelihood.mode_selection import (
+    InitialMode,
+    fit_modes,
+    widen_for_windows,
+)
 from slowtime.identification.spectral_likelihood.windows import Spectrum
 
 
@@ -41,3 +45,26 @@ def test_decay_and_frequency_of_a_light_mode_are_known_as_whittle_says(
     np.testing.assert_allclose(sd, expected, rtol=0.25)
     assert abs(np.log(mode.pole.real / pole.real)) < 4 * sd[0]
     assert abs(mode.pole.imag - pole.imag) < 4 * sd[1]
+
+
+def test_windows_that_agree_leave_errors_and_windows_that_do_not_widen_them():
+    spacing, count = 0.002, 4000
+    frequency = spacing * np.arange(count)
+    rng = np.random.default_rng(21)
+    poles, strength = 2 * np.pi * np.array([-0.02 + 2.0j, -0.03 + 2.4j]), 10.0
+    s = 2j * np.pi * frequency[:, None]
+    moved = (rng.standard_normal((count, 4)).view(complex)) / (s - poles) * [1.0, strength]
+    noise = rng.standard_normal((count, 4)).view(complex)
+    shapes = np.array([[1.0, 0.5], [1.0, 0.8]])
+    spectrum = Spectrum(moved @ shapes + 0.1 * noise, spacing, np.zeros(count, dtype=bool))
+    both = [InitialMode(pole, shape + 0j) for pole, shape in zip(poles, shapes, strict=True)]
+    limits = {"low_hz": 0.1, "high_hz": 6.0}
+
+    def growth(starts):
+        fitted = [one for _, one in fit_modes(spectrum, starts, **limits)]
+        widened = widen_for_windows(spectrum, fitted, **limits)
+        return np.diag(widened[0].covariance) / np.diag(fitted[0].covariance)
+
+    assert growth(both).max() < 1.5
+    # A neighbour that is left out pulls a wide window more than a narrow one.
+    assert growth(both[:1]).max() > 3.0
