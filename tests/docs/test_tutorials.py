@@ -253,9 +253,9 @@ def finite_elements(folder, said):
 ENDS = {
     end.__name__: end
     for end in (
-        first_hour, sensor_file, structure, alarms, misfit, forgotten_connection, site_tls, court, own_effect,
-        own_parts, maintenance_plan, own_proposer, imposed_motion, hammer_test,
-        finite_elements,
+        first_hour, sensor_file, structure, alarms, misfit, forgotten_connection, site_tls,
+        court, own_effect, own_parts, maintenance_plan, own_proposer, imposed_motion,
+        hammer_test, finite_elements,
     )
 }  # fmt: skip
 

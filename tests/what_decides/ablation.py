@@ -6,16 +6,29 @@ import random
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from slowtime.discrepancy.search import DEFAULT_OPTIONS
+from slowtime.discrepancy.search import DEFAULT_OPTIONS, SearchOptions
 
-from .cases import Case, Told, is_same
+from .cases import Told, is_same
 from .steps import without
 from .thresholds import Change, changes, with_changes
 
 AT_ONCE = 64
 """[changes] Of thresholds that are tried at once."""
+
+
+class Diagnosed(Protocol):
+    """A case that can be diagnosed."""
+
+    @property
+    def name(self) -> str:
+        """Unique among all."""
+        ...
+
+    def diagnosed(self, options: SearchOptions, out: Path) -> Told:
+        """Diagnose it; give what a person is told, and whether that is right."""
+        ...
 
 
 class Ablation:
@@ -31,7 +44,7 @@ class Ablation:
         Asked before each diagnosis; `TimeoutError` is raised where it says no.
     """
 
-    def __init__(self, case: Case, kept: Path, goes_on: Callable[[], bool]) -> None:
+    def __init__(self, case: Diagnosed, kept: Path, goes_on: Callable[[], bool]) -> None:
         self._case, self._kept, self._goes_on = case, kept, goes_on
         self.known: dict[str, Any] = {"case": case.name, "without": {}, "changed": {}}
         if kept.exists():

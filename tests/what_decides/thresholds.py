@@ -73,10 +73,10 @@ def _constants(module: Any) -> Iterator[str]:
     for here, after in itertools.pairwise(body):
         if not (isinstance(here, ast.Assign) and isinstance(here.targets[0], ast.Name)):
             continue
-        told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        told = after.value if isinstance(after, ast.Expr) else None
         value = getattr(module, here.targets[0].id)
-        sourced = told and "Source" in str(after.value.value) and _is_number(value)
-        if sourced and here.targets[0].id not in frozen:
+        sourced = isinstance(told, ast.Constant) and "Source" in str(told.value)
+        if sourced and _is_number(value) and here.targets[0].id not in frozen:
             yield here.targets[0].id
 
 

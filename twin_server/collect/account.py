@@ -431,8 +431,8 @@ class Account:
                 told = known.told
                 self._hear_of_end(line, known, holding.last, now_s, change)
                 if known.told != told:
-                    # Durable together with the boots let in after it: a server that starts again
-                    # would close it as whole.
+                    # Durable together with the boots let in after it: a server that starts
+                    # again would close it as whole.
                     change.touched[known] = None
             if known.closed and holding.last >= known.next and not known.rivalled:
                 leave_behind(known, holding, change)

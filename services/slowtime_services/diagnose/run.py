@@ -117,7 +117,8 @@ def diagnose_records(
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
         )
-    clocked = (CLOCK.format(limit=LAST_STOP * allowed_s),) if is_last_stop() else ()
+    clocked: tuple[str, ...] = ()
+    clocked += (CLOCK.format(limit=LAST_STOP * allowed_s),) if is_last_stop() else ()
     clocked += (ENDED,) if enough is not None and enough.is_set() else ()
     found = dataclasses.replace(
         found, notes=(*found.notes, *clocked), seconds=time.monotonic() - begun

@@ -61,12 +61,16 @@ def shoot(
     if how.asks_all(given.number):
         likely = worth_shooting(given, fitted)
         return shooting_fits(given.before, likely, fitted, given.trials, given.kinds, turn)
-    if how.options.quick or how.monitor.is_late:
+
+    def is_late() -> bool:
+        return how.monitor.is_late
+
+    if how.options.quick or is_late():
         return fitted
     if not begun and fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
         begun = fit_later_segments(given.hypothesis, given.before, how)
     fitted = merge_fits(fitted, begun, given.hypothesis.trials, given.kinds)
-    if how.monitor.is_late:
+    if is_late():
         return fitted
     likely = first_of_each((), given.shortlist)
     return shooting_fits(given.before, likely, fitted, given.trials, given.kinds, turn)

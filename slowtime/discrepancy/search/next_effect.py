@@ -324,7 +324,7 @@ def _best_of(
     )
     if step is not None:
         return step
-    fitted = shoot(given, fitted, begun, how, turn)
+    fitted = list(shoot(given, fitted, begun, how, turn))
     hypothesis = given.hypothesis
     if not given.number:
         hypothesis = dataclasses.replace(
