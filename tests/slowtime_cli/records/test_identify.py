@@ -175,3 +175,14 @@ def test_a_multisine_says_so_instead_of_listing_its_lines(run, text):
     done = run("identify", path, "--rate-hz", 100, "--out", "-")
     assert (done.status, done.json["modes"]) == (0, [])
     assert "it repeats itself after 5 s, as a multisine does" in done.err
+
+
+def test_a_recording_of_a_polled_sensor_is_thinned_as_other_files_are(run, tmp_path):
+    values = np.round(np.cumsum(np.random.default_rng(5).standard_normal((600, 2)), axis=0), 3)
+    rows = np.repeat(np.arange(600), np.resize([2, 1], 600))
+    table = np.column_stack([np.arange(len(rows)) / 150.0, values[rows]])
+    np.savetxt(tmp_path / "poll.csv", table, delimiter=",", header="time_s,ax,ay", comments="")
+    told = ("--repeated", "keep", "--start", "2024-01-01T00:00:00Z", "--out", "poll.mcap")
+    assert run("import", "poll.csv", *told).status == 0
+    done = run("identify", "poll.mcap")
+    assert "600 rows at 100 Hz are used" in done.err
