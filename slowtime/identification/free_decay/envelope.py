@@ -63,6 +63,10 @@ BEATS_SHARE = 2.5e-3
 amplitudes vary by 5 %."""
 WHOLE = 0.9
 """[cycles] Of a window from which an offset is fitted beside the mode."""
+RELEASED = 3.0
+"""[1] Rise of the amplitude over the least before from which the mode was excited again.
+Source:
+a beat of modes that rises by as much is told by its lines."""
 HELD = 0.5
 """[1] Ratio of amplitudes over the usual ratio below which friction holds the mode."""
 PASSES = 3
@@ -404,6 +408,9 @@ def _count(size: Points, sd: Points, phase: Points) -> int:
     """Points before the mode is lost in noise, is held by friction, or is none any more."""
     ends = [len(size)]
     ends += np.flatnonzero(size < FLOOR * np.maximum(sd, 1e-12 * size.max()))[:1].tolist()
+    # A second release: the least amplitude before it is where the first decay ends.
+    risen = np.flatnonzero(size > RELEASED * np.minimum.accumulate(size))
+    ends += [int(np.argmin(size[:again])) + 1 for again in risen[:1]]
     advance = np.diff(phase)
     usual = float(np.median(advance)) or 1e-300
     uneven = np.flatnonzero(np.abs(advance / usual - 1) > MAX_UNEVENNESS)

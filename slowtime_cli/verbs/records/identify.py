@@ -28,7 +28,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
   slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
   slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
-  slowtime identify h.uff --band-hz 5 200
+  slowtime identify responses.csv --frf-kind acceleration --band-hz 5 200
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.

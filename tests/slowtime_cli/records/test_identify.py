@@ -219,3 +219,14 @@ def test_advice_on_gaps_works_when_it_is_followed(run, refused, lossy):
 def test_ways_with_gaps_that_do_not_fit_are_refused(refused, lossy):
     assert "Leave out" in refused("identify", lossy, "--stream", "--gaps", "split")
     assert "'guess' is not one of 'use'" in refused("identify", lossy, "--gaps", "guess")
+
+
+def test_a_recording_of_a_polled_sensor_is_thinned_as_other_files_are(run, tmp_path):
+    values = np.round(np.cumsum(np.random.default_rng(5).standard_normal((600, 2)), axis=0), 3)
+    rows = np.repeat(np.arange(600), np.resize([2, 1], 600))
+    table = np.column_stack([np.arange(len(rows)) / 150.0, values[rows]])
+    np.savetxt(tmp_path / "poll.csv", table, delimiter=",", header="time_s,ax,ay", comments="")
+    told = ("--repeated", "keep", "--start", "2024-01-01T00:00:00Z", "--out", "poll.mcap")
+    assert run("import", "poll.csv", *told).status == 0
+    done = run("identify", "poll.mcap")
+    assert "600 rows at " in done.err

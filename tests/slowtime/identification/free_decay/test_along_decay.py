@@ -161,6 +161,18 @@ def test_a_beat_is_undecided():
     assert not law.one_number
 
 
+def test_of_several_releases_the_largest_is_followed_to_the_next():
+    t = np.arange(1500) / 50.0
+    one = np.exp(-0.02 * 8 * t) * np.cos(8 * t)
+    record = np.concatenate([0.4 * one, one, 0.5 * one])
+    record = record + 1e-3 * np.random.default_rng(3).standard_normal(len(record))
+    envelope = decay_envelope(record, 50.0)
+    law = decay_law(envelope)
+    assert 29.9 < envelope.times_s[0] < envelope.times_s[-1] < 60.5
+    assert law.one_number
+    assert law.damping[0] == pytest.approx(0.02, rel=5e-3)
+
+
 def mode(value, zeta):
     return Identified(
         frequency_hz=Measured(value, 1e-4), damping_ratio=Measured(zeta, 1e-4), correlation=0.0,
