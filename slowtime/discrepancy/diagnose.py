@@ -15,7 +15,7 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
-from .localization import locate
+from .localization import likeliest
 from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .record_windows import record_windows, with_whole_records
@@ -119,8 +119,7 @@ def _diagnose(
         tell("ranking places for what no element joins", 0.06)
         fit = refit_with_offsets(description, windows[0], known, decays=decays)
         nodes = [Place("node", node.id) for node in description.nodes]
-        located = locate(fit, windows[0], nodes)
-        return [place.id for group in located.groups for place in group.places]
+        return [place.id for place in likeliest(fit, windows[0], nodes)]
 
     described = with_open_joints(campaign.description, suspects)
     campaign = dataclasses.replace(campaign, description=described)

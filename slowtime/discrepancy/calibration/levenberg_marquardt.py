@@ -409,14 +409,23 @@ def _damped_step(
 ) -> tuple[Iterate, float, float]:
     """Raise the damping until a step does not raise the cost, or is not worth taking.
 
+    Equations that rounding left indefinite, as of many constants that are hardly told apart,
+    have a solution once they are damped.
+
     Gives the point tried, the gain that was foretold, and the damping.
     """
     bounds, raised = _step_bounds(problem, point), DAMPING_FACTOR
     while True:
-        step, gain = _bounded_step(normal, damping, *bounds)
-        tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
-        if tried.cost <= point.cost or gain < enough or damping > MAX_DAMPING:
-            return tried, gain, damping
+        try:
+            step, gain = _bounded_step(normal, damping, *bounds)
+        except np.linalg.LinAlgError:
+            tried, gain = point, 0.0
+            if damping > MAX_DAMPING:
+                return tried, gain, damping
+        else:
+            tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
+            if tried.cost <= point.cost or gain < enough or damping > MAX_DAMPING:
+                return tried, gain, damping
         damping, raised = max(damping, MIN_RAISED_DAMPING) * raised, 2 * raised
 
 
@@ -439,7 +448,10 @@ def _full_steps(
     """
     point, last = start, normal
     for _ in range(FULL_STEPS):
-        step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
+        try:
+            step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
+        except np.linalg.LinAlgError:
+            return start, normal
         if gain < MIN_GAIN:
             break
         point = with_cost(problem, _apply_step(problem, point, step, last.states), spread)

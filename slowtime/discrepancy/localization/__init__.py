@@ -3,7 +3,7 @@
 from .character import Character, characterise
 from .linear_response import ForceSource, LinearModel
 from .places import PLACE_MARGIN, LatentForce, Localization, PlaceGroup
-from .ranking import locate
+from .ranking import likeliest, locate
 
 __all__ = [
     "PLACE_MARGIN",
@@ -14,5 +14,6 @@ __all__ = [
     "Localization",
     "PlaceGroup",
     "characterise",
+    "likeliest",
     "locate",
 ]

@@ -36,6 +36,10 @@ no study is recorded."""
 
 REFINED_PLACES = 5
 """[places] That are refined to convergence. Source: judgement; no study is recorded."""
+RELINEARISED_PLACES = 20
+"""[places] That are linearised about the motion with a force there before they are ranked.
+Source: those of a chain of four masses; each costs ten times as much as one that is not, and
+more with every mass."""
 RANKING_ROUNDS = 2
 """[1] Linearisations that decide which places these are. Source: judgement; no study is
 recorded."""
@@ -63,8 +67,41 @@ def locate(
     -------
     The places, the likeliest first, with force and motion at each.
     """
+    first, runs, outer = _solver(fit, tuple(trials))
+    records, linear, lines = tuple(trials), first.linear, first.trials
+    solver, order = _rank_families(fit, records, first, _families(first, among))
+    none = _likelihood_without_force(solver, lines)
+    groups = _groups(fit, solver, order, none)
+    return Localization(
+        groups=groups,
+        linear=linear,
+        trials=records,
+        lines=solver.trials,
+        runs=runs,
+        outer=outer,
+        outputs=fit.outputs,
+        nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
+        tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
+        log_likelihood=none + max(groups[0].score, 0.0),
+    )
+
+
+def likeliest(fit: Fit, trials: Sequence[Trial], among: Sequence[Place]) -> list[Place]:
+    """Rank places as `locate` does, by one linearisation and the noise of the fit."""
+    solver, _, _ = _solver(fit, tuple(trials))
+    order, _ = _sort_by_likelihood(solver, _families(solver, among), 0, 1)
+    return [source.place for family in order for source in family]
+
+
+def _solver(
+    fit: Fit, records: tuple[Trial, ...]
+) -> tuple[
+    LatentForceSolver,
+    tuple[Float[np.ndarray, "order time dof"], ...],
+    tuple[OuterMotion, ...],
+]:
+    """Linearise about the run of a reference; give its motion and that of the outside, too."""
     linear = LinearModel.of_plant(fit.plant, fit.values)
-    records = tuple(trials)
     moved = [_motion(fit, trial, i) for i, trial in enumerate(records)]
     runs, outer = tuple(one for one, _ in moved), tuple(one for _, one in moved)
     lines = tuple(
@@ -82,26 +119,17 @@ def locate(
             zip(records, _clock_corrected(fit, records), runs, strict=True)
         )
     )
-    families = _equivalent_sources(linear, lines[0])
-    if among is not None:
-        families = [f for f in families if any(source.place in among for source in f)]
-    solver, order = _rank_families(
-        fit, records, LatentForceSolver(linear, _linear_constants(fit, linear), lines), families
-    )
-    none = _likelihood_without_force(solver, lines)
-    groups = _groups(fit, solver, order, none)
-    return Localization(
-        groups=groups,
-        linear=linear,
-        trials=records,
-        lines=solver.trials,
-        runs=runs,
-        outer=outer,
-        outputs=fit.outputs,
-        nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
-        tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
-        log_likelihood=none + max(groups[0].score, 0.0),
-    )
+    return LatentForceSolver(linear, _linear_constants(fit, linear), lines), runs, outer
+
+
+def _families(
+    solver: LatentForceSolver, among: Sequence[Place] | None
+) -> list[list[ForceSource]]:
+    """List sources of force, those together whose transfers are proportional."""
+    families = _equivalent_sources(solver)
+    if among is None:
+        return families
+    return [f for f in families if any(source.place in among for source in f)]
 
 
 def _rank_families(
@@ -111,7 +139,10 @@ def _rank_families(
     families: list[list[ForceSource]],
 ) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
     """Rank all families, update the noise from what the best leaves, and refine the best."""
-    order, _ = _sort_by_likelihood(solver, families, len(families), RANKING_ROUNDS)
+    order = families
+    if len(order) > RELINEARISED_PLACES:
+        order, _ = _sort_by_likelihood(solver, order, 0, 1)
+    order, _ = _sort_by_likelihood(solver, order, RELINEARISED_PLACES, RANKING_ROUNDS)
     for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
         order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
         quiet = update_noise(fit, records, solver.trials, best.explained)
@@ -254,14 +285,12 @@ def _constant_changes(fit: Fit, found: Explanation) -> dict[tuple[str, str], flo
     }
 
 
-def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[ForceSource]]:
+def _equivalent_sources(solver: LatentForceSolver) -> list[list[ForceSource]]:
     """Group sources whose transfers are proportional."""
     families: list[tuple[np.ndarray, list[ForceSource]]] = []
-    tuned = PerturbedReference.of(
-        linear, trial, LinearConstants.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0)
-    )
-    for source in linear.sources():
-        seen = (tuned.transfer(source) / np.sqrt(trial.noise)).ravel()
+    tuned = solver.tuned[0]
+    for source in solver.linear.sources():
+        seen = (tuned.transfer(source) / np.sqrt(tuned.trial.noise)).ravel()
         size = np.linalg.norm(seen)
         if size == 0:
             continue

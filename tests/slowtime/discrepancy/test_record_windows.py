@@ -62,6 +62,7 @@ def test_a_law_found_in_windows_is_fitted_to_whole_records():
     trials = records_of((CUBIC,), count=1, samples=LONG)
     found = found_in_windows(trials)
     whole = with_whole_records(found, trials, KINDS)
+    assert whole is not None
     assert [len(one) for one in whole.last.residual] == [LONG]
     told, before = (one.effects[0].numbers["k3_n_per_m3"] for one in (whole, found))
     assert told.sd < 0.7 * before.sd

@@ -32,10 +32,11 @@ from .shape import ANY_SHAPE, AUTO, FREE, SurfaceDemand, SurfaceShape
 from .shape_choice import MAX_LOSS, ShapedRegression, choose_shape
 
 KIND, WITH_MEMORY = "measured_force", "measured_force_with_memory"
-MAX_WORK = 1.5e9
+MAX_WORK = 4e8
 """[units of work] That the fit of a surface may cost, beside the budget of the search
-(`slowtime.dynamics.work`). Source: a decision: about a minute, as derivatives of a law of some
-twenty coefficients, which are not counted, took nine times the counted steps in one profile."""
+(`slowtime.dynamics.work`). Source: a decision: some twenty seconds, as derivatives of a law of
+some twenty coefficients are not counted. With 1.5e9 the surface of one hysteretic rig took
+twice as long, and its free run left as much."""
 HORIZONS = (0.05, 0.15, 0.4)
 """[share of each record] Fitted one after the other before the whole, where the free run of the
 recovered force loses its phase in the whole. Source: judgement."""

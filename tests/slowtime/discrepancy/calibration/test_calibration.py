@@ -401,3 +401,19 @@ def test_a_step_is_the_best_that_its_room_allows(seed, free, wide):
     down = np.r_[step[:free] < -room[0] * (1 - 1e-6), False, False]
     assert (slope[~up] < 1e-6).all()
     assert (slope[~down] > -1e-6).all()
+
+
+def test_equations_that_rounding_left_indefinite_are_damped(monkeypatch, campaign):
+    """A numerical failure is answered by damping, and ends no fit."""
+    rig, trials = campaign(0, mode="states", masses=2)
+    wanted = refit(plant_of(rig), trials)
+    solved = levenberg_marquardt.solve_within
+
+    def indefinite(matrix, right, low, high):
+        if matrix.diagonal().min() < 1 + 1e-4:
+            raise np.linalg.LinAlgError("not positive definite")
+        return solved(matrix, right, low, high)
+
+    monkeypatch.setattr(levenberg_marquardt, "solve_within", indefinite)
+    found = refit(plant_of(rig), trials)
+    assert found.cost < wanted.cost + 1.0
