@@ -36,10 +36,10 @@ one was. One case in twenty takes 1.4 times the processor time that those took."
 LATE = 0.7
 """[share of the budget] After which only the likeliest candidates are still tried. Source:
 chosen on hidden cases."""
-LAST_STOP = 1.0
+LAST_STOP = 2.0
 """[1] Times the patience in processor time after which the clock ends a diagnosis whatever work
-is left: on a machine slower than the reference, or where time goes into what is not counted.
-Source: a decision: a budget is a promise, also where the work is not that of simulations."""
+is left: on a machine half as fast as the reference, or where time goes into what is not
+counted. Source: a decision between a promised end and the same answer on every machine."""
 CLOCK = (
     "The time limit ended the search: it took more than {limit:g} s of processor time. "
     "With a higher --patience, or on a faster computer, more effects may be found."
