@@ -30,11 +30,8 @@ def records(nodes, count, **more):
         dataclasses.replace(one, node=node)
         for one, node in zip(GIVEN.sensors, nodes, strict=True)
     )
-    elements = tuple(
-        dataclasses.replace(one, stiffness_n_per_m=1.01 * one.stiffness_n_per_m)
-        for one in GIVEN.elements
-    )
-    real = dataclasses.replace(GIVEN, sensors=sensors, elements=elements, **more)
+    off = chain([3.0, 2.5, 2.0], [9090.0, 7070.0, 5050.0], dampings_n_s_per_m=[9.0, 7.0, 5.0])
+    real = dataclasses.replace(GIVEN, sensors=sensors, elements=off.elements, **more)
     plant, rng = Plant.of(real), np.random.default_rng(7)
     for _ in range(count):
         u = 20.0 * rng.normal(size=(2000, 1))
