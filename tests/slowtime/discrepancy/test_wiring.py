@@ -53,6 +53,22 @@ def test_sensors_that_sit_elsewhere_are_found_and_no_others(nodes, moves):
     assert (found and dict(found.moves)) == moves
 
 
+def test_sensors_of_forces_are_left_where_they_are():
+    force = Sensor(channel="f", quantity="force", element=GIVEN.elements[1].id, unit="N")
+    given = dataclasses.replace(GIVEN, sensors=(force, *GIVEN.sensors))
+    sat = (
+        dataclasses.replace(given.sensors[1], node="m2"),
+        dataclasses.replace(given.sensors[2], node="m1"),
+    )
+    plant = Plant.of(dataclasses.replace(given, sensors=(force, *sat, given.sensors[3])))
+    u = np.random.default_rng(8).normal(size=(2000, 1))
+    y = plant.simulate(plant.values, u, 100.0)
+    y += 0.01 * y.std(axis=0) * np.random.default_rng(9).normal(size=y.shape)
+    found = find_rewiring(given, (Trial(inputs=u, outputs=y, rate_hz=100.0),), catalogue())
+    assert found is not None
+    assert dict(found.moves) == {1: "m2", 2: "m1"}
+
+
 def test_a_law_that_is_missing_is_not_taken_for_a_sensor_elsewhere():
     effect = {"effect": "cubic_hardening", "element": GIVEN.elements[0].id, "k3_n_per_m3": 3e8}
     trials = tuple(records(("m1", "m2", "m3"), 1, effects=(effect,)))
