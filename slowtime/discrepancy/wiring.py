@@ -70,6 +70,8 @@ def find_rewiring(
     """
     nodes = [node.id for node in description.nodes if node.id in description.dofs]
     sensors = description.sensors
+    if all(one.quantity == "force" for one in sensors):
+        return None
     if MISPLACED not in kinds or len(nodes) < 2 or len(nodes) * len(sensors) > MOST_READINGS:
         return None
     left = _left(description, trials[0], kinds, nodes)
@@ -85,7 +87,7 @@ def find_rewiring(
     moved = _moved(description, ranked[0][1])
     try:
         fits = [refit(Plant.of(one, kinds=kinds), trials) for one in (description, moved)]
-    except FloatingPointError:
+    except (FloatingPointError, np.linalg.LinAlgError):
         return None
     before, after = (fit.chi2_in_band - 1.0 for fit in fits)
     # Noise is that of the better fit: each fit estimates its own.
@@ -140,7 +142,9 @@ def with_rewiring(
 
 def _moves(sensors: Sequence[Sensor], nodes: Sequence[str]) -> Iterator[Moves]:
     """List one sensor at another node, and two sensors at each other's."""
-    movable = [i for i, one in enumerate(sensors) if one.node in nodes]
+    movable = [
+        i for i, one in enumerate(sensors) if one.node in nodes and one.quantity != "force"
+    ]
     for i in movable:
         yield from ({i: node} for node in nodes if node != sensors[i].node)
     for i, j in itertools.combinations(movable, 2):
@@ -162,19 +166,23 @@ def _left(
 ) -> Float[np.ndarray, "sensor node"]:
     """Mean square that each sensor at each node leaves of its record, over that of the record.
 
-    The model runs as given, from rest.
+    The model runs as given, from rest. Sensors of forces have none of the nodes.
     """
     every = tuple(
-        dataclasses.replace(sensor, channel=f"{i} at {node}", node=node, element=None)
+        dataclasses.replace(sensor, channel=f"{i} at {node}", node=node)
         for i, sensor in enumerate(description.sensors)
         for node in nodes
+        if sensor.quantity != "force"
     )
     plant = Plant.of(dataclasses.replace(description, sensors=every, effects=()), kinds=kinds)
     told = plant.simulate(plant.values, trial.inputs, trial.rate_hz, start_s=trial.start_s)
-    runs = told.reshape(len(told), len(description.sensors), len(nodes))
-    measured = trial.measured[:, :, None]
-    left = np.where(trial.used[:, :, None], measured - runs, 0.0)
-    return np.asarray(np.mean(left**2, axis=0) / np.mean(measured**2, axis=0).clip(1e-300))
+    moving = [i for i, one in enumerate(description.sensors) if one.quantity != "force"]
+    runs = told.reshape(len(told), len(moving), len(nodes))
+    measured = trial.measured[:, moving, None]
+    left = np.where(trial.used[:, moving, None], measured - runs, 0.0)
+    shares = np.ones((len(description.sensors), len(nodes)))
+    shares[moving] = np.mean(left**2, axis=0) / np.mean(measured**2, axis=0).clip(1e-300)
+    return shares
 
 
 def _gained(

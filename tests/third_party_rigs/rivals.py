@@ -72,13 +72,10 @@ def told(
     push = np.zeros((len(omega), size, 1), dtype=complex)
     push[:, -1, 0] = load
     seen = s[:, None] ** 2 * np.linalg.solve(whole, push)[:, :, 0]
-    factor = {
-        "sensor gain": value, "input gain": value,
-        "sensor delay": np.exp(-s * value), "input delay": np.exp(-s * value),
-    }.get(what, 1.0)  # fmt: skip
+    factor = np.exp(-s * value) if what.endswith("delay") else np.full(len(s), value + 0j)
     if what.startswith("input"):
-        return np.asarray(seen * np.reshape(factor, (-1, 1)))
-    if what.startswith("sensor"):
+        seen = seen * factor[:, None]
+    elif what.startswith("sensor"):
         seen[:, at[0]] *= factor
     return np.asarray(seen)
 

@@ -141,6 +141,6 @@ def _changed(
         return {(what, place.id): value}
     motion = element_motion(problem, fit, 0, place, seed=0).during(*span_s)
     added = motion.equivalents(kinds[effect.kind], effect.parameters)
-    what = ("mass",) if place.kind == "node" else ("stiffness", "damping")
-    names: list[Name] = [(one, place.id) for one in what]
+    known = ("mass",) if place.kind == "node" else ("stiffness", "damping")
+    names: list[Name] = [(one, place.id) for one in known]
     return {name: before(name) + more for name, more in zip(names, added, strict=True)}

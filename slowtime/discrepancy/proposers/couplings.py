@@ -1,8 +1,8 @@
 """Proposer: gyroscopic couplings of two coordinates, where no force along one explains all.
 
-A coupling is of rank two, so that no place of a single force shows it. A force between the two
-coordinates comes nearest: pairs are tried in that order. A fit starts from how the free run
-changes with a small coupling, beside what constants and initial states can change.
+A coupling is of rank two, so that no place of a single force shows it. Two pairs are fitted:
+that between which a force comes nearest, as of strong couplings, and that of which a small
+coupling explains most beside constants and initial states, as of weak ones.
 """
 
 import dataclasses
@@ -22,11 +22,9 @@ from slowtime.dynamics.plant import Plant
 
 from .protocol import Proposal, Round
 
-MOST_FITTED = 2
-"""[couplings] That are fitted. Source: a bound on computing time."""
-LIKELIEST = 4
-"""[groups of places] Among which a force between the coordinates has to be. Source: in three
-rigs with a coupling the force between its ends was the first."""
+MOST_TESTED = 8
+"""[pairs] That are tested, those first between which a force comes nearest. Source: a bound on
+computing time."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -40,10 +38,12 @@ class Couplings:
         several = given.localized.groups[0].left >= LIMITS.several_forces_chi2
         if given.number or not several:
             return Proposal(self.name, ())
-        sites = itertools.islice(_sites(given), MOST_FITTED)
-        if given.is_late("testing couplings", 0.06):
+        sites = list(itertools.islice(_sites(given), MOST_TESTED))
+        if not sites or given.is_late("testing couplings", 0.06):
             return Proposal(self.name, ())
-        return Proposal(self.name, tuple(_tested(given, *site) for site in sites))
+        nearest, *others = (_tested(given, *site) for site in sites)
+        best = max((nearest, *others), key=lambda one: one.score)
+        return Proposal(self.name, tuple(dict.fromkeys((best, nearest))))
 
 
 def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
@@ -55,7 +55,7 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         if isinstance(one, OpenJoint) and set(one.between) <= set(description.dofs)
     }
     couplings = [kind for kind in given.kinds.values() if kind.is_coupling]
-    for group in given.localized.groups[:LIKELIEST]:
+    for group in given.localized.groups:
         yield from ((kind, one) for one in group.places if one in free for kind in couplings)
 
 

@@ -236,7 +236,8 @@ def state_matrices(
         for row, support in zip((*layout.forced, *more), supports, strict=True)
     ]
     # Such a state lags behind the speed in space by as much as behind that against the base.
-    b_u[np.ix_([0], list(layout.inertial), np.flatnonzero(shaken))] = -1.0
+    for state in layout.inertial:
+        b_u[0, state, shaken] = -1.0
     if states > at:
         boundary_rows(a, b_u, b_y, whole, names, supports, shaken, layout.shares)
     return a, b_u, b_y

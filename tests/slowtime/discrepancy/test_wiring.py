@@ -30,11 +30,8 @@ def records(nodes, count, **more):
         dataclasses.replace(one, node=node)
         for one, node in zip(GIVEN.sensors, nodes, strict=True)
     )
-    elements = tuple(
-        dataclasses.replace(one, stiffness_n_per_m=1.01 * one.stiffness_n_per_m)
-        for one in GIVEN.elements
-    )
-    real = dataclasses.replace(GIVEN, sensors=sensors, elements=elements, **more)
+    off = chain([3.0, 2.5, 2.0], [9090.0, 7070.0, 5050.0], dampings_n_s_per_m=[9.0, 7.0, 5.0])
+    real = dataclasses.replace(GIVEN, sensors=sensors, elements=off.elements, **more)
     plant, rng = Plant.of(real), np.random.default_rng(7)
     for _ in range(count):
         u = 20.0 * rng.normal(size=(2000, 1))
@@ -54,6 +51,22 @@ def records(nodes, count, **more):
 def test_sensors_that_sit_elsewhere_are_found_and_no_others(nodes, moves):
     found = find_rewiring(GIVEN, tuple(records(nodes, 1)), catalogue())
     assert (found and dict(found.moves)) == moves
+
+
+def test_sensors_of_forces_are_left_where_they_are():
+    force = Sensor(channel="f", quantity="force", element=GIVEN.elements[1].id, unit="N")
+    given = dataclasses.replace(GIVEN, sensors=(force, *GIVEN.sensors))
+    sat = (
+        dataclasses.replace(given.sensors[1], node="m2"),
+        dataclasses.replace(given.sensors[2], node="m1"),
+    )
+    plant = Plant.of(dataclasses.replace(given, sensors=(force, *sat, given.sensors[3])))
+    u = np.random.default_rng(8).normal(size=(2000, 1))
+    y = plant.simulate(plant.values, u, 100.0)
+    y += 0.01 * y.std(axis=0) * np.random.default_rng(9).normal(size=y.shape)
+    found = find_rewiring(given, (Trial(inputs=u, outputs=y, rate_hz=100.0),), catalogue())
+    assert found is not None
+    assert dict(found.moves) == {1: "m2", 2: "m1"}
 
 
 def test_a_law_that_is_missing_is_not_taken_for_a_sensor_elsewhere():

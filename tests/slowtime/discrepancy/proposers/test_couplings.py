@@ -60,9 +60,9 @@ def turning(u):
     damping[first, second] += G
     damping[second, first] -= G
     inverse = np.linalg.inv(mass)
-    a = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ stiffness, -inverse @ damping]])
+    flow = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ stiffness, -inverse @ damping]])
     push = inverse[:, [first]]
-    system = (a, np.vstack([np.zeros((4, 1)), push]), a[4:], push)
+    system = (flow, np.vstack([np.zeros((4, 1)), push]), flow[4:], push)
     return sps.lsim(system, u, np.arange(len(u)) / RATE)[1]
 
 
