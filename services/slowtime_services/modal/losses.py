@@ -190,7 +190,7 @@ def widened(
 
 def wider(mode: F, factor: float, flags: tuple[str, ...] = ()) -> F:
     """Return a mode with larger standard deviations, and flags."""
-    new = tuple(flag for flag in flags if flag not in mode.flags)
+    new: tuple[str, ...] = tuple(flag for flag in flags if flag not in mode.flags)
     changes: dict[str, Any] = {
         "frequency_hz": _times(mode.frequency_hz, factor),
         "damping_ratio": _times(mode.damping_ratio, factor),

@@ -8,14 +8,19 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.identification import checks
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.bands import EDGE, Band, plan_bands
+from slowtime.identification.subspace.bands import CORE, EDGE, Band, plan_bands
 
 from .band import BandState, BandStep
 from .band_solution import ModelSizes, join_bands
 from .forgetting import FrequencyGrid
 from .frames import Frame
 from .sample_buffer import SampleBuffer
+
+TOP = 0.95 * EDGE
+"""Upper end of the raster of bands, as of records read whole, relative to half the sampling
+rate [1]."""
 
 FEWEST_CYCLES = 50
 """Shortest memory [cycles of the lowest frequency]."""
@@ -52,8 +57,9 @@ class RecursiveModes:
     rate_hz
         Samples per second [Hz].
     band_hz
-        Where modes are looked for [Hz]. The lower edge sets how much is kept of the samples,
-        about 70 of its cycles, and the delay, about 35.
+        Of the modes that are reported [Hz]; a mode does not depend on where its edges are. The
+        lower edge sets how much is kept of the samples, 70 to 100 of its cycles, and the delay,
+        35 to 50.
     memory_s
         Time in which old samples lose their weight by e [s]; None forgets nothing.
     every_s
@@ -86,7 +92,7 @@ class RecursiveModes:
 
     @property
     def bands(self) -> tuple[Band, ...]:
-        """Bands whose cores follow each other over the whole of `band_hz`."""
+        """Bands whose cores follow each other over the whole of `band_hz` and a little more."""
         return tuple(step.band for step in _steps(self))
 
     def start(self) -> RecursiveState:
@@ -138,7 +144,15 @@ class RecursiveModes:
         Modes, ascending in frequency.
         """
         steps = zip(_steps(self), state.bands, strict=True)
-        return join_bands([(step.band, step.solved(band)) for step, band in steps])
+        return self._reported([(step.band, step.solved(band)) for step, band in steps])
+
+    def _reported(self, solved: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
+        """Modes of all bands within the band that is asked for."""
+        return tuple(
+            mode
+            for mode in join_bands(solved)
+            if checks.is_inside(mode.frequency_hz.value, self.band_hz)
+        )
 
     def _after_gap(self, state: RecursiveState, index: int) -> RecursiveState:
         lost = index - state.tail.next_index
@@ -175,7 +189,9 @@ class RecursiveModes:
             bands.append(band)
         modes = state.modes
         if solved:
-            modes = join_bands([(b, s.modes) for b, s in zip(self.bands, bands, strict=True)])
+            modes = self._reported(
+                [(b, s.modes) for b, s in zip(self.bands, bands, strict=True)]
+            )
         needed = min(band.next_frame for band in bands)
         return RecursiveState(tail.from_index(needed), state.lost, tuple(bands), modes)
 
@@ -186,11 +202,30 @@ def _steps(settings: RecursiveModes) -> tuple[BandStep, ...]:
         rows=settings.rows, order=settings.order, most_directions=settings.most_directions
     )
     steps = []
-    for band in plan_bands(*settings.band_hz, settings.rate_hz, resolution_hz=0.0):
+    for band in _fixed_bands(settings):
         frame = Frame.of(band, settings.rate_hz)
         every = max(1, math.ceil(settings.every_s / frame.hop_s))
         steps.append(BandStep(band, FrequencyGrid(frame), models, settings.memory_s, every))
     return tuple(steps)
+
+
+def _fixed_bands(settings: RecursiveModes) -> list[Band]:
+    """Bands of a raster that hangs on the rate alone, as far as they overlap `band_hz`.
+
+    So a mode is found in the same band wherever the edges of `band_hz` are.
+    """
+    low, high = settings.band_hz
+    edges = [TOP * settings.rate_hz / 2]
+    while edges[-1] > low:
+        edges.append(edges[-1] / CORE)
+    edges[0] = max(edges[0], high)
+    return [
+        band
+        for lower, upper in itertools.pairwise(reversed(edges))
+        if upper > low and lower < high
+        # Rounding must not make two bands of one.
+        for band in plan_bands(lower * (1 + 1e-9), upper, settings.rate_hz, resolution_hz=0.0)
+    ]
 
 
 def _runs(present: np.ndarray) -> list[tuple[int, int, bool]]:
