@@ -407,7 +407,8 @@ def test_equations_that_rounding_left_indefinite_are_damped(monkeypatch, campaig
     """A numerical failure is answered by damping, and ends no fit."""
     rig, trials = campaign(0, mode="states", masses=2)
     wanted = refit(plant_of(rig), trials)
-    solved = levenberg_marquardt.solve_within
+    module = vars(levenberg_marquardt)
+    solved = module["solve_within"]
 
     def indefinite(matrix, right, low, high):
         if matrix.diagonal().min() < 1 + 1e-4:

@@ -19,7 +19,7 @@ def forced(more_mass, shaken=False):
     """Run the rig; return the input at the samples, and what accelerometers tell."""
     fine = np.arange((SAMPLES - 1) * FINE + 1) / (RATE_HZ * FINE)
     loads = np.zeros((len(fine), 2))
-    tones = sum(np.sin(2 * np.pi * hertz * fine + hertz**2) for hertz in range(2, 15))
+    tones = np.sum([np.sin(2 * np.pi * hz * fine + hz**2) for hz in range(2, 15)], axis=0)
     loads[:, 1] = 0.0 if shaken else tones
     given = Excitation(RATE_HZ, SAMPLES, loads, tones * shaken, np.zeros((2, 2)))
     told = run(Structure((3.0, 2.0), LINKS, more_mass=more_mass), given)
