@@ -34,7 +34,6 @@ from .selection.comparison import explains_all
 from .selection.refutation import refute
 from .validation.free_run import evaluation_trials
 from .wiring import find_rewiring, with_rewiring
-from .workers import Workers, shared_among
 
 QUICK = (
     "With --quick, only a few laws for a single effect were tried. Run again without "
@@ -52,7 +51,6 @@ def diagnose(
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
     enough: Stop | None = None,
-    workers: Workers | None = None,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -74,11 +72,8 @@ def diagnose(
         Once true, none are: what was found by then is the answer. With `late`, where not given.
     enough
         Once set, what was found by then is the answer, without a force surface.
-    workers
-        Processes that share the work; what is found does not depend on them.
     """
-    with shared_among(workers):
-        return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over, enough))
+    return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over, enough))
 
 
 def _diagnose(

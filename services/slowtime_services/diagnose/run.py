@@ -8,6 +8,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.progress import Progress, Stop
 from slowtime.discrepancy.search import DEFAULT_OPTIONS, SearchOptions
+from slowtime.discrepancy.workers import shared_among
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.work import metered
@@ -106,14 +107,13 @@ def diagnose_records(
         compile_ahead(workers)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
-    with metered() as meter:
+    with metered() as meter, shared_among(workers):
         found = diagnose(
             given.campaign,
             kinds=kinds,
             options=options,
             progress=progress,
             stop=stop,
-            workers=workers,
             enough=enough,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),

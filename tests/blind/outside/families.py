@@ -43,6 +43,8 @@ FAMILIES: dict[str, str] = {
     "mass_jump": "time-varying mass",
     "mass_drift": "time-varying mass",
     "sensor_delay": "sensor",
+    "sensor_misplaced": "sensor",
+    "gyroscopic_coupling": "gyroscopic coupling",
     "stiffness_jump": "time-varying",
     "stiffness_drift": "time-varying",
     "parametric": "parametric",

@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign
-from slowtime.discrepancy.workers import Workers
+from slowtime.discrepancy.workers import Workers, shared_among
 from slowtime.dynamics.effects import Effect, Place
 from slowtime.dynamics.work import metered
 from slowtime_services.diagnose.document import document_of
@@ -46,7 +46,8 @@ def report(effects, workers: Workers | None, budget=None):
     campaign = Campaign(description=TWO, trials=trials[:2], holdout=trials[2:])
     with metered() as meter:
         over = (lambda: meter.spent > budget) if budget else None
-        found = diagnose(campaign, kinds=KINDS, workers=workers, late=over, over=over)
+        with shared_among(workers):
+            found = diagnose(campaign, kinds=KINDS, late=over, over=over)
     whole = document_of(dataclasses.replace(found, seconds=0.0))
     return whole.model_dump_json(), meter.spent
 
