@@ -1,6 +1,5 @@
 """Recognition of files of frequency responses, and their reading."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from slowtime.identification.frequency_response.response import Kind
+from slowtime_services.documents.bounds import DATA
+from slowtime_services.documents.json_documents import read_json
 from slowtime_services.files.binary import workbook
 from slowtime_services.files.binary.numpy_arrays import Arrays, read_npz
 from slowtime_services.files.binary.reader_process import read_matlab, run
@@ -118,7 +119,7 @@ def _of_text(path: Path, kind: Kind | None) -> tuple[list[Curve], tuple[str, ...
 
 def _of_json(path: Path, kind: Kind | None) -> tuple[list[Curve], Kind | None]:
     try:
-        body = json.loads(path.read_bytes())
+        body = read_json(path.read_bytes(), DATA)
     except ValueError:
         return [], kind
     if not isinstance(body, dict) or JSON_MARK not in body:
