@@ -13,7 +13,7 @@ import numpy as np
 from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
+from slowtime.discrepancy.candidates.library_fit import Label, label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import best_of_each_place, fit_candidates
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.estimation.model_evidence import fitted_effect
@@ -72,7 +72,9 @@ def substitute(
             *eliminate(branch.fits, branch.effects, branch.trials, kinds)
         )
         fewer = len(branch.effects) < len(hypothesis.effects)
-        least = MIN_FEWER_LOG_EVIDENCE if fewer or needless else LIMITS.least_log_evidence
+        other = _labels(branch) != _labels(hypothesis)
+        gentle = fewer or (needless and other)
+        least = MIN_FEWER_LOG_EVIDENCE if gentle else LIMITS.least_log_evidence
         if better(hypothesis, branch, kinds, least) is not hypothesis:
             return substitute(branch, kinds, stated, tell)
     return hypothesis
@@ -121,19 +123,27 @@ def is_worthwhile(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
 
 
 def _weak_effects(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> list[int]:
-    """Give numbers of laws of several parameters, one of which is hardly more than its error.
+    """Give numbers of laws of several parameters that may do what another law does.
 
-    They are at the end of their range, where another law does what they do: what rides on a
-    node and swings without damping is a tone.
+    One whose strength is hardly more than its error is at the end of its range: what rides on a
+    node and swings without damping is a tone. One of general form imitates what was missing
+    with it when it was named.
     """
-    last = hypothesis.last
+    last, general = hypothesis.last, {kind.name for kind in general_kinds(kinds)}
     own = len(last.plant.effects) - len(hypothesis.effects)
     return [
         number
         for number, named in enumerate(hypothesis.effects)
-        if len(named.effect.parameters) > 1
-        and sds_of_strength(last, own + number, kinds[named.effect.kind]) < WEAK_SDS
+        if named.effect.kind in general
+        or (
+            len(named.effect.parameters) > 1
+            and sds_of_strength(last, own + number, kinds[named.effect.kind]) < WEAK_SDS
+        )
     ]
+
+
+def _labels(hypothesis: Hypothesis) -> set[Label]:
+    return {label_of(one.effect) for one in hypothesis.effects}
 
 
 def _in_turn(hypothesis: Hypothesis, weak: Sequence[int]) -> Iterator[int]:

@@ -62,6 +62,21 @@ def test_two_laws_that_explain_all_are_not_worth_a_substitution(right):
     assert substitute(right, KINDS, None, Monitor()) is right
 
 
+@pytest.mark.long
+def test_a_law_of_general_form_is_looked_for_again_and_stays_where_it_is_right():
+    """Named while another was missing, it may have imitated that."""
+    kinds = KINDS | {"quintic_stiffness": catalogue()["quintic_stiffness"]}
+    numbers = {"k3_n": 0.02, "k5_n": 0.02, "e0_m": 0.01}
+    general = Effect("quintic_stiffness", SECOND, numbers)
+    found = fitted_chain(TWO, records_of((general, LOUD), samples=700), kinds, general, LOUD)
+    assert found.last.chi2_in_band < 1.2
+    assert is_worthwhile(found, kinds)
+    told: list[str] = []
+    stays = substitute(found, kinds, None, Monitor(lambda stage, _: told.append(stage)))
+    assert {one.effect.kind for one in stays.effects} == {"quintic_stiffness", "sensor_gain"}
+    assert any("looking again at quintic_stiffness" in stage for stage in told)
+
+
 def test_a_single_effect_a_final_hypothesis_and_segments_are_not_worth_a_substitution(
     wrong_law,
 ):
