@@ -9,7 +9,7 @@ import numpy as np
 
 from slowtime_services.files.binary.hdf5_objects import own_datasets, stored_bytes
 from slowtime_services.files.binary.numpy_arrays import Arrays, refuse_above, unreadable
-from slowtime_services.files.binary.reader_process import REFUSED, bound_resources, save
+from slowtime_services.files.binary.reader_process import bound_resources, save_arrays
 from slowtime_services.files.record import RecordError
 
 from .measured import Channel, Curve
@@ -157,13 +157,7 @@ def _channel(text: str) -> Channel:
 
 def main(path: str, max_bytes: str, out: str) -> int:
     """Read an HDF5 file in a process of its own, or say why not."""
-    try:
-        found = _read(Path(path), int(max_bytes))
-    except RecordError as error:
-        sys.stderr.write(f"{error}\n")
-        return REFUSED
-    save(out, list(found), list(found.values()))
-    return 0
+    return save_arrays(_read, path, max_bytes, out)
 
 
 def _read(path: Path, max_bytes: int) -> dict[str, np.ndarray]:

@@ -344,7 +344,8 @@ def test_reasons_are_kept_as_ranges_and_split_a_hole():
     assert len(reasons) == 2
 
 
-def test_the_true_end_counts_again_after_a_false_one(world):
+@pytest.mark.parametrize("told_by", ["health", "account"])
+def test_the_true_end_counts_again_after_a_false_one(world, told_by):
     world.alive()
     world.spool["b1"] = {0}
     world.arrive(("b1", 0))
@@ -352,21 +353,10 @@ def test_the_true_end_counts_again_after_a_false_one(world):
     world.health("b1", last=2**31)
     world.heal(20)
     world.spool["b1"] |= {1, 2}
-    world.health("b1", last=2)
-    world.heal(20)
-    assert [s for _, s in world.order] == [0, 1, 2]
-    assert not world.changes.lost
-
-
-def test_an_account_alone_tells_the_true_end_after_a_false_one(world):
-    world.alive()
-    world.spool["b1"] = {0}
-    world.arrive(("b1", 0))
-    world.heal(4)
-    world.health("b1", last=2**31)
-    world.heal(20)
-    world.spool["b1"] |= {1, 2}
-    world.alive()  # the edge comes back with another boot, of which there is nothing yet
+    if told_by == "health":
+        world.health("b1", last=2)
+    else:
+        world.alive()  # the edge comes back with another boot, of which there is nothing yet
     world.heal(20)
     assert [s for _, s in world.order] == [0, 1, 2]
     assert not world.changes.lost

@@ -12,7 +12,7 @@ from slowtime_services.files.record import RecordError, Values
 from .hdf5_objects import own_datasets, stored_bytes
 from .mat_expansion import refuse_mat_expansion
 from .numpy_arrays import Arrays, refuse_above, unreadable
-from .reader_process import REFUSED, bound_resources, save
+from .reader_process import bound_resources, save_arrays
 
 HEADING_BYTES = 512
 """Before an HDF5 file's own first bytes, where MATLAB has written one."""
@@ -98,13 +98,7 @@ def _is_numeric(item: Any) -> bool:
 
 def main(path: str, max_bytes: str, out: str) -> int:
     """Read the file and write its arrays to `out`, or the reason why not."""
-    try:
-        found = _read(Path(path), int(max_bytes))
-    except RecordError as error:
-        sys.stderr.write(f"{error}\n")
-        return REFUSED
-    save(out, list(found), list(found.values()))
-    return 0
+    return save_arrays(_read, path, max_bytes, out)
 
 
 if __name__ == "__main__":

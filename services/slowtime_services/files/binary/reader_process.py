@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,19 @@ def save(out: str, told: Any, arrays: Sequence[Values]) -> None:
     named = {f"array_{i}": array for i, array in enumerate(arrays)}
     named[TOLD] = np.array(json.dumps(told))
     np.savez(out, allow_pickle=False, **named)
+
+
+def save_arrays(
+    read: Callable[[Path, int], Arrays], path: str, max_bytes: str, out: str
+) -> int:
+    """Read arrays by name and write them for `run`, or the reason why not; the exit status."""
+    try:
+        found = read(Path(path), int(max_bytes))
+    except RecordError as error:
+        sys.stderr.write(f"{error}\n")
+        return REFUSED
+    save(out, list(found), list(found.values()))
+    return 0
 
 
 def bound_resources(path: Path, max_bytes: int) -> None:
