@@ -59,6 +59,7 @@ from twin_server.serve.access import (
 )
 from twin_server.serve.http.connections import Connections, Limits
 from twin_server.serve.http.problems import install_unavailable
+from twin_server.serve.http.shutdown import ShutdownAnswer
 from twin_server.serve.request_traces import Traced
 from twin_server.serve.shard_interface import ShardDoor, create_shard_interface
 from twin_server.settings import TwinSettings
@@ -400,7 +401,7 @@ def http_config(
 ) -> uvicorn.Config:
     """Return how uvicorn serves `app`."""
     return uvicorn.Config(
-        app,
+        ShutdownAnswer(app),
         http=connections.protocol(),
         log_config=None,
         access_log=False,

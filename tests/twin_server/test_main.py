@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import threading
+import time
+import urllib.parse
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 
@@ -24,16 +26,25 @@ from twin_server.__main__ import run
 from twin_server.settings import TwinSettings
 
 logging.basicConfig(level=logging.INFO)
-settings = TwinSettings(database=Path(sys.argv[1]), port=0)
+folder = Path(sys.argv[1])
+settings = TwinSettings(
+    database=folder / "twin.sqlite", port=0, diagnose={"recordings": folder}, shutdown_s=2.0
+)
 sys.exit(run(settings, bus=MemoryBus(), ready=lambda url: print(url, flush=True)))
 """
+
+UPLOAD = (
+    "PUT /api/v1/recordings/day.mcap HTTP/1.1\r\nHost: {}\r\nContent-Length: 9\r\n"
+    "Content-Type: application/octet-stream\r\n\r\n123"
+)
 
 
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
 )
 def test_a_signal_ends_it_cleanly_with_status_0(tmp_path, number):
-    arguments = [sys.executable, "-c", CHILD, str(tmp_path / "twin.sqlite")]
+    """A client whose upload waits at that moment is told to come again."""
+    arguments = [sys.executable, "-c", CHILD, str(tmp_path)]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("SLOWTIME_TWIN_")}
     with subprocess.Popen(
         arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -44,9 +55,18 @@ def test_a_signal_ends_it_cleanly_with_status_0(tmp_path, number):
             assert answer.status == 200
         with urllib.request.urlopen(f"{url}/api/v1/twins", timeout=30) as answer:
             assert answer.read() == b'{"twins":[]}'
-        child.send_signal(number)
-        _, said = child.communicate(timeout=300)
+        address = urllib.parse.urlsplit(url)
+        with socket.create_connection((address.hostname, address.port), 300) as upload:
+            upload.sendall(UPLOAD.format(address.netloc).encode())
+            while not list(tmp_path.glob(".*.partial")):
+                time.sleep(0.02)
+            child.send_signal(number)
+            _, said = child.communicate(timeout=300)
+            answer = upload.makefile("rb").read().decode()
     assert child.returncode == 0, said
+    assert answer.startswith("HTTP/1.1 503"), answer
+    assert "retry-after: 5" in answer
+    assert "server-ends" in answer
     assert "Traceback" not in said
 
 

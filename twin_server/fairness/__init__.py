@@ -3,7 +3,7 @@
 from .gate import FairGate
 from .holders import ALONE, Holder, acting_for, current_holder
 from .processors import Processors, Turn, usable_processors
-from .quota import ALPHA, Holding, OverQuotaError, Quota, may_take
+from .quota import ALPHA, HeldKind, Holding, OverQuotaError, Quota, may_take
 from .registry import Holdings
 from .usage import DecayedUsage
 
@@ -12,6 +12,7 @@ __all__ = [
     "ALPHA",
     "DecayedUsage",
     "FairGate",
+    "HeldKind",
     "Holder",
     "Holding",
     "Holdings",

@@ -19,6 +19,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from typing import Literal
 
 from .holders import ALONE, Holder
 
@@ -29,6 +30,10 @@ thirds, but three of them in turn would leave one slot of 27 instead of one of 8
 ALPHA_OF_TOKEN = 4
 """The same for a token and what is free of its site's [1]: tokens of one site are colleagues,
 so that a fifth is reserve enough."""
+
+
+HeldKind = Literal["uploads", "replays", "diagnoses", "computations", "exports", "streams"]
+"""Kind of what is held; computations are forecasts, simulations, plans and risks."""
 
 
 class OverQuotaError(RuntimeError):
@@ -70,7 +75,7 @@ class Holding:
     since_s: float = dataclasses.field(default_factory=time.time)
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> HeldKind:
         """Kind of what is held."""
         return self.quota.kind
 
@@ -85,7 +90,7 @@ class Quota:
     Parameters
     ----------
     kind
-        What is held, in the plural: "uploads".
+        What is held.
     most, of_site, of_token
         At once in all, of one site, and of one token; None for no bound beside the thresholds.
     setting
@@ -94,7 +99,7 @@ class Quota:
 
     def __init__(
         self,
-        kind: str,
+        kind: HeldKind,
         most: int,
         *,
         setting: str,

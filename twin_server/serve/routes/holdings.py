@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
 
-from twin_server.fairness import Holdings
+from twin_server.fairness import HeldKind, Holdings
 from twin_server.identity.principals import principal_of
 from twin_server.serve.http import problems
 from twin_server.serve.http.problems import ProblemError
@@ -27,7 +27,7 @@ class HoldingModel(BaseModel):
     """Something that is under way, and counts for a site and a token."""
 
     id: str = Field(examples=["9f86d081884c7d65"])
-    kind: str = Field(
+    kind: HeldKind = Field(
         description="uploads, replays, diagnoses, computations (forecasts, simulations, plans, "
         "risks), exports or streams.",
         examples=["uploads"],

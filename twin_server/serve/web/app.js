@@ -8,11 +8,12 @@ import { Panel } from "./panel.js";
 import { Recordings } from "./recordings.js";
 import { where } from "./route.js";
 import { Twin } from "./twin.js";
+import { UnderWay } from "./under_way.js";
 import { english, explain, make, say } from "./words.js";
 
 const LIST_MS = 2000, DRAW_MS = 500, REST = 2;
 const $ = (id) => document.getElementById(id);
-const fleet = new Fleet(), recordings = new Recordings();
+const fleet = new Fleet(), recordings = new Recordings(), underWay = new UnderWay();
 let place = where(location.hash), panel = null, known = null, lostAt = null, asking = false, drawing = false, telling = false;
 
 /** Words as soon as they are known, once a frame; drawings follow in their own time. */
@@ -40,8 +41,8 @@ function enter(arrived = false) {
     panel.show(place.view, arrived ? place.at : null);
   }
   fleet.root.hidden = place.view !== "fleet" || !known?.length;
-  recordings.root.hidden = place.view !== "recordings";
-  if (place.view === "recordings") recordings.refresh();
+  recordings.root.hidden = underWay.root.hidden = place.view !== "recordings";
+  if (place.view === "recordings") for (const each of [recordings, underWay]) each.refresh();
   if (place.view === "fleet" && known) fleet.hear(known);
   $("empty").hidden = place.view !== "fleet" || known === null || known.length > 0;
   $("legend").hidden = !panel || place.view !== "state";
@@ -122,7 +123,7 @@ async function draw() {
 document.documentElement.lang = language;
 translate(document.body);
 offerLanguages($("language"));
-$("view").append(fleet.root, recordings.root);
+$("view").append(fleet.root, recordings.root, underWay.root);
 plotly.catch((error) => { $("undrawn").textContent = error.message; $("undrawn").hidden = false; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => panel?.twin.touch());
 document.addEventListener("visibilitychange", () => { document.hidden ? follow() : refresh(); });

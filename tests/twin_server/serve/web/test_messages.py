@@ -12,6 +12,7 @@ from slowtime_schemas.asset_events import AssetEventKind
 from slowtime_schemas.files.diagnosis import Where
 from slowtime_services.reports import VIEWER
 from tests.twin_server.serve.web.javascript import arguments, literals
+from twin_server.fairness import HeldKind
 from twin_server.orders import Clock
 from twin_server.orders import State as JobState
 from twin_server.pipeline.monitoring.gap import State as GapState
@@ -63,6 +64,7 @@ ENUMERATED = {
     "plan.act": get_args(Now),
     "place": get_args(Where.model_fields["kind"].annotation),
     "severity": ("info", "warning", "alarm"),
+    "under_way.kind": set(get_args(HeldKind)) - {"streams"},
     "unit.plan": get_args(TimeUnit),
 }
 """What a key that is completed with a value of the server's must have."""

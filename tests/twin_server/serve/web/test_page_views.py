@@ -282,6 +282,22 @@ def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_p
     assert refused == []
 
 
+def test_what_is_under_way_is_listed_and_cancelled(house, visit):
+    page = visit(house, "#recordings")
+    listed = page.locator(".under-way")
+    expect(listed).to_contain_text("Nothing is under way for your sites.")
+    kept = "/api/v1/recordings/kept.mcap/replay"
+    assert house.client.post(kept, json={"speed": 1e-3}).status_code == 202
+    replay = listed.locator('[data-holding="replays"]')
+    expect(replay).to_contain_text("kept.mcap")
+    expect(replay).to_contain_text(re.compile(r"replays · began \d+ s ago"))
+    expect(listed.locator(".heading")).to_have_text(re.compile(r"1 of \d+ replays"))
+    replay.get_by_role("button", name="Cancel").click()
+    expect(replay).to_have_count(0)
+    told = house.client.get("/api/v1/recordings").json()["recordings"]
+    assert [one["replay"]["state"] for one in told if one["name"] == "kept.mcap"] == ["stopped"]
+
+
 def test_the_keyboard_reaches_everything(house, visit):
     page = visit(house)
     expect(page.locator(".card")).to_have_count(3)
