@@ -38,8 +38,6 @@ class Combination:
     ----------
     laws
         Kinds of effects, in the order of the effects of the last fit.
-    place
-        The element.
     fits
         Of the model as given, and after each law.
     fitted
@@ -58,13 +56,7 @@ class Combination:
 
 
 def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
-    """Give the sets of laws that an element may have, the smaller ones first.
-
-    Parameters
-    ----------
-    known
-        Kinds of effects that may be named.
-    """
+    """Give the sets of laws that an element may have, the smaller ones first."""
     springs = [(), *((one,) for one in STIFFNESSES if one in known)]
     dampings = [one for one in DAMPINGS if one in known]
     several = [
@@ -85,8 +77,6 @@ def applicable_laws(
     ----------
     kinds
         Catalogue of effects by name.
-    description
-        Model of the structure.
     """
     return tuple(n for n, kind in kinds.items() if is_applicable(kind, place, description))
 
@@ -102,10 +92,6 @@ def fit_combinations(
 
     Parameters
     ----------
-    first
-        Fit of the model as given.
-    place
-        The element.
     kinds
         Catalogue of effects by name.
     monitor

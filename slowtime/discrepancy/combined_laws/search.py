@@ -62,8 +62,6 @@ class RankedCombination:
 
     Parameters
     ----------
-    combination
-        The laws, and the fits with them.
     probability
         Probability [1]; those of all significant combinations add up to 1.
     """
@@ -89,10 +87,6 @@ def explain_together(
 
     Parameters
     ----------
-    first
-        Fit of the model as given.
-    trials
-        Records.
     kinds
         Catalogue of effects by name.
     monitor
@@ -161,15 +155,7 @@ def _falls(first: Fit, last: Fit, trials: Sequence[Trial]) -> bool:
 
 
 def leaves_little(fit: Fit, trials: Sequence[Trial]) -> bool:
-    """Return whether a model leaves next to nothing of the motion beyond the noise.
-
-    Parameters
-    ----------
-    fit
-        Of the model.
-    trials
-        Its records.
-    """
+    """Return whether a model leaves next to nothing of the motion beyond the noise."""
     noise = [fit.noise.sd(i, trial.rate_hz) ** 2 for i, trial in enumerate(trials)]
     left = np.sum([np.var(r, axis=0) - n for r, n in zip(fit.residual, noise, strict=True)], 0)
     moved = np.sum([np.var(trial.measured, axis=0) for trial in trials], axis=0)
@@ -301,13 +287,6 @@ def _shares(
 
 def independent_share(fit: Fit, trials: Sequence[Trial]) -> float:
     r"""Return the share of the samples in band that is independent in what a model leaves.
-
-    Parameters
-    ----------
-    fit
-        Of any model.
-    trials
-        Its records.
 
     Returns
     -------

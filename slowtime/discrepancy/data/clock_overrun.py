@@ -30,8 +30,6 @@ def mask_clock_overrun(
 
     Parameters
     ----------
-    trials
-        Records.
     channels
         Names of the sensors, in the order of the outputs.
     effects
@@ -70,10 +68,6 @@ def clock_overrun(
     ----------
     action
         What the effect does to the reading of a sensor.
-    trial
-        The record.
-    values
-        Parameters of the effect.
 
     Returns
     -------

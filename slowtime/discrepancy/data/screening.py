@@ -47,10 +47,6 @@ class Finding:
 
     Parameters
     ----------
-    fault
-        Kind of fault.
-    channel
-        Name of the sensor.
     spans_s
         Campaign times of begin and end of each span [s].
     share
@@ -112,8 +108,6 @@ def screen(
 
     Parameters
     ----------
-    trial
-        The record.
     channels
         Names of the sensors for the findings; numbers from 1 where none are given.
     stops

@@ -45,13 +45,6 @@ def experiment_options(
 
     Other levels and waveforms of the excitation, or of a release where nothing drives; a later
     repeat; more sensors; a measured force on a node.
-
-    Parameters
-    ----------
-    description
-        The model, with its inputs and sensors.
-    trials
-        Records so far.
     """
     if not any(trial.inputs.any() for trial in trials):
         return [_releases(), [*_later_repeats(trials), *_added_sensors(description, None)]]
@@ -75,12 +68,8 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
 
     Parameters
     ----------
-    option
-        The experiment.
     trial
         Record whose inputs are repeated, or set the level.
-    description
-        The model.
 
     Returns
     -------

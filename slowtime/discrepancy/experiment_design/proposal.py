@@ -63,8 +63,6 @@ class Prediction:
         state, which is unknown.
     noise
         Standard deviation of each sensor, in its unit.
-    known
-        Inverse prior covariance of parameters and initial state.
     """
 
     outputs: Series
@@ -82,8 +80,6 @@ def propose_experiment(
     ----------
     rivals
         Fitted to the same trials, the likeliest first.
-    trials
-        Records so far.
     kinds
         Catalogue of effects by name.
     """
@@ -131,8 +127,6 @@ def separations(
     ----------
     rivals
         The likeliest first.
-    option
-        The experiment.
     trials
         Records so far; the strongest is repeated.
     kinds
@@ -184,10 +178,6 @@ def predict(
 
     Parameters
     ----------
-    named
-        The rival.
-    option
-        The experiment.
     trial
         Record whose inputs act; its outputs are not used.
     start_s

@@ -70,13 +70,7 @@ RING_DAMPINGS = np.array([0.0, 0.003, 0.01, 0.02, 0.05, 0.1, 0.2])
 
 
 def is_free_decay(trials: Sequence[Trial]) -> bool:
-    """Return whether nothing drives any record, and each dies down.
-
-    Parameters
-    ----------
-    trials
-        Records without inputs, or with inputs.
-    """
+    """Return whether nothing drives any record, and each dies down."""
     return bool(trials) and all(
         not one.inputs.any() and (_decays(one) or _dies_down(one) or _rings_on(one))
         for one in trials
@@ -85,11 +79,6 @@ def is_free_decay(trials: Sequence[Trial]) -> bool:
 
 def without_standstill(trial: Trial) -> Trial:
     """Cut a free decay where it has come to rest: a still channel is not a faulty one there.
-
-    Parameters
-    ----------
-    trial
-        Record of a free decay.
 
     Returns
     -------

@@ -64,8 +64,6 @@ class _Found:
 
     Parameters
     ----------
-    regression
-        Of the records learnt from.
     models, shares
         All that were compared, and their probabilities.
     steps
@@ -74,8 +72,6 @@ class _Found:
         Of each step on the records judged, over the scatter of the force.
     rest
         What the last step leaves in cross-validation, over the scatter of the force.
-    count
-        Independent samples.
     """
 
     regression: ForceRegression
@@ -110,14 +106,8 @@ def diagnose_imposed_motion(
     ----------
     campaign
         Model of one spring, and records of its motion and force.
-    trials
-        Screened records.
-    findings
-        Faults of channels.
     kinds
         Catalogue of effects by name.
-    monitor
-        Receives the stage of the work.
 
     Returns
     -------

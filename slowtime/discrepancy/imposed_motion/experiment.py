@@ -33,14 +33,8 @@ def deciding_experiment(
 
     Parameters
     ----------
-    regression
-        Records so far.
-    fits
-        Rivals, fitted.
     rest
         What the best leaves, over the scatter of the force.
-    count
-        Independent samples of what it leaves.
 
     Returns
     -------

@@ -55,8 +55,6 @@ class ImposedRig:
     ----------
     spring
         Between the base and the node that is moved.
-    mass_kg
-        Of that node.
     sensor, velocity
         Columns of the outputs: displacement of the node and, where measured, its velocity.
         With `driven`, the first is the column of the force.
@@ -85,11 +83,6 @@ class ImposedRig:
 
 def rig_of(description: Description) -> ImposedRig | None:
     """Return the rig of a model that may be one of imposed motion.
-
-    Parameters
-    ----------
-    description
-        Model of the campaign.
 
     Returns
     -------
@@ -142,8 +135,6 @@ def force_record(rig: ImposedRig, trial: Trial) -> ForceRecord:
 
     Parameters
     ----------
-    rig
-        The model's rig.
     trial
         Record with the force and the motion of the node, in SI units. Samples of an output that
         are not finite are interpolated.
@@ -181,8 +172,6 @@ def clock_errors(
 
     Parameters
     ----------
-    rig
-        The model's rig, with a force as input.
     trial
         Record with force and motion, read with some rate.
     clocks

@@ -84,8 +84,6 @@ class ForceFit:
         Stiffness [N/m], damping [N s/m] and a constant force [N].
     constants_sd
         Their standard deviations, by the independent samples; zeros of a fit to a part.
-    effects
-        With fitted parameters.
     sds
         Standard deviations of the fitted parameters of each effect, by name.
     centre, centre_sd
@@ -95,8 +93,6 @@ class ForceFit:
         What the fit leaves of all samples of all records [N].
     rms
         Root mean square of what it leaves of the samples fitted [N].
-    numbers
-        Number of fitted parameters of laws.
     pulls
         Sum of squared deviations of the constants from the model's claims, in tolerances.
     """
@@ -118,8 +114,6 @@ def log_evidence(fit: ForceFit, left: float, count: float) -> float:
 
     Parameters
     ----------
-    fit
-        Of the force.
     left
         Root mean square that it leaves of samples which it was not fitted to [N].
     count
@@ -163,12 +157,6 @@ class ForceRegression:
 
     Parameters
     ----------
-    rig
-        The model's rig.
-    tolerance
-        Relative standard deviations of the model's constants.
-    records
-        Force records to fit.
     kinds
         Catalogue of effects by name.
     """
@@ -262,8 +250,6 @@ class ForceRegression:
 
         Parameters
         ----------
-        effects
-            With the parameters to start from.
         centre
             Elongation of the middle to start from [m].
         kept
@@ -389,17 +375,7 @@ class Constants:
 
 
 class _LeastSquares:
-    """One nonlinear least-squares problem: parameters of laws, and the centre of the motion.
-
-    Parameters
-    ----------
-    regression
-        Records and claims.
-    effects, centre
-        To start from.
-    kept
-        Samples that are fitted.
-    """
+    """One nonlinear least-squares problem: parameters of laws, and the centre of the motion."""
 
     def __init__(
         self,

@@ -91,8 +91,6 @@ class Comparison:
         Log evidence of each [nats].
     parents
         Place among the models of the one with a law less that is kept in its stead, or its own.
-    count
-        Independent samples.
     """
 
     models: tuple[ForceModel, ...]
@@ -167,13 +165,7 @@ def _contained(name: str, kinds: Mapping[str, Kind]) -> set[str]:
 
 
 def group_of(kind: Kind) -> str:
-    """Return the group of a law; an element has one law of each group at most.
-
-    Parameters
-    ----------
-    kind
-        Of an element.
-    """
+    """Return the group of a law; an element has one law of each group at most."""
     if kind.family in MEMORY:
         return "friction"
     return "damping" if kind.family in DAMPING else "stiffness"
@@ -189,14 +181,8 @@ def compare(
 
     Parameters
     ----------
-    regression
-        Of the records that are learnt from.
-    description
-        Model of the campaign.
     kinds
         Catalogue of effects by name.
-    monitor
-        Told the stage.
     """
     selection = _Selection(regression, kinds)
     bare = selection.validated(regression.bare())

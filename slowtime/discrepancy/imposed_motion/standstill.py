@@ -79,8 +79,6 @@ def without_standstills(
 
     Parameters
     ----------
-    findings
-        Faults of channels.
     records
         Motion and force of each record.
 

@@ -150,8 +150,6 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
     ----------
     densities
         One-sided [unit²/Hz], by trial, then by sensor.
-    relative_sd
-        Relative standard deviation of the densities.
 
     Raises
     ------
@@ -178,8 +176,6 @@ def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
 
     Parameters
     ----------
-    drift
-        Of free runs of the structure.
     rate_hz
         Sampling rate [Hz].
     """

@@ -42,8 +42,6 @@ class Drift:
 
     Parameters
     ----------
-    mass, damping
-        Modal matrices of the rigid motions.
     shapes
         Reading of each sensor per unit of each motion, in its unit; zero for accelerations,
         which do not drift.
@@ -72,8 +70,6 @@ class Drift:
 
         Parameters
         ----------
-        trial
-            Number of the trial.
         frequency_hz
             Frequencies [Hz].
         """
@@ -104,8 +100,6 @@ class Drift:
 
         Parameters
         ----------
-        trial
-            Number of the trial.
         frequency_hz
             Frequencies [Hz].
         residual

@@ -153,8 +153,6 @@ def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) ->
 
     Parameters
     ----------
-    description
-        The model, whose highest natural frequency decides.
     trials
         Records; where they hold fewer than a few periods of that mode, as of a structure with
         rigid motions only, the band of their excitation decides.
@@ -205,8 +203,6 @@ def estimate_noise(
 
     Parameters
     ----------
-    trials
-        Records.
     residuals
         Of each trial (time, sensor), in the sensors' units; zero where a sample is not used.
     silent_above_hz

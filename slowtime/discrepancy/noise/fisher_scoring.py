@@ -54,10 +54,6 @@ def maximise_likelihood(
     blocks
         By row: frequency [Hz], mean density [unit²/Hz], lines, and the logarithms of the
         probabilities that a block is noise alone, and that it is not.
-    at
-        Parameters to start from.
-    low, high
-        Bounds of the parameters.
     family
         `POWER_LAW` or `POLE_PAIR`.
     rate_hz

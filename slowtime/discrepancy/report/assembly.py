@@ -49,14 +49,6 @@ def report(
 
     Parameters
     ----------
-    campaign
-        Model and records.
-    trials
-        Screened records that were fitted.
-    findings
-        What screening found out about channels.
-    found
-        Hypothesis with which the search ended.
     kinds
         Catalogue of effects by name.
     monitor

@@ -32,8 +32,6 @@ class Evaluation:
         Records that were held out, or the last third of each record.
     held_out
         Whether they were held out.
-    nominal
-        Of the model as given.
     steps
         Of the refitted model, and of the model after each effect.
     noise

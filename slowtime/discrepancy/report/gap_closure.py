@@ -32,12 +32,8 @@ class ClosedGap:
 
     Parameters
     ----------
-    place
-        Element that the force acts in.
     fit
         With the surface as its last effect.
-    result
-        Its free run.
     finished
         Whether its fit came to an end within the budget.
     shaped
@@ -72,10 +68,6 @@ def close_gap(
 
     Parameters
     ----------
-    trials
-        Records to fit.
-    tests
-        Records that the free run is judged on.
     held_out
         Whether these were held out; the last thirds of the fitted records otherwise.
     error

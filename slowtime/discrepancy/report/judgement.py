@@ -31,8 +31,6 @@ class Judgement:
 
     Parameters
     ----------
-    found
-        The hypothesis, with the doubts that arose.
     unknown
         Whether something is missing that is none of the effects known here.
     answers
@@ -57,12 +55,8 @@ def judge(
 
     Parameters
     ----------
-    given
-        Model as given.
     evaluation
         Free runs on records that were not fitted.
-    findings
-        What screening found out about channels.
     """
     found = _doubted(found, evaluation, kinds)
     unknown = is_unknown(found, evaluation, kinds)

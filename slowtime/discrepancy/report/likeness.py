@@ -35,8 +35,6 @@ class Likeness:
 
     Parameters
     ----------
-    kind
-        Of the law.
     share
         Share of the force of the surface that it explains, beside a spring and a damper.
     unlike_above
@@ -66,8 +64,6 @@ def describe_likeness(like: Sequence[Likeness], kinds: Mapping[str, Kind], unit:
         Laws like the surface, the most similar first.
     kinds
         Catalogue of effects by name.
-    unit
-        Of the elongation.
     """
     if not like:
         return " It does not resemble any law of the catalogue."

@@ -50,12 +50,6 @@ def verdict_and_sentence(
 
     Parameters
     ----------
-    given
-        Model as given.
-    answers
-        Effects and faults of sensors that are named.
-    nearest
-        Effects that come nearest to an unknown one.
     unknown
         Whether something is missing that is none of the effects known here.
     """
@@ -142,13 +136,7 @@ def _impossible_constants(found: Hypothesis) -> str:
 
 
 def contradiction(verdict: Verdict, last: FreeRunResult, evaluation: Evaluation) -> str:
-    """Say that a model which lacks nothing misses held-out records by far more than noise.
-
-    Parameters
-    ----------
-    last
-        Of the model that is kept.
-    """
+    """Say that a model which lacks nothing misses held-out records by far more than noise."""
     error = float(last.error.mean())
     missed = error > CONTRADICTED_RATIO * evaluation.floor and error > CONTRADICTED_ERROR
     lacks_nothing = verdict in ("nothing_missing", "parameters_only")

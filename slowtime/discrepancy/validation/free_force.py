@@ -149,10 +149,6 @@ class FreeForce:
         Of the free constants and parameters; initial states come after them.
     curves
         Mask of the unknowns that are strengths of the free force.
-    scale
-        From scaled unknowns to unknowns.
-    matrix, gradient
-        Normal equations in scaled unknowns.
     rest
         Cholesky factor of the equations without the free force.
     """
@@ -173,12 +169,8 @@ class FreeForce:
 
         Parameters
         ----------
-        fit
-            Of the model.
         free
             The free force, all its strengths zero.
-        trials
-            Records of the fit.
         kinds
             Catalogue of effects by name.
         """

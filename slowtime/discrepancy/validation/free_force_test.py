@@ -41,8 +41,6 @@ class LawDoubt:
 
     Parameters
     ----------
-    place
-        The element.
     idle
         Numbers of the laws that the others make needless, which refutes none of them; where
         there are none, the laws are refuted.
@@ -66,8 +64,6 @@ def refuted_by_free_force(
         Of the whole model, which leaves noise only.
     first
         Number of the first effect that was named; those before belong to the given model.
-    trials
-        Records of the fit.
     kinds
         Catalogue of effects by name.
 
@@ -162,8 +158,6 @@ def _distance_to_small_force(
     ----------
     power
         Mean products of the forces of one standard deviation along each direction [N^2].
-    steps
-        Estimate, in standard deviations.
     most
         Root mean square that is small enough [N].
 

@@ -71,8 +71,6 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
 
     Parameters
     ----------
-    fit
-        Of the model.
     trials
         Records; initial states are estimated from the first samples of each.
 
@@ -97,13 +95,6 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
 
 def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
     """Refit a model to another record, whose noise is estimated anew.
-
-    Parameters
-    ----------
-    fit
-        Of the model, whose values are the start.
-    trial
-        The other record.
 
     Returns
     -------
@@ -192,8 +183,6 @@ def relative_errors(
 
     Parameters
     ----------
-    trials
-        Records.
     runs
         Simulated outputs (time, sensor) of each.
 
@@ -226,13 +215,6 @@ def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -
 
 def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
     """Relative error that the sensors' noise alone causes: see `relative_errors`.
-
-    Parameters
-    ----------
-    trials
-        Records.
-    noise
-        Of these trials.
 
     Returns
     -------

@@ -40,12 +40,8 @@ def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> b
 
     Parameters
     ----------
-    fit
-        Of the model.
     error
         Of its free runs on these records, over that of noise alone [1].
-    tests
-        The records.
     """
     samples = sum(len(trial.outputs) for trial in tests)
     if error < 1 + max(MAX_EXCESS, MAX_EXCESS_SDS / np.sqrt(2 * samples)):

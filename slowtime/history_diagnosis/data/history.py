@@ -83,8 +83,6 @@ class FilledCovariate:
 
     Parameters
     ----------
-    name, unit, role
-        As of the covariate.
     values
         Scaled values [1]; interpolated where they were missing.
     sd
@@ -110,8 +108,6 @@ class ScaledHistory:
     ----------
     time, value, sd
         Scaled [1].
-    covariates
-        Filled and scaled.
     start, span
         ``slow time = start + span * time``, in the unit of slow time.
     centre, scale
@@ -152,8 +148,6 @@ def checked_history(
         One for each epoch, in any order, in the user's units.
     covariates
         At the same epochs.
-    fewest
-        Fewest usable epochs that are accepted.
 
     Raises
     ------

@@ -29,8 +29,6 @@ class ModeSwap:
 
     Parameters
     ----------
-    which
-        True for these readings.
     offset, sd
         Distance of the other mode, and its standard deviation, in the unit of the values.
     """

@@ -92,10 +92,6 @@ def build_model(
     ----------
     past, readings
         The history, and the same scaled and screened.
-    terms, process
-        Start of the fits.
-    before, rivals
-        Parts of the model.
     """
     fits = [
         maximize_evidence(readings, (), terms, start) for start in process_variants(process)

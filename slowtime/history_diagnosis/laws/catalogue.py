@@ -45,10 +45,6 @@ class ShapeAxis:
 
     Parameters
     ----------
-    name
-        Of the parameter.
-    low, high
-        Bounds, in scaled time or scaled covariate.
     grid
         Values that the first scan tries.
     finest
@@ -70,10 +66,6 @@ class CandidateLaw:
     ----------
     name
         Name in the report; several laws may share one, as with and without lag.
-    family
-        Group of similar laws.
-    variant
-        Tells those apart that share a name.
     covariate
         Index of the covariate; None for time alone.
     axes
@@ -139,8 +131,6 @@ def candidate_laws(past: ScaledHistory, time_unit: str) -> tuple[CandidateLaw, .
 
     Parameters
     ----------
-    past
-        The scaled history.
     time_unit
         Unit of slow time; calendar periods are added if it is one of time.
     """

@@ -38,8 +38,6 @@ class LaplaceFit:
 
     Parameters
     ----------
-    terms, process
-        At the maximum.
     log_evidence
         Integrated over shapes and process, relative to other laws of the same readings [nats].
     peak
@@ -155,8 +153,6 @@ def fit_variants(
 
     Parameters
     ----------
-    readings
-        The screened history.
     terms
         Terms with fixed shapes.
     process
@@ -224,8 +220,6 @@ def maximize_evidence(
 
     Parameters
     ----------
-    readings
-        The screened history.
     before
         Terms whose shapes are fixed.
     free, process

@@ -28,8 +28,6 @@ def lagged(time: Series, values: Series, lag: float) -> Series:
 
     Parameters
     ----------
-    time, values
-        Epochs, and x at these.
     lag
         :math:`\tau`, in the unit of `time`.
 
@@ -110,10 +108,6 @@ def sawtooth(time: Series, cycles: float, phase: float) -> Columns:
 
     Parameters
     ----------
-    time
-        Epochs.
-    cycles
-        Number of teeth in the history.
     phase
         Position within a tooth at mid-history, from 0 to 1.
     """

@@ -39,10 +39,6 @@ class ScreenedHistory:
 
     Parameters
     ----------
-    past
-        The scaled history.
-    mask
-        True for readings that are used.
     variance
         Of the noise of each reading as stated, and of interpolated covariates [scale²].
     barred
@@ -77,8 +73,6 @@ def column_priors(
 
     Parameters
     ----------
-    columns
-        Regressors without the constant.
     mask
         Readings used, whose scatter is 1.
     """
@@ -131,12 +125,8 @@ def gap_variance(
 
     Parameters
     ----------
-    terms
-        The law.
     time, covariates
         Epochs, and covariates with the standard deviations of their values.
-    mean
-        Coefficients of its design matrix.
     """
     columns = design(terms, time, covariates)
     total = np.zeros(len(time))

@@ -41,8 +41,6 @@ class CoefficientPosterior:
         Residual sum of squares, prior included, in units of the stated noise [1].
     log_evidence
         Up to a constant that is the same for all laws of the same readings [nats].
-    count
-        Number of readings used.
     """
 
     mean: Float[np.ndarray, " coefficient"]
@@ -74,10 +72,6 @@ def coefficient_posterior(
     ----------
     filtered
         Whitened columns: first the reading, then one regressor for each coefficient.
-    prior_variance
-        Diagonal of P.
-    count
-        Number of readings used.
     """
     reading, columns = filtered.white[:, 0], filtered.white[:, 1:]
     precision = columns.T @ columns
@@ -139,12 +133,8 @@ def log_evidence_of_additions(
     ----------
     base
         Whitened reading, then the regressors that the law has already.
-    base_variance
-        Prior variances of their coefficients.
     white, variance
         Whitened regressors of each candidate, and prior variances of their coefficients.
-    count
-        Number of readings used.
     """
     each, width = white.shape[1:]
     reading, columns = base.white[:, 0], base.white[:, 1:]

@@ -37,10 +37,6 @@ class MaternProcess:
     ----------
     smoothness
         0.5 (continuous) or 1.5 (once differentiable) [1].
-    length
-        Length scale, in the unit of time.
-    sd
-        Standard deviation, in the unit of the readings.
     """
 
     smoothness: float
@@ -89,14 +85,10 @@ def whiten(
 
     Parameters
     ----------
-    process
-        The Matérn process.
     time
         Ascending, in the unit of its length; equal times are allowed.
     variance
         Of the noise of each reading; infinite for one that is not used.
-    columns
-        Readings and regressors.
 
     Examples
     --------

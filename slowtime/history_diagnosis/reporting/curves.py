@@ -67,8 +67,6 @@ def effect_curve(model: MixtureModel, place: int) -> EffectCurve | None:
 
     Parameters
     ----------
-    model
-        The augmented model.
     place
         Index of the term; a term of the noise has no curve.
     """

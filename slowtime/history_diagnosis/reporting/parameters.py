@@ -30,12 +30,8 @@ class ReportUnits:
 
     Parameters
     ----------
-    value
-        Unit of the values as reported.
     factor
         From the unit of the values to that one: 100 from ratios to per cent.
-    time
-        Unit of slow time.
     """
 
     value: str
@@ -58,14 +54,8 @@ def effect_parameters(
 
     Parameters
     ----------
-    readings
-        The screened history.
     members
         The mixture; its spread is part of each standard deviation.
-    place
-        Index of the term.
-    units
-        For the report.
     """
     told = []
     for member in members:

@@ -30,8 +30,6 @@ class EffectCurve:
 
     Parameters
     ----------
-    x, label, unit
-        Of the axis.
     value, lo, hi
         Change of the feature by this effect alone, in the unit of the values, zero on average
         over the history; 95 % band.
@@ -92,8 +90,6 @@ class ScatterGap:
         random process.
     nominal_step, augmented_step
         Root mean square error of predicting each reading from those before it.
-    noise_floor
-        Standard deviation of the noise of readings.
     """
 
     nominal: float
@@ -109,8 +105,6 @@ class PlotSeries:
 
     Parameters
     ----------
-    time, value
-        Readings in the user's units, outliers included.
     nominal, augmented
         Prediction of each reading by each model from those before it.
     """

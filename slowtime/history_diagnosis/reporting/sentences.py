@@ -49,12 +49,8 @@ def effect_sentence(
 
     Parameters
     ----------
-    name
-        Of the law.
     subject
         Quantity of the history, as "stiffness".
-    numbers
-        Parameters of the effect.
     covariate
         That it follows; None for time.
     """
@@ -132,8 +128,6 @@ def suggest_experiment(names: list[str], followed: dict[str, str], span: str) ->
         Of the undecided laws; "nothing_missing" may be one.
     followed
         Covariate of each law that follows one.
-    span
-        Length of the history, formatted.
     """
     covariates = sorted({followed[name] for name in names if name in followed})
     timed = [name for name in names if name not in followed and name != "nothing_missing"]

@@ -52,12 +52,6 @@ def summarize(
 
     Parameters
     ----------
-    found
-        Result of the selection.
-    nominal, augmented
-        Models without and with the selected terms.
-    quantity, time_unit
-        Of the history.
     swap, departed
         Faults of sensors, if there are any.
     """

@@ -82,12 +82,8 @@ class RankedLaw:
 
     Parameters
     ----------
-    name
-        Of the law.
     covariate
         Its index; None for a law of time.
-    probability
-        Sum over variants.
     best
         The most probable variant.
     """
@@ -133,8 +129,6 @@ class SelectionResult:
 
     Parameters
     ----------
-    readings
-        The history without the outliers that were found.
     nominal, augmented
         Fits without any term, and with all of them.
     comparisons
@@ -160,10 +154,6 @@ def select_terms(
 
     Parameters
     ----------
-    readings
-        The screened history.
-    laws
-        Candidates.
     most
         Most terms that are added.
     progress
@@ -191,17 +181,7 @@ def select_terms(
 def compare_laws(
     readings: ScreenedHistory, laws: tuple[CandidateLaw, ...], before: tuple[Term, ...]
 ) -> ModelComparison:
-    """Compare every law as the next term, and no further term with them.
-
-    Parameters
-    ----------
-    readings
-        The screened history.
-    laws
-        Candidates.
-    before
-        Terms found so far.
-    """
+    """Compare every law as the next term, and no further term with them."""
     scanned = add_irregular_sawtooth(readings, before, scan_grid(readings, laws, before))
     nothing = fit_variants(readings, before, scanned.process)
     fits: list[tuple[CandidateLaw | None, LaplaceFit]] = [(None, nothing)]
@@ -262,17 +242,7 @@ def _squared_errors(
 def rescreen(
     readings: ScreenedHistory, terms: tuple[Term, ...], fit: LaplaceFit
 ) -> ScreenedHistory:
-    """Screen outliers again with the terms known, and add the noise of covariate gaps.
-
-    Parameters
-    ----------
-    readings
-        The screened history.
-    terms
-        Terms found so far.
-    fit
-        Their fit.
-    """
+    """Screen outliers again with the terms known, and add the noise of covariate gaps."""
     past = readings.past
     columns = design(terms, past.time, past.covariates)
     mask = inlier_mask(past, columns[:, 1:], readings.barred)

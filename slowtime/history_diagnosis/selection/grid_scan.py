@@ -38,8 +38,6 @@ class ScanResult:
 
     Parameters
     ----------
-    law
-        The law.
     score
         Log-evidence, averaged over the grid of shapes, relative to no further term [nats].
     terms, processes
@@ -60,8 +58,6 @@ class GridScan:
     ----------
     nothing
         Log-evidence of no further term [nats].
-    process
-        Random process at which it is greatest.
     results
         One for each law, in descending order of score.
     """
@@ -95,17 +91,7 @@ class _Base:
 def scan_grid(
     readings: ScreenedHistory, laws: tuple[CandidateLaw, ...], before: tuple[Term, ...]
 ) -> GridScan:
-    """Add each law, in each shape of its grid, to the terms found so far.
-
-    Parameters
-    ----------
-    readings
-        The screened history.
-    laws
-        Candidates.
-    before
-        Terms found so far.
-    """
+    """Add each law, in each shape of its grid, to the terms found so far."""
     past = readings.past
     columns = design(before, past.time, past.covariates)
     stacked = np.column_stack([past.value, columns])

@@ -46,10 +46,6 @@ def add_irregular_sawtooth(
 
     Parameters
     ----------
-    readings
-        The screened history.
-    before
-        Terms found so far.
     scanned
         Results for all other laws.
     """

@@ -27,14 +27,10 @@ class ModeDeparture:
 
     Parameters
     ----------
-    mode
-        Its column.
     time
         Of the step, in the unit of slow time.
     offset
         Size of the step, in the unit of the values.
-    probability
-        That there is one.
     """
 
     mode: int
@@ -74,8 +70,6 @@ def find_departure(
 
     Parameters
     ----------
-    slow_time
-        Of the epochs.
     value, sd
         Of each mode; NaN where missing.
     """

@@ -41,12 +41,8 @@ def inlier_mask(
 
     Parameters
     ----------
-    past
-        The scaled history.
     known
         Regressors of the terms found so far; may have no column.
-    barred
-        Readings known to be wrong.
     """
     columns = np.column_stack([_flexible_design(past), known])
     mask = ~barred
@@ -64,15 +60,7 @@ def inlier_mask(
 
 
 def covariate_residual(past: ScaledHistory, mask: Bool[np.ndarray, " time"]) -> Series:
-    """Return the readings without a flexible function of the covariates [scale].
-
-    Parameters
-    ----------
-    past
-        The scaled history.
-    mask
-        Readings from which the function is learnt.
-    """
+    """Return the readings without a flexible function of the covariates [scale]."""
     columns = _flexible_design(past)
     residual: Series = past.value - columns @ _fit(past, columns, mask)[0].mean
     return residual
