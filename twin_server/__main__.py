@@ -217,9 +217,6 @@ def _serve(
         limits.workers, limits.max_waiting, limits.max_waiting_of_one, limits.spare_workers,
         processors.usage,
     )  # fmt: skip
-    knowledge = TwinKnowledge(
-        pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
-    )
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
@@ -231,6 +228,14 @@ def _serve(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock,
         recordings=recordings.folder, processors=processors,
     )  # fmt: skip
+    knowledge = TwinKnowledge(
+        pipeline,
+        store,
+        bus=bus,
+        refresh=limits.forecast_refresh_readings,
+        workers=workers,
+        disagrees=orders.disagrees,
+    )
     holdings = Holdings()
     for quota in (recordings.uploads.quota, recordings.replays, orders.quota):
         holdings.add(quota)

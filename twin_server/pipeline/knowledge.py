@@ -1,7 +1,7 @@
 """Answers the requests of the serve stage from store, pipeline and analysis."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from slowtime_schemas.codec import decode
@@ -16,8 +16,10 @@ from twin_server.persist import History, Store
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
 from twin_server.serve import HistoryPart, Hub, Moment, ProblemError, TwinForecast
+from twin_server.serve.conclusion import conclude
 
 from .alarms import raised_of
+from .analysis.evidence import EvidenceDesk
 from .analysis.fatigue import fatigue_of
 from .analysis.forecast_cache import ForecastCache
 from .analysis.plans import STALE, PlanCache
@@ -50,6 +52,8 @@ class TwinKnowledge:
         A forecast learns anew after so many readings.
     workers
         Where is computed what takes long; by default in the thread that asks.
+    disagrees
+        Whether the model of a twin disagrees with raw samples.
     """
 
     def __init__(
@@ -60,14 +64,24 @@ class TwinKnowledge:
         bus: Bus | None = None,
         refresh: int = 25,
         workers: Workers | None = None,
+        disagrees: Callable[[str], bool] = lambda _: False,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
         self._workers = workers or CallerThread()
-        self.prospects = ForecastCache(pipeline, store, refresh=refresh, run=self._workers.run)
+        self.prospects = ForecastCache(
+            pipeline,
+            store,
+            refresh=refresh,
+            run=self._workers.run,
+            on_renewed=self._assess_anew,
+        )
         self._proofs = LedgerProofs(pipeline, store)
         pipeline.listen(self.prospects)
         self._assessing = RiskCache(pipeline, store, self.prospects, self._workers)
         self._planning = PlanCache(pipeline, store, self.prospects, self._workers)
+        self._evidence = EvidenceDesk(
+            pipeline, self.prospects, self._assessing, self._planning, disagrees
+        )
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulations(store, self._workers, effects)
 
@@ -184,6 +198,17 @@ class TwinKnowledge:
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
         """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
         return self._planning.plan(twin_id, stale=STALE if stale else 0)
+
+    def conclusion(
+        self, twin_id: str, reasons: int | None, suspects: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        """Answer whether anything is wrong with a twin, with its latest state given."""
+        return conclude(self._evidence.evidence(twin_id, reasons, suspects)).to_dict()
+
+    def _assess_anew(self, twin_id: str) -> None:
+        """Keep risk and plan of a twin up to date, though nobody asks; none is made in vain."""
+        self._assessing.risk(twin_id, None)
+        self._planning.plan(twin_id)
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse a load that a twin cannot be run under, at no cost."""

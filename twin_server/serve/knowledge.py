@@ -212,6 +212,20 @@ class Knowledge(Protocol):
         """Latest windows of virtual quantities, since this server began."""
         ...
 
+    def conclusion(
+        self, twin_id: str, reasons: int | None, suspects: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        """Answer whether anything is wrong with a twin now.
+
+        Parameters
+        ----------
+        reasons
+            Bits of its latest state (`twin_server.history.states`); None without one.
+        suspects
+            Changed elements in it.
+        """
+        ...
+
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse an invalid simulation by a `ProblemError`, at no cost."""
         ...

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from slowtime.degradation import RemainingLife
 from slowtime_schemas.asset_events import AssetEvent
 from twin_server.estimate import (
     ChangeForecast,
@@ -96,6 +97,8 @@ class _Kept:
     changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     told: "_ToldEvents" = dataclasses.field(default_factory=lambda: _ToldEvents((), {}))
     answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
+    crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
+    since_told: int = 0
     sound: bool = False
     asked: bool = False
     holder: Holder = ALONE
@@ -124,6 +127,8 @@ class ForecastCache:
         Readings after which it is learnt anew.
     run
         Where is learnt; by default in the thread that asks.
+    on_renewed
+        Called in the background with each twin whose future is watched, as it is told anew.
     """
 
     def __init__(
@@ -133,9 +138,10 @@ class ForecastCache:
         *,
         refresh: int = 25,
         run: Run = lambda function, *arguments: function(*arguments),
+        on_renewed: Callable[[str], object] = lambda _: None,
     ) -> None:
         self._pipeline, self._store = pipeline, store
-        self._refresh, self._run = refresh, run
+        self._refresh, self._run, self._on_renewed = refresh, run, on_renewed
         self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
         self._of_the_past: dict[str, tuple[LearningInput, LearntLaws]] = {}
@@ -165,13 +171,17 @@ class ForecastCache:
 
     def tell(self, news: TwinUpdate) -> None:
         """Queue the update of one twin, in constant time."""
-        kept = self._kept.get(news.twin_id)
+        kept, watched = self._kept.get(news.twin_id), self._is_watched(news.twin_id)
         if kept is None:
-            return
+            if not watched or self._thread is None or len(self._kept) >= MOST_KEPT:
+                return
+            kept = self._known(news.twin_id)
         with kept.lock:
             kept.waiting.append(news)
             kept.count += len(news.states)
+            kept.since_told += len(news.states)
             many = kept.count > MOST_WAITING
+            many = many or (watched and kept.since_told >= self._refresh)
         if many and self._thread is not None:
             self._ask(news.twin_id)
 
@@ -218,6 +228,36 @@ class ForecastCache:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
         return CachedForecast(known, unit)
+
+    def crossings(self, twin_id: str) -> tuple[tuple[Limit, RemainingLife], ...]:
+        """Return when thresholds of a twin are reached, as was told last; nothing is computed.
+
+        Returns
+        -------
+        None of a twin whose future is not watched, or not known yet.
+        """
+        kept = self._kept.get(twin_id)
+        return () if kept is None else kept.crossings
+
+    def _is_watched(self, twin_id: str) -> bool:
+        """Whether the registration of a twin asks for its future."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None:
+            return False
+        known = twin.registration
+        return bool(known.thresholds() or known.limit_states or known.decision)
+
+    def _tell_anew(self, twin_id: str, kept: _Kept) -> None:
+        """Forecast a twin whose future is watched, though nobody asks."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None:
+            return
+        ahead, limits = twin.registration.forecast.horizon, twin.registration.thresholds()
+        told = self.foresee(twin_id, ahead, 1, limits) if limits else None
+        with kept.lock:
+            kept.crossings = () if told is None else told.foresight.crossings
+            kept.since_told = 0
+        self._on_renewed(twin_id)
 
     def prospect(self, twin_id: str) -> ForecastState | None:
         """Return the cached state of a twin at its last reading; None if readings are few."""
@@ -433,11 +473,15 @@ class ForecastCache:
             return
         with kept.lock:
             self._absorb(kept, twin)
-            asked = kept.asked
-        # A twin without requests since it was learnt is not learnt again.
-        if asked:
+            asked, due = kept.asked, kept.since_told >= self._refresh
+        watched = due and self._is_watched(twin_id)
+        # A twin without requests since it was learnt is not learnt again, unless its future is
+        # watched.
+        if asked or watched:
             with acting_for(kept.holder):
                 self._renew(twin_id, kept)
+                if watched:
+                    self._tell_anew(twin_id, kept)
 
     def _work(self) -> None:
         self._warm()

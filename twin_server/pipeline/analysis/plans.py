@@ -99,6 +99,15 @@ class PlanCache:
                 self._kept.popitem(last=False)
         return answer
 
+    def told(self, twin_id: str) -> dict[str, Any] | None:
+        """Return the plan as it was told last; computes nothing."""
+        with self._lock:
+            kept = self._kept.get(twin_id)
+        twin = self._pipeline.twin(twin_id)
+        if kept is None or twin is None or kept.registration != twin.registration:
+            return None
+        return kept.answer
+
     def _made(self, twin_id: str, twin: Twin, found: History) -> dict[str, Any]:
         order = self._order(twin_id, twin, found)
         if order is None:

@@ -83,6 +83,15 @@ class RiskCache:
                 self._kept.popitem(last=False)
         return answer
 
+    def told(self, twin_id: str) -> dict[str, Any] | None:
+        """Return the risk up to the default horizon as it was told last; computes nothing."""
+        with self._lock:
+            kept = self._kept.get(_Key(twin_id, None))
+        twin = self._pipeline.twin(twin_id)
+        if kept is None or twin is None or kept.registration != twin.registration:
+            return None
+        return kept.answer
+
     def _made(
         self, twin_id: str, twin: Twin, found: History, horizon: float | None
     ) -> dict[str, Any]:

@@ -115,6 +115,10 @@ class Diagnoses:
         """Return the gap of the twin's models."""
         return self._minder.gap(twin_id)
 
+    def disagrees(self, twin_id: str) -> bool:
+        """Whether the model of a twin disagrees with raw samples."""
+        return self._minder.disagrees(twin_id)
+
     def order(
         self,
         twin_id: str,

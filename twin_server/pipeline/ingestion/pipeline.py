@@ -67,6 +67,7 @@ from .estimation import (
     registration_event,
 )
 from .failure_log import FailureLog
+from .heard import Heard
 from .leader_election import LeaderElection
 from .ledger_signer import LedgerSigner
 from .repeated_windows import WindowNotices
@@ -156,7 +157,7 @@ class Pipeline:
         self._account = self._new_account()
         self._limit = AssetLimit(settings.admission.max_assets_of_site, self.refusals)
         self._stale, self._hurried = True, False
-        self._heard: dict[tuple[str, str], int] = {}
+        self._heard: dict[tuple[str, str], Heard] = {}
         self._assessed = AssessedMessages(store)
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
@@ -345,7 +346,13 @@ class Pipeline:
 
     def heard_ns(self, twin_id: str) -> int | None:
         """When features of a twin last came; None where not since this server began."""
-        return self._heard.get(address(twin_id))
+        heard = self._heard.get(address(twin_id))
+        return None if heard is None else heard.at_ns
+
+    def late_s(self, twin_id: str) -> int:
+        """How long the next reading of a twin is overdue [s]; 0 where it is not."""
+        heard = self._heard.get(address(twin_id))
+        return 0 if heard is None else heard.late_s(self._clock.now_ns())
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
         """Return the latest counters of the live sensor of a twin; None without one."""
@@ -509,7 +516,7 @@ class Pipeline:
         events = [
             interrupted_event(*key, over.took_s, now_ns)
             for key in self._twins
-            if self._heard.get(key, 0) >= since_ns
+            if key in self._heard and self._heard[key].at_ns >= since_ns
         ]
         if events:
             self._keep(events, self.routing.deliveries(events, self._twins, now_ns))
@@ -655,7 +662,9 @@ class Pipeline:
                 a for a, is_allowed in zip(arrivals, allowed, strict=True) if is_allowed
             ]
         now_ns = self._clock.now_ns()
-        self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
+        for one in arrivals:
+            key = one.features.site, one.features.asset
+            self._heard[key] = Heard.next(self._heard.get(key), one.features.t_ns, now_ns)
         self._take_arrivals(self.setting_aside.admitted(arrivals))
         self._account.disbelieve(received.disbelieved)
 

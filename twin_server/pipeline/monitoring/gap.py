@@ -132,6 +132,12 @@ class GapMonitor:
             "readings": readings,
         }
 
+    def disagrees(self, twin_id: str) -> bool:
+        """Whether the model of a twin disagrees with raw samples."""
+        with self._lock:
+            mind = self._gaps.get(twin_id)
+        return mind is not None and mind.usual is not None and mind.disagrees
+
     def _state(self, registration: Registration | None, mind: _TwinGap | None) -> State:
         if registration is None or not self._settings.every_s or not _comparable(registration):
             return "off"

@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 from slowtime_schemas.messages import Shape
 from slowtime_schemas.quantities import Estimate
 from twin_server.registration.twin import MODEL_EXAMPLE, Registration
+from twin_server.serve.conclusion import Answer, Kind
 from twin_server.serve.models.fatigue import _LOST
 
 _FREQUENCY = {"value": 2.987, "sd": 0.002, "lo": 2.983, "hi": 2.991}
@@ -164,6 +165,38 @@ class NormalModel(BaseModel):
     entered: Entered | None = Field(description="While an alarm is raised.")
 
 
+_CONCLUSION: dict[str, Any] = {
+    "answer": "cannot_say",
+    "findings": [
+        {
+            "kind": "agent_offline",
+            "text": "Its sensor agent is offline, so nothing new is known.",
+        }
+    ],
+    "next": "Start the sensor agent, or look at its network.",
+}
+
+
+class FindingModel(BaseModel):
+    """Something that stands against a structure, or against knowing it."""
+
+    kind: Kind
+    text: str = Field(description="Details, in a sentence.")
+
+
+class ConclusionModel(BaseModel):
+    """Whether anything is wrong: never `no` where nothing new is known."""
+
+    model_config = {"json_schema_extra": {"examples": [_CONCLUSION]}}
+
+    answer: Answer = Field(
+        description="`act` at once; `watch` what is coming; `cannot_say`, since data are "
+        "missing; `no`."
+    )
+    findings: list[FindingModel] = Field(description="Why, the most urgent first.")
+    next: str | None = Field(description="What to do next; null where nothing is wrong.")
+
+
 class RaisedModel(BaseModel):
     """An alarm of the registration that is raised."""
 
@@ -180,13 +213,15 @@ class TwinModel(OfElements):
             "examples": [
                 {
                     **STATE_EXAMPLE,
+                    "conclusion": {"answer": "no", "findings": [], "next": None},
                     "alive": True,
                     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
                     "registration": {"changes": "stiffness"},
                 },
                 {
                     **ELEMENTS_EXAMPLE,
-                    "alive": True,
+                    "conclusion": _CONCLUSION,
+                    "alive": False,
                     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
                     "registration": MODEL_EXAMPLE,
                 },
@@ -203,6 +238,9 @@ class TwinModel(OfElements):
     mass_change: Estimate | None
     valid: bool
     reasons: list[str]
+    conclusion: ConclusionModel | None = Field(
+        None, description="Whether anything is wrong now; null of the state at an instant."
+    )
     alive: bool = Field(description="Whether the edge agent is online.")
     heard_ns: int | None = Field(
         None,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from pydantic_core import to_json
+from pydantic_core import from_json, to_json
 
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
@@ -129,8 +129,14 @@ def _described(
     part = knowledge.latest(twin_id, at)
     found = state_texts(twin_id, part, shapes=shapes)
     state = next(found, None) or no_state(twin_id, at)
+    reasons = int(part.states["reasons"][-1]) if len(part.states) else None
+    body = from_json(part.bodies[-1] or b"{}") if part.bodies else {}
     more = to_json(
         {
+            # What is known now says nothing of another instant.
+            "conclusion": None
+            if at is not None
+            else knowledge.conclusion(twin_id, reasons, body.get("suspects", ())),
             "alive": knowledge.alive(twin_id),
             "heard_ns": knowledge.heard_ns(twin_id),
             "aside": knowledge.aside(twin_id),

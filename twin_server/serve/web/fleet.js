@@ -1,12 +1,13 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
 import { served } from "./buckets.js";
 import { Composites } from "./composites.js";
+import { ANSWERS, answerOf, fleetConclusion, moodOf, summaryOf } from "./conclusion.js";
 import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
-import { ago, button, digits, english, interval95, make, say, spoken, standing, suspected, titleOf } from "./words.js";
+import { ago, button, english, interval95, make, say, spoken, standing, titleOf } from "./words.js";
 
 const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000, PLAN_MS = 300000;
 const WORD = {
@@ -14,56 +15,6 @@ const WORD = {
   inseparable: ["waiting", `\u25c7 ${t("standing.inseparable")}`], invalid: ["bad", `\u2715 ${t("standing.invalid")}`],
   none: ["waiting", `\u2026 ${t("standing.none")}`],
 };
-const ORDER = { alarm: 0, changed: 1, bad: 2, waiting: 3, good: 4 };
-
-/** Which limits of alarms are passed, in a few words; nothing where none is. */
-export function limitsPassed({ raised = [] }) {
-  const said = raised.map(({ quantity, side, limit }) => {
-    const [size, unit] = quantity === "frequency_hz" ? [limit, "Hz"] : [100 * limit, "%"];
-    return t(`alarm.${side}`, { quantity: titleOf(quantity), limit: `${digits(size, 3)}\u202f${unit}` });
-  });
-  return said.join("; ");
-}
-
-/** What has changed in a structure though no limit of an alarm is passed. */
-function changeOf({ suspects = [], normal = [] }) {
-  const unexplained = normal.some(({ entered }) => entered) && t("fleet.unexplained");
-  return [...suspects.map((word) => t("fleet.has_changed", { element: suspected(word) })), unexplained].filter(Boolean).join("; ");
-}
-
-function urgencyOf(state) {
-  if (limitsPassed(state)) return "alarm";
-  if (changeOf(state)) return "changed";
-  return state.slow_time === null ? "waiting" : WORD[standing(state)][0];
-}
-
-const nameOf = ({ id, registration }) => registration.name || id;
-const isLearning = (state) => state.slow_time === null || standing(state) === "learning";
-const isCalm = (state) => !limitsPassed(state) && !changeOf(state);
-const NAMED = 3;
-/** What may stand against a twin, the worst first: the answer to "Is anything wrong?", the message on such twins, and which they are. */
-const FINDINGS = [
-  ["bad", t("fleet.answer.yes"), "alarm", limitsPassed],
-  ["waiting", t("fleet.answer.possibly"), "changed", (state) => !limitsPassed(state) && changeOf(state)],
-  ["waiting", t("fleet.answer.not_known"), "invalid", (state) => isCalm(state) && !isLearning(state) && !state.valid],
-  ["waiting", t("fleet.answer.not_yet_known"), "learning", (state) => isCalm(state) && isLearning(state)],
-  ["good", t("fleet.answer.no"), "offline", ({ alive }) => !alive],
-];
-
-/** `[state, sentence]`: whether anything is wrong with the twins, in words. */
-export function verdictOf(states) {
-  const found = FINDINGS.map(([mood, answer, kind, why]) => ({ mood, answer, kind, why, those: states.filter((state) => why(state)) }))
-    .filter(({ those }) => those.length);
-  const said = found.map(({ kind, why, those }) => {
-    const named = those.slice(0, NAMED).map((state) => (typeof why(state) === "string" ? `${nameOf(state)} (${why(state)})` : nameOf(state)));
-    const names = those.length > NAMED ? t("fleet.more", { names: named.join(", "), n: those.length - NAMED }) : named.join(", ");
-    return t(`fleet.finding.${kind}`, { n: those.length, all: states.length, names });
-  });
-  const { mood, answer } = found[0] ?? { mood: "good", answer: t("fleet.answer.no") };
-  const calm = mood === "good" ? [t("fleet.nothing_wrong", { n: states.length })] : [];
-  return [mood, [t("fleet.is_anything_wrong", { answer }), ...calm, ...said].join(" ")];
-}
-
 /** The quantity that tells most of a twin: what it estimates, or of a twin of elements the worst of them. */
 function headlineOf(state) {
   const { elements = {}, suspects = [], assumed } = state;
@@ -91,16 +42,15 @@ class Card {
   }
 
   tell(state) {
-    const before = this.state, begun = state.slow_time !== null, passed = limitsPassed(state), changed = changeOf(state);
+    const before = this.state, begun = state.slow_time !== null, summary = summaryOf(state);
     this.state = state;
     const name = state.registration.name || this.id;
     if (this.link.textContent !== name) this.link.textContent = name;
     this.sub.textContent = name === this.id ? "" : this.id;
     say(this.validity, ...WORD[begun ? standing(state) : "none"]);
     say(this.edge, state.alive ? "good" : "away", state.alive ? `\u25cf ${t("fleet.agent_online")}` : `\u25cb ${t("fleet.agent_offline")}`);
-    const said = [passed && `\u25b2 ${passed}`, changed && `\u25b3 ${changed}`].filter(Boolean).join("; ");
-    say(this.alarm, passed ? "bad" : changed ? "waiting" : "good", said || (begun ? t("fleet.no_alarm") : ""));
-    this.root.dataset.urgency = urgencyOf(state);
+    say(this.alarm, moodOf(state), summary || t("fleet.no_alarm"));
+    this.root.dataset.answer = answerOf(state);
     this.headline(state);
     if (begun && before && (before.sequence !== state.sequence || before.boot !== state.boot)) this.add(state);
     this.tick();
@@ -209,7 +159,7 @@ export class Fleet {
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */
   arrange() {
     const states = this.states.filter(({ id, registration }) => `${id} ${registration.name ?? ""}`.toLowerCase().includes(this.wanted));
-    const urgency = (state) => ORDER[urgencyOf(state)];
+    const urgency = (state) => ANSWERS.indexOf(answerOf(state));
     const shown = states.toSorted((a, b) => urgency(a) - urgency(b)).slice(0, this.most), there = new Set(shown.map(({ id }) => id));
     for (const [id, card] of this.cards) if (!there.has(id)) this.drop(id, card);
     shown.forEach((state, i) => {
@@ -224,13 +174,14 @@ export class Fleet {
   }
 
   count(found) {
-    const of = (holds) => this.states.filter(holds).length, alarms = of((state) => limitsPassed(state)), changed = of((state) => changeOf(state));
+    const of = (holds) => this.states.filter(holds).length, alarms = of(({ raised }) => raised.length);
+    const changed = of(({ suspects = [], raised }) => suspects.length && !raised.length);
     const said = [
       t("fleet.twins", { n: this.states.length }), alarms ? t("fleet.with_alarm", { n: alarms }) : t("fleet.no_alarm"),
       changed && t("fleet.changed", { n: changed }), t("fleet.valid", { n: of(({ valid }) => valid) }), t("fleet.online", { n: of(({ alive }) => alive) }),
       this.wanted && t("fleet.found", { n: found }),
     ];
-    say(this.verdict, ...verdictOf(this.states));
+    say(this.verdict, ...fleetConclusion(this.states));
     say(this.summary, alarms ? "bad" : "good", said.filter(Boolean).join(" \u00b7 "));
   }
 

@@ -1,10 +1,10 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
 import { Assessed } from "./assessed.js";
 import { draw, plotly } from "./charts.js";
+import { showConclusion } from "./conclusion.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
-import { limitsPassed } from "./fleet.js";
 import { locale, t } from "./language.js";
 import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
@@ -57,7 +57,8 @@ export class Panel {
     this.root.id = twin.id;
     this.root.setAttribute("aria-labelledby", `${twin.id}-name`);
     [this.facts, this.seen, this.reading] = [make("p", "", "facts"), make("span"), make("span")];
-    [this.alarm, this.reasons] = [make("p", "", "alarm"), make("ul", undefined, "reasons")];
+    [this.answer, this.reasons] = [make("p", "", "answer"), make("ul", undefined, "reasons")];
+    this.answer.setAttribute("role", "status");
     const about = make("p", undefined, "facts");
     this.sensor = make("p", "", "facts sensor");
     this.aside = make("p", "", "aside");
@@ -77,7 +78,7 @@ export class Panel {
       about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
       this.whatIf.root, this.recorded.root, this.events.root,
     );
-    this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
+    this.root.append(this.heading(), this.answer, this.facts, this.state, this.diagnosis.root);
   }
 
   heading() {
@@ -161,8 +162,7 @@ export class Panel {
     if (sensor) say(this.sensor, sensor.state, sensor.text);
     this.aside.hidden = !latest.aside;
     if (latest.aside) say(this.aside, "bad", t("aside.count", { n: latest.aside }));
-    const alarm = limitsPassed(latest);
-    say(this.alarm, "bad", alarm && `\u25b2 ${alarm}`);
+    showConclusion(this.answer, latest, scene.at);
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");
     const facts = [
       named !== twin.id && twin.id,

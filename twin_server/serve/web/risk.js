@@ -3,14 +3,29 @@ import { plotly, quiet } from "./charts.js";
 import { t } from "./language.js";
 import { ask } from "./link.js";
 import { colour } from "./traces.js";
-import { atTime, describeRow, digits, english, make, number, powered, range, slowTime, unitOf } from "./words.js";
+import { atTime, describeRow, digits, english, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
 
-const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000, LEAST = 1e-9;
+const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000;
+/** Probability below which models of loads and strengths know nothing: smaller ones are drawn and said as this one. */
+const LEAST = 1e-4, LEAST_INDEX = 3.72;
 const HEADS = [
   t("risk.limit_state"), t("risk.now"), t("number.from_5_to_95"), t("risk.index"), t("risk.within"), t("risk.reached"),
 ];
 
-const probability = (p) => (p === 0 ? "0" : p < 1e-3 ? powered(p) : digits(p, 2));
+const probability = (p) => (p < LEAST ? t("risk.below_least") : p < 1e-3 ? powered(p) : digits(p, 2));
+const interval = (lo, hi) => (hi < LEAST ? t("risk.below_least") : lo < LEAST ? t("risk.up_to", { hi: probability(hi) }) : range(probability(lo), probability(hi)));
+
+/** `[mood, sentence]`: whether it is safe by the limit states that were registered, up to the horizon. */
+export function safetyOf({ limit_states: states, horizon }, at) {
+  const known = states.filter(({ now }) => now);
+  if (!known.length) return ["waiting", t("risk.safe.cannot_say")];
+  const failing = known.filter(({ now, accepted }) => now.probability.value > accepted);
+  if (failing.length) return ["bad", t("risk.safe.no", { names: failing.map(({ name }) => name).join(", ") })];
+  const until = known.filter((state) => state.until !== null).sort((a, b) => a.until - b.until)[0];
+  if (until) return ["waiting", t("risk.safe.until", { time: at(until.until), name: until.name })];
+  if (known.length < states.length) return ["waiting", t("risk.safe.in_part", { names: known.map(({ name }) => name).join(", ") })];
+  return ["good", t("risk.safe.yes", { time: at(horizon), names: known.map(({ name }) => name).join(", ") })];
+}
 
 function rowOf(state, at) {
   const row = make("tr"), title = make("th", state.name);
@@ -25,7 +40,7 @@ function rowOf(state, at) {
   }
   const { probability: now, beta } = state.now;
   const reached = state.until === null ? t("risk.not_within") : at(state.until);
-  const cells = [probability(now.value), range(probability(now.lo), probability(now.hi)), number(beta, 2), probability(state.within.value), reached];
+  const cells = [probability(now.value), interval(now.lo, now.hi), beta > LEAST_INDEX ? `> ${number(LEAST_INDEX, 1)}` : number(beta, 2), probability(state.within.value), reached];
   row.append(...cells.map((text) => make("td", text)));
   describeRow(row, state.sentence);
   return row;
@@ -44,13 +59,16 @@ export class Risk {
       row.append(cell);
     }
     head.append(row);
+    this.heads = [...row.children];
     this.body = make("tbody");
     this.table.append(make("caption", t("risk.caption")), head, this.body);
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
     this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
-    this.root.append(make("h3", t("risk.title")), this.table, this.plot, this.trouble);
+    this.safe = make("p", "", "answer");
+    this.safe.setAttribute("role", "status");
+    this.root.append(make("h3", t("risk.title")), this.safe, this.table, this.plot, this.trouble);
     // No empty panels: what there is to see is shown once it is known.
     this.root.hidden = this.table.hidden = this.plot.hidden = true;
   }
@@ -72,7 +90,10 @@ export class Risk {
 
   show(latest) {
     const { risk } = this, at = (time) => slowTime(atTime(latest, time));
+    say(this.safe, ...(risk.limit_states.length ? safetyOf(risk, at) : ["", ""]));
     this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, at)));
+    this.heads[1].textContent = t("risk.at", { time: at(risk.since) });
+    this.heads[4].textContent = t("risk.up_to_time", { time: at(risk.horizon) });
     this.table.hidden = !risk.limit_states.length;
     this.plot.hidden = !risk.limit_states.some(({ now }) => now);
     if (!risk.limit_states.length) this.trouble.replaceChildren(english(make("span", risk.reasons.join(" "))));

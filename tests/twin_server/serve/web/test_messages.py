@@ -18,6 +18,8 @@ from twin_server.orders import State as JobState
 from twin_server.pipeline.monitoring.gap import State as GapState
 from twin_server.registration.costs import TimeUnit
 from twin_server.serve.composites.models import Kind
+from twin_server.serve.conclusion import Answer
+from twin_server.serve.conclusion import Kind as FindingKind
 from twin_server.serve.models.plans import Now
 from twin_server.serve.routes.page import MESSAGES, WEB, languages_of
 
@@ -57,11 +59,14 @@ NO_WORDS = {
 
 ENUMERATED = {
     "composites.kind": get_args(Kind),
+    "conclusion": get_args(Answer),
     "diagnosis.clock": get_args(Clock),
+    "finding": get_args(FindingKind),
     "gap": set(get_args(GapState)) - {"off"},
     "job": get_args(JobState),
     "mark.told": get_args(AssetEventKind),
     "plan.act": get_args(Now),
+    "next": get_args(FindingKind),
     "place": get_args(Where.model_fields["kind"].annotation),
     "severity": ("info", "warning", "alarm"),
     "under_way.kind": set(get_args(HeldKind)) - {"streams"},

@@ -81,17 +81,18 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
     names = cards.evaluate_all("all => all.map(card => card.dataset.twin)")
     assert names == ["lab.beam", "lab.frame", "lab.calm"]
     beam, frame, calm = cards.nth(0), cards.nth(1), cards.nth(2)
-    expect(beam.locator(".alarm")).to_have_text("▲ Stiffness change is below −10\u202f%")
-    expect(frame.locator(".alarm")).to_have_text("△ storey2 has changed")
+    low = "Stiffness change is below −10\u202f%"
+    expect(beam.locator(".alarm")).to_have_text(f"▲ {low}; {OFFLINE}")
+    expect(frame.locator(".alarm")).to_have_text(f"△ storey2 has changed; {OFFLINE}")
     expect(frame).to_contain_text("Change of storey2")
-    expect(calm.locator(".alarm")).to_have_text("no alarm")
+    expect(calm.locator(".alarm")).to_have_text(f"○ {OFFLINE}")
     expect(calm.locator(".pill").nth(0)).to_have_text("✓ valid")
     expect(calm.locator(".pill").nth(1)).to_have_text("○ agent offline")
     expect(calm.locator(".seen")).to_have_text(re.compile(r"last seen \d+ (s|min) ago"))
     expect(page.locator(".fleet > .verdict")).to_have_text(
-        "Is anything wrong? Yes. 1 of 3 with an alarm: Beam (Stiffness change is below "
-        "−10\u202f%). 1 of 3 changed without an alarm: Frame (storey2 has changed). "
-        "3 of 3 with the sensor agent offline, so nothing new is known: Beam, lab.calm, Frame."
+        "Is anything wrong? Yes: act now. 1 of 3: the limit of an alarm is passed: Beam "
+        f"({low}). 3 of 3: {OFFLINE}: Beam, lab.calm, Frame. 1 of 3: elements have changed: "
+        "Frame (storey2 has changed)."
     )
     expect(page.locator(".summary")).to_contain_text(
         "3 twins · 1 with an alarm · 1 changed · 3 valid"
@@ -102,42 +103,31 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
     assert page.complaints == []
 
 
-CALM = {"slow_time": 1.0, "valid": True, "alive": True, "reasons": [], "registration": {}}
-LEARNING = {"valid": False, "reasons": ["The nominal model is still being learnt."]}
-VERDICTS = [
-    ([{}], "good", "No. The twin has a valid estimate, no alarm and no unexplained change."),
-    ([{}, {}], "good", "No. All 2 twins have a valid estimate, no alarm and no unexplained"),
-    ([{}, {"suspects": ["k1"]}], "waiting", "Possibly. 1 of 2 changed without an alarm: t1 (k"),
-    ([{}, {"valid": False, "reasons": ["Odd."]}], "waiting", "Not known for every twin. 1 of"),
-    (
-        [{}, LEARNING],
-        "waiting",
-        "Not known for all twins yet. 1 of 2 still learning or without",
-    ),
-    ([{"slow_time": None, "valid": False}], "waiting", "Not known for all twins yet. 1 of 1"),
-    (
-        [{"alive": False}],
-        "good",
-        "No. The twin has a valid estimate, no alarm and no unexplained change. 1 of 1 with "
-        "the sensor agent offline, so nothing new is known: t0.",
-    ),
-    (
-        [{"raised": [{"quantity": "frequency_hz", "side": "above", "limit": 5}]}] * 5,
-        "bad",
-        "Yes. 5 of 5 with an alarm: t0 (Natural frequency is above 5\u202fHz), t1 (Natural "
-        "frequency is above 5\u202fHz), t2 (Natural frequency is above 5\u202fHz) and 2 more.",
-    ),
-]
+OFFLINE = "the sensor agent is offline, so nothing new is known"
+CALM = {"slow_time": 1.0, "valid": True, "reasons": [], "registration": {}, "raised": []}
+LEARNS = "4 of 5: still learning the reference: t1, t2, t3 and 1 more."
+ANSWERS = [
+    ([], "good", "No. The twin has a valid estimate, no alarm and no unexplained change."),
+    ([("no", [])], "good", "No. All 2 twins have a valid estimate, no alarm and no"),
+    ([("cannot_say", ["agent_offline"])], "waiting", "Cannot say. 1 of 2: the sensor agent"),
+    ([("cannot_say", ["learning"])] * 4, "waiting", f"Cannot say. {LEARNS}"),
+    ([("watch", ["limit_near", "agent_offline"])], "waiting", "Possibly: keep watching. 1"),
+    ([("cannot_say", ["not_valid"]), ("act", ["risk_too_high"])], "bad", "Yes: act now. "),
+]  # fmt: skip
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("changes", "mood", "sentence"), VERDICTS)
+@pytest.mark.parametrize(("others", "mood", "sentence"), ANSWERS)
 def test_the_fleet_answers_in_words_whether_anything_is_wrong(
-    house, visit, changes, mood, sentence
+    house, visit, others, mood, sentence
 ):
-    states = [CALM | {"id": f"t{i}"} | change for i, change in enumerate(changes)]
-    verdict = "async (states) => (await import('/assets/fleet.js')).verdictOf(states)"
-    said = visit(house).evaluate(verdict, states)
+    told = [
+        {"answer": answer, "findings": [{"kind": kind, "text": "."} for kind in kinds]}
+        for answer, kinds in [("no", []), *others]
+    ]
+    states = [CALM | {"id": f"t{i}", "conclusion": one} for i, one in enumerate(told)]
+    answer = "async (all) => (await import('/assets/conclusion.js')).fleetConclusion(all)"
+    said = visit(house).evaluate(answer, states)
     assert said[0] == mood
     assert said[1].startswith(f"Is anything wrong? {sentence}")
 
@@ -296,6 +286,7 @@ def test_what_is_under_way_is_listed_and_cancelled(house, visit):
     expect(replay).to_have_count(0)
     told = house.client.get("/api/v1/recordings").json()["recordings"]
     assert [one["replay"]["state"] for one in told if one["name"] == "kept.mcap"] == ["stopped"]
+    house.client.delete("/api/v1/twins/lab.other")  # whose first features may have come
 
 
 def test_the_keyboard_reaches_everything(house, visit):
@@ -426,7 +417,7 @@ def test_nothing_of_any_view_in_any_look_keeps_people_out(house, visit, view, lo
 
 
 GERMAN = {
-    "fleet": ("?lang=de#", ".verdict", "Liegt eine Störung vor? Ja."),
+    "fleet": ("?lang=de#", ".verdict", "Liegt eine Störung vor? Ja: jetzt handeln."),
     "state": ("?lang=de#lab.frame", "table.modes caption", "Moden des letzten Messwerts"),
     "diagnosis": ("?lang=de#lab.frame/diagnosis", ".orders", "Finden, was dem Modell fehlt"),
     "recordings": ("?lang=de#recordings", "h2", "Aufzeichnungen"),
