@@ -42,9 +42,9 @@ function dateOf(ms, span, isFirst) {
 
 /** What Plotly is told of the axis; `shown` is the range that somebody zoomed to. */
 export function timeAxis(twin, shown, width) {
-  const last = twin.points.at(-1), range = spanOf(twin);
+  const last = twin.points.at(-1), range = shown ?? spanOf(twin);
   if (!last || isClock(last)) return { nticks: 7, range, title: { text: t("axis.date_and_time"), standoff: 6 } };
-  const title = { text: t("axis.time", { unit: unitOf(last) }), standoff: 6 }, at = calendarOf(twin.points), [from, to] = shown ?? range;
+  const title = { text: t("axis.time", { unit: unitOf(last) }), standoff: 6 }, at = calendarOf(twin.points), [from, to] = range ?? [];
   if (!at || !(to > from)) return { nticks: 7, range, title };
   const step = stepOf(to - from, Math.max(2, Math.min(6, width / PX_A_TICK))), values = [], span = at(to) - at(from);
   for (let i = Math.ceil(from / step); i * step <= to; i += 1) values.push(+(i * step).toPrecision(12));

@@ -2,7 +2,7 @@
 import { marksOf, timeAxis } from "./axis.js";
 import { language, locale, t } from "./language.js";
 import { colour, placeOf, rangeOf, sorted, tracesOf, widened } from "./traces.js";
-import { QUANTITIES, slowTime, spoken } from "./words.js";
+import { QUANTITIES, button, make, slowTime, spoken } from "./words.js";
 
 export const HEIGHT_PX = 232, WIDE_PX = 316, NARROW_PX = 400, MARGIN = { l: 54, r: 10, t: 8, b: 58 };
 const NOTHING = { fine: [], buckets: [], readings: 0, apart: { inseparable: [], invalid: [] } };
@@ -11,7 +11,7 @@ const NOTHING = { fine: [], buckets: [], readings: 0, apart: { inseparable: [], 
 const touched = matchMedia("(pointer: coarse)");
 
 /** What every chart is told besides its layout; Plotly writes numbers and dates by its locale. */
-export const quiet = { displayModeBar: false, locale: language };
+export const quiet = { displayModeBar: false, locale: language, doubleClick: "autosize" };
 
 /** Names of months and days, and signs of numbers, from the browser. */
 function localizedPlotly(Plotly) {
@@ -42,19 +42,38 @@ export const plotly = new Promise((begun) => { begin = begun; }).then(() => new 
 /** Running its code takes a second or more, in which nothing else is done: words come first. */
 export const loadPlotly = () => begin();
 
-/** Ticks follow where somebody zooms to, as the next drawing finds it. */
-export function zoomOf(plot, twin) {
-  if (plot.on && !plot.zooms) {
+/**
+ * Where somebody zoomed to: in time on all charts of a twin, in height on this one; a double click ends both.
+ * Each drawing states its ranges, so that a new reading would take the zoom back if it were not told here.
+ */
+export const zoomOf = (plot, { zoom }) => ({ x: zoom?.zoomed ?? null, y: plot.zoomed ?? null });
+
+/** Note where somebody zooms to; a plot hears of it once it has been drawn. */
+export function followZoom(plot, { zoom, touch }) {
+  if (!plot.zooms) {
     plot.zooms = true;
     plot.on("plotly_relayout", (change) => {
-      const [from, to] = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-      if (from !== undefined || change["xaxis.autorange"] || change["xaxis.range"]) {
-        plot.zoomed = from === undefined ? null : [from, to];
-        twin.touch?.();
+      for (const [axis, held] of [["xaxis", zoom], ["yaxis", plot]]) {
+        const [from, to] = change[`${axis}.range`] ?? [change[`${axis}.range[0]`], change[`${axis}.range[1]`]];
+        if (change[`${axis}.autorange`]) held.zoomed = null;
+        else if (from !== undefined) held.zoomed = [from, to];
+        else continue;
+        touch?.();
       }
     });
   }
-  return plot.zoomed ?? null;
+}
+
+/** A button that saves a chart as a picture. */
+export function pictureOf(plot, name) {
+  return button("PNG", async () => {
+    const Plotly = await plotly, { width, height } = plot.getBoundingClientRect();
+    const paper = { paper_bgcolor: colour("card"), plot_bgcolor: colour("card") };
+    const data = await Plotly.toImage({ data: plot.data, layout: { ...plot.layout, ...paper } }, { format: "png", width, height, scale: 2 });
+    const link = make("a");
+    Object.assign(link, { href: data, download: `${name()}.png` });
+    link.click();
+  });
 }
 
 const saidLast = ([value, interval]) => t("chart.last", { value, interval });
@@ -104,8 +123,8 @@ function layoutOf(twin, quantity, { width, range, assumed, empty, wide, zoomed }
     dragmode: touched.matches ? false : "zoom", uirevision: twin.id,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-    xaxis: { ...axis, ...timeAxis(twin, zoomed, width) },
-    yaxis: { ...axis, automargin: true, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
+    xaxis: { ...axis, ...timeAxis(twin, zoomed.x, width) },
+    yaxis: { ...axis, automargin: true, nticks: 6, range: zoomed.y ?? range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
     shapes: [...marks.shapes, ...limitsOf(twin, quantity), ...instantOf(twin)], annotations: [...marks.notes, ...(assumed || empty ? [note] : [])],
   };
 }
@@ -119,6 +138,7 @@ export async function draw(plot, twin, quantity, wide) {
   const traces = tracesOf(twin, quantity, parts, range, width);
   const layout = layoutOf(twin, quantity, { width, range, assumed, empty: !parts.readings, wide, zoomed: zoomOf(plot, twin) });
   await Plotly.react(plot, traces, layout, quiet);
+  followZoom(plot, twin);
   const { fine, buckets, readings, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
   plot.setAttribute("aria-label", described(twin, quantity, assumed, readings));
   Object.assign(plot.dataset, {

@@ -1,6 +1,6 @@
 // A twin of many elements: which of them has changed, said first, then listed and drawn.
 import { marksOf, timeAxis } from "./axis.js";
-import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, plotly, quiet, zoomOf } from "./charts.js";
+import { HEIGHT_PX, MARGIN, WIDE_PX, followZoom, instantOf, pictureOf, plotly, quiet, zoomOf } from "./charts.js";
 import { t } from "./language.js";
 import { Modes } from "./modes.js";
 import { bucketTraces, colour, faded, linesOf, placeOf, truthTraces } from "./traces.js";
@@ -38,6 +38,7 @@ function sentence(word, elements) {
 
 export class Elements {
   constructor(panel) {
+    this.panel = panel;
     this.verdict = make("p", "", "verdict");
     this.verdict.setAttribute("role", "status");
     panel.shapes.root.before(this.verdict);
@@ -59,7 +60,7 @@ export class Elements {
   figure(key, title) {
     const figure = make("figure"), caption = make("figcaption"), plot = make("div", undefined, "plot");
     const value = make("strong", "\u2013"), interval = make("span", "", "interval");
-    caption.append(make("span", title, "title"), value, interval);
+    caption.append(make("span", title, "title"), value, interval, pictureOf(plot, () => `${this.panel.twin.id} ${title}`));
     this[`${key}-caption`] = { value, interval };
     plot.dataset.quantity = key;
     plot.setAttribute("role", "img");
@@ -130,6 +131,7 @@ export class Elements {
     await Plotly.react(this.elements, bars, Object.keys(elements).length ? below : { ...below, annotations: [note] }, quiet);
     const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]), zoomOf(this["elements-history"], twin));
     await Plotly.react(this["elements-history"], traces, known.length ? layout : { ...layout, annotations: [note] }, quiet);
+    followZoom(this["elements-history"], twin);
     this.describe(elements, accused, known, shown);
     await this.modes.refresh(twin);
     const has = (end) => traces.some((trace) => trace.name.endsWith(end));
@@ -288,8 +290,8 @@ function drawnPast(twin, known, elements, accused, base, zoomed) {
   const layout = {
     ...base, margin: MARGIN, annotations: [...marks.notes, ...notes],
     shapes: [...marks.shapes, ...limitsOf(twin.latest ?? {}), ...instantOf(twin)],
-    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed, base.width) },
-    yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: t("axis.change"), standoff: 4 } },
+    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed.x, base.width) },
+    yaxis: { ...axisOf(), nticks: 6, range: zoomed.y ?? reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: t("axis.change"), standoff: 4 } },
   };
   return [traces, layout, shown];
 }

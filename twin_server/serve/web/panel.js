@@ -1,6 +1,6 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
 import { Assessed } from "./assessed.js";
-import { draw, plotly } from "./charts.js";
+import { draw, pictureOf, plotly } from "./charts.js";
 import { showConclusion } from "./conclusion.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
@@ -13,6 +13,7 @@ import { Risk } from "./risk.js";
 import { Shapes } from "./shapes.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
+import { placeOf } from "./traces.js";
 import { WhatIf } from "./whatif.js";
 import { LEARNING, QUANTITIES, ago, atTime, english, interval95, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
 
@@ -97,7 +98,8 @@ export class Panel {
     this.span.type = "button";
     this.span.hidden = true;
     this.span.addEventListener("click", () => twin.showAll(!twin.all));
-    tools.append(this.span, this.size, history);
+    this.tables = ["csv", "parquet"].map((form) => this.table(form));
+    tools.append(this.span, this.size, history, ...this.tables);
     rooms.setAttribute("aria-label", t("twin.views"));
     this.rooms = ["state", "diagnosis"].map((room) => {
       const link = make("a", room === "state" ? t("twin.state") : t("twin.diagnosis"));
@@ -110,6 +112,21 @@ export class Panel {
     return heading;
   }
 
+  /** A link to the readings that the charts show, as a table. */
+  table(form) {
+    const link = make("a", t(`twin.table_${form}`));
+    link.download = `${this.twin.id}.${form}`;
+    const aim = () => {
+      const { zoom, points } = this.twin.scene, ends = zoom.zoomed ?? [points[0], points.at(-1)].map((point) => point && placeOf(point));
+      const at = (end) => (typeof end === "string" || end instanceof Date ? new Date(end).toISOString() : `slow:${end}`);
+      const [start, end] = points.length ? ends.map(at) : [];
+      link.href = `${this.twin.base}/history/export?${new URLSearchParams({ format: form, ...(start && { start, end }) })}`;
+    };
+    for (const event of ["pointerdown", "focus", "keydown"]) link.addEventListener(event, aim);
+    link.href = `${this.twin.base}/history/export?format=${form}`;
+    return link;
+  }
+
   figure(quantity) {
     const figure = make("figure"), caption = make("figcaption");
     const value = make("strong", "\u2013"), interval = make("span", "", "interval");
@@ -117,7 +134,8 @@ export class Panel {
     plot.dataset.quantity = quantity;
     plot.setAttribute("role", "img");
     plot.setAttribute("aria-label", t("chart.loading", { title: QUANTITIES[quantity].title }));
-    caption.append(make("span", QUANTITIES[quantity].title, "title"), value, interval);
+    const { title } = QUANTITIES[quantity];
+    caption.append(make("span", title, "title"), value, interval, pictureOf(plot, () => `${this.twin.id} ${title}`));
     figure.append(caption, plot);
     this.charts.append(figure);
     return { figure, value, interval, plot };

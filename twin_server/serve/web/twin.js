@@ -53,6 +53,8 @@ export class Twin {
     Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
     Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null, unforeseen: null });
     Object.assign(this, { all: false, longer: false, thinned: false, bands: null, recorded: { events: [], questions: [] } });
+    // Held by the charts, which are given a new scene each time.
+    this.zoom = { zoomed: null };
     this.reload = () => this.load();
     this.touch = this.touch.bind(this);
   }
@@ -61,9 +63,9 @@ export class Twin {
 
   /** What is to be seen: all until now, or until the instant that is looked at, and apart what came after it. */
   get scene() {
-    const { id, base, latest, events, forecast, at, bands, unforeseen, touch, recorded, reload } = this, points = this.shown;
+    const { id, base, latest, events, forecast, at, bands, unforeseen, touch, recorded, reload, zoom } = this, points = this.shown;
     const marks = marksOf(events, points, recorded), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
-    const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !this.thinned, unforeseen, touch };
+    const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !this.thinned, unforeseen, touch, zoom };
     // What was foretold of the structure as it was says nothing of the renewed one.
     const old = forecast && [...renewed].some((time) => time > forecast.since);
     const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
