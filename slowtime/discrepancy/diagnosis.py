@@ -123,7 +123,7 @@ class When:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Step:
+class GapStep:
     """Error of the free run once one more effect had been added."""
 
     effect: str
@@ -145,7 +145,7 @@ class Gap:
 
     nominal: float
     refitted_nominal: float
-    steps: tuple[Step, ...]
+    steps: tuple[GapStep, ...]
     augmented: float
     noise_floor: float
     on: Literal["holdout", "tail"]

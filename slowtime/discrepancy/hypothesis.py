@@ -125,14 +125,14 @@ class Hypothesis:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class SearchStep:
     """A hypothesis after one step of the search.
 
     Parameters
     ----------
     added
         Number of effects that the step added, or 1 where another hold of the inputs took the
-        place of one.
+        place of one; 0 also where the last one ends the search, such as a sensor's error.
     again
         Whether the same effect is to be looked for again, in what the hypothesis leaves now.
     drift, base

@@ -17,7 +17,7 @@ from slowtime.dynamics.plant import Plant
 
 from .calibration import Fit, refit
 from .candidates.library_fit import MISPLACED
-from .diagnosis import Diagnosis, NamedEffect, Number, Step
+from .diagnosis import Diagnosis, GapStep, NamedEffect, Number
 from .records import Trial
 from .report.evaluation import described
 from .validation.free_run import evaluate_free_run
@@ -117,7 +117,7 @@ def with_rewiring(
     nominal = evaluate_free_run(given, as_given, tests)
     refitted = evaluate_free_run(described(found.given), found.given, tests)
     steps = (
-        Step(MISPLACED, named[-1].effect.place, answer.gap.refitted_nominal),
+        GapStep(MISPLACED, named[-1].effect.place, answer.gap.refitted_nominal),
         *answer.gap.steps,
     )
     gap = dataclasses.replace(

@@ -13,10 +13,10 @@ from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Experiment,
     Gap,
+    GapStep,
     NamedEffect,
     Number,
     Rival,
-    Step,
     Suspect,
     Verdict,
     When,
@@ -291,12 +291,12 @@ def _gap(
     as_given = fit_unseen(plant, tests, bare.prior.mean, nothing, None, kinds)
     refitted = found.unseen
     augmented = refitted
-    steps: tuple[Step, ...] = ()
+    steps: tuple[GapStep, ...] = ()
     if named is not None:
         augmented = fit_unseen(
             plant, tests, found.best.values, found.best.sd, named.effect, kinds
         )
-        steps = (Step(named.effect.kind, named.effect.place, spectral_error(augmented)),)
+        steps = (GapStep(named.effect.kind, named.effect.place, spectral_error(augmented)),)
     return Gap(
         nominal=spectral_error(as_given),
         refitted_nominal=spectral_error(refitted),

@@ -12,11 +12,11 @@ from slowtime.discrepancy.data.screening import Finding, screen
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
+    GapStep,
     NamedEffect,
     Number,
     Rival,
     Spectra,
-    Step,
     Surface,
     Traces,
     Verdict,
@@ -243,7 +243,7 @@ def _gap(campaign: Campaign, found: _Found, judged: Sequence[ForceRecord]) -> Ga
         nominal=_rms(regression.as_given(judged)) / scatter,
         refitted_nominal=errors[0],
         steps=tuple(
-            Step(effect.kind, regression.place, error)
+            GapStep(effect.kind, regression.place, error)
             for effect, error in zip(found.last.effects, errors[1:], strict=True)
         ),
         augmented=errors[-1],

@@ -1,6 +1,8 @@
 """Candidates for the missing effect; each module proposes them from one kind of evidence.
 
-`PROPOSERS` are asked in order, the cheapest first, until one explains what is missing.
+`PROPOSERS` are asked in order, the cheapest first. Each decides itself, by what was fitted
+before it in the round, whether it has anything to add; the budget or a pair of effects may end
+the round.
 """
 
 from .couplings import Couplings

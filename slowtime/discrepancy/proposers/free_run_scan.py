@@ -24,7 +24,7 @@ from .protocol import Proposal, Round
 
 LOST_CHI2 = 30.0
 """[noise variances] Mean square in band that the best candidate leaves, from which its free run
-has lost the records. Source: as `LOST` of the search's extension."""
+has lost the records. Source: as `UNTRACKED_CHI2` of `search/lost_records.py`."""
 FORCE_RATIOS = (-0.1, -0.003, 0.0005, 0.003, 0.02, 0.1)
 """[1] Force of a law over that of the element's spring. Source: friction and drag of decays
 that lose 0.1 to 30 % of their energy per cycle."""

@@ -22,7 +22,7 @@ from slowtime.discrepancy.estimation.model_evidence import (
     misfit,
 )
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import Terms, accept
@@ -95,7 +95,9 @@ class JointPairs:
             pairs += itertools.islice(_not_done(of_two, known), MAX_NEW_PAIRS)
         return pairs
 
-    def __call__(self, given: Round, pairs: Sequence[Pair], reached: float) -> Step | None:
+    def __call__(
+        self, given: Round, pairs: Sequence[Pair], reached: float
+    ) -> SearchStep | None:
         """Fit pairs; give the hypothesis with the best that leaves nothing.
 
         Parameters
@@ -123,7 +125,7 @@ class JointPairs:
 
     def _accepted(
         self, given: Round, good: Sequence[tuple[Candidate, FittedCandidate]]
-    ) -> Step | None:
+    ) -> SearchStep | None:
         (one, both), kinds = good[0], given.kinds
         alone = fit_candidate(given.before, one.effect, given.trials, kinds, both.fit.noise)
         if alone is None:
@@ -142,10 +144,12 @@ class JointPairs:
             holds = step.hypothesis.suggested_holds
             if holds is None:
                 return None
-            return Step(dataclasses.replace(given.hypothesis, suggested_holds=holds), added=0)
+            return SearchStep(
+                dataclasses.replace(given.hypothesis, suggested_holds=holds), added=0
+            )
         pairs = [(label_of(first.effect), label_of(second.effect)) for first, second in good]
         shared = _with_shares(step.hypothesis, kinds, pairs, [second for _, second in good])
-        return Step(shared, added=2)
+        return SearchStep(shared, added=2)
 
 
 def label_of_pair(pair: Pair) -> PairLabel:

@@ -23,7 +23,8 @@ class Proposal:
     source
         Name of the proposer.
     candidates
-        The likeliest first; none where this evidence says nothing.
+        The likeliest first; none where this evidence says nothing. One whose `cost` is far
+        above that of those fitted before is passed over: state it on their scale.
     only
         Whether they stand in place of the shortlist of the library.
     begins
@@ -130,11 +131,11 @@ class Proposer(Protocol):
 
     @property
     def name(self) -> str:
-        """Name, unique among proposers."""
+        """Name under which its proposals are found; two that are one idea share it."""
         ...
 
     def __call__(self, given: Round) -> Proposal:
-        """Propose candidates; asked at most once a round, when those before gave none."""
+        """Propose candidates; asked once a round, with what was fitted before it."""
         ...
 
 

@@ -9,8 +9,8 @@ from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
+    GapStep,
     NamedEffect,
-    Step,
     Surface,
     Suspect,
     When,
@@ -130,12 +130,12 @@ def _when(located: Localization, coordinate: str) -> When:
 def _gap(effects: Sequence[NamedEffect], evaluation: Evaluation, kept: KeptModel) -> Gap:
     refitted, *errors = evaluation.errors
     steps = [
-        Step(answer.effect.kind, answer.effect.place, error)
+        GapStep(answer.effect.kind, answer.effect.place, error)
         for answer, error in zip(effects, errors, strict=False)
     ]
     closed = kept.closed
     if closed is not None:
-        steps.append(Step(closed.fit.plant.effects[-1].kind, closed.place, closed.error))
+        steps.append(GapStep(closed.fit.plant.effects[-1].kind, closed.place, closed.error))
     return Gap(
         nominal=float(evaluation.nominal.error.mean()),
         refitted_nominal=refitted,

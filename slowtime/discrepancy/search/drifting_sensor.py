@@ -8,7 +8,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.proposers.sensor_drift import with_sensor_again, without_sensor
 from slowtime.discrepancy.selection.acceptance import end_with
 
@@ -17,7 +17,9 @@ from .settings import SearchSettings
 Grow = Callable[[Hypothesis, SearchSettings, int], Hypothesis]
 
 
-def end_with_drift(step: Step, how: SearchSettings, number: int, grow: Grow) -> Hypothesis:
+def end_with_drift(
+    step: SearchStep, how: SearchSettings, number: int, grow: Grow
+) -> Hypothesis:
     """Name a drift that is on no law's course, and what the other sensors say beside it.
 
     Parameters

@@ -15,7 +15,7 @@ from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.combined_laws.search import explain_together, explains_most
 from slowtime.discrepancy.estimation.input_hold import held_otherwise, with_holds
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.proposers.alternative_starts import alternative_starts
 from slowtime.discrepancy.quoting import moved_of
@@ -41,11 +41,11 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     together = explain_together(first, trials, how.kinds, how.monitor) if how.decays else None
     if together is not None and (not together.effects or explains_most(together)):
         return together
-    held = None if how.options.quick else refit_within_tolerances(first, trials)
-    found = grow(Hypothesis((first,), trials), how, held=held)
-    if held is None:
+    tolerated = None if how.options.quick else refit_within_tolerances(first, trials)
+    found = grow(Hypothesis((first,), trials), how, tolerated=tolerated)
+    if tolerated is None:
         return found
-    found = _begin_otherwise(found, held, trials, how)
+    found = _begin_otherwise(found, tolerated, trials, how)
     if found.suggested_holds is not None:
         return found
     found = generalize(_revise(found, how), how.kinds, how.stated, how.monitor)
@@ -53,7 +53,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
 
 
 def grow(
-    found: Hypothesis, how: SearchSettings, number: int = 0, held: Fit | None = None
+    found: Hypothesis, how: SearchSettings, number: int = 0, tolerated: Fit | None = None
 ) -> Hypothesis:
     """Add effects to a hypothesis one after the other, until none is missing.
 
@@ -61,12 +61,12 @@ def grow(
     ----------
     number
         Effects that were looked for before.
-    held
+    tolerated
         The last fit with its constants held to their tolerances, where that is known.
     """
     while number < how.options.most:
-        step = _step(found, how, number, held)
-        found, held = step.hypothesis, None
+        step = _step(found, how, number, tolerated)
+        found, tolerated = step.hypothesis, None
         if step.again:
             continue
         if step.drift is not None:
@@ -86,12 +86,14 @@ def grow(
     return found
 
 
-def _step(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None) -> Step:
+def _step(
+    found: Hypothesis, how: SearchSettings, number: int, tolerated: Fit | None
+) -> SearchStep:
     """Look for one more effect; none is there to a model that leaves no finite numbers."""
     try:
-        return next_effect(found, how, number, held)
+        return next_effect(found, how, number, tolerated)
     except (np.linalg.LinAlgError, FloatingPointError):
-        return Step(found, added=0)
+        return SearchStep(found, added=0)
 
 
 def _suggest_holds(found: Hypothesis, how: SearchSettings) -> Hypothesis:
@@ -107,17 +109,17 @@ def _suggest_holds(found: Hypothesis, how: SearchSettings) -> Hypothesis:
     holds = held_otherwise(found.last, found.trials, how.kinds, how.stated)
     if holds is None or holds in how.asked:
         return found
-    held = with_holds(found.last, holds, found.trials, how.kinds)
+    otherwise = with_holds(found.last, holds, found.trials, how.kinds)
     if (
-        held.chi2_in_band < LIMITS.explained_chi2
-        or chi2_p_value(held) > LIMITS.coloured_p_value
+        otherwise.chi2_in_band < LIMITS.explained_chi2
+        or chi2_p_value(otherwise) > LIMITS.coloured_p_value
     ):
         return dataclasses.replace(found, suggested_holds=holds)
     return found
 
 
 def _begin_otherwise(
-    found: Hypothesis, held: Fit, trials: tuple[Trial, ...], how: SearchSettings
+    found: Hypothesis, tolerated: Fit, trials: tuple[Trial, ...], how: SearchSettings
 ) -> Hypothesis:
     """Begin with other effects, while much is left."""
     first = found.first
@@ -125,14 +127,14 @@ def _begin_otherwise(
     again = found.holds is not None or found.suggested_holds is not None
     if not found.fitted or again or cut or explains_all(found):
         return found
-    for other in alternative_starts(found, held, how.kinds, how.monitor):
+    for other in alternative_starts(found, tolerated, how.kinds, how.monitor):
         if found.suggested_holds is not None or explains_all(found):
             break
         if how.monitor.is_late:
             return dataclasses.replace(found, exhausted=True)
         terms = Terms(stated=how.stated, pulled=bool(moved_of(first)))
         start = Hypothesis((first,), trials, localized=found.localized)
-        step = accept(start, held, [other], trials, how.kinds, terms)
+        step = accept(start, tolerated, [other], trials, how.kinds, terms)
         if step.added:
             found = better(found, grow(step.hypothesis, how, 1), how.kinds)
     return found

@@ -16,7 +16,7 @@ from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import Fitting
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.proposers import Round
 from slowtime.discrepancy.proposers.base_motion import base_motion, by_a_law, placed
@@ -63,15 +63,15 @@ effect. Source: the 1 % level."""
 
 
 def next_effect(
-    found: Hypothesis, how: SearchSettings, number: int, held: Fit | None = None
-) -> Step:
+    found: Hypothesis, how: SearchSettings, number: int, tolerated: Fit | None = None
+) -> SearchStep:
     """Look for one effect more than a hypothesis has.
 
     Parameters
     ----------
     number
         Effects that were looked for before.
-    held
+    tolerated
         The last fit with its constants held to their tolerances, where that is known.
     """
     before = found.last
@@ -83,26 +83,34 @@ def next_effect(
             before = found.last
             pulled = bool(moved_of(before))
         if not pulled:
-            return Step(found, added=0)
+            return SearchStep(found, added=0)
     if not pulled and leaves_too_little(found):
-        return Step(found, added=0)
-    held = held or refit_within_tolerances(before, found.trials)
-    localized = locate(held, found.trials) if found.effects else None
+        return SearchStep(found, added=0)
+    tolerated = tolerated or refit_within_tolerances(before, found.trials)
+    localized = locate(tolerated, found.trials) if found.effects else None
     if localized is not None:
-        relearnt = relearn_force(found, held, localized, how.kinds, how.monitor)
+        relearnt = relearn_force(found, tolerated, localized, how.kinds, how.monitor)
         if relearnt is not found:
-            return Step(relearnt, added=0, again=True)
-    lost = number > 0 and is_lost(held) and not how.options.quick
-    begun = fit_later_segments(found, held, how) if lost else []
-    if begun and begun[0].fit.chi2_in_band < LIMITS.far_off_chi2:
-        rest = localized or locate(held, found.trials)
+            return SearchStep(relearnt, added=0, again=True)
+    lost = number > 0 and is_lost(tolerated) and not how.options.quick
+    later_segments = fit_later_segments(found, tolerated, how) if lost else []
+    if later_segments and later_segments[0].fit.chi2_in_band < LIMITS.far_off_chi2:
+        rest = localized or locate(tolerated, found.trials)
         found = dataclasses.replace(found, rest=rest, localized=found.localized or rest)
-        return accept_best(found, held, begun, how, pulled=pulled)
-    step = extend(found, held, how, number, pulled=pulled, begun=begun, localized=localized)
+        return accept_best(found, tolerated, later_segments, how, pulled=pulled)
+    step = extend(
+        found,
+        tolerated,
+        how,
+        number,
+        pulled=pulled,
+        later_segments=later_segments,
+        localized=localized,
+    )
     found = step.hypothesis
     # Another effect that is still missing may be what bends constants, and needs them so.
-    over = number == 0 or held is before or found.final or found.holds is not None
-    if step.added or step.again or step.drift or over or how.monitor.is_late:
+    no_second_try = number == 0 or tolerated is before or found.final or found.holds is not None
+    if step.added or step.again or step.drift or no_second_try or how.monitor.is_late:
         return step
     return extend(found, before, how, number, pulled=pulled)
 
@@ -114,9 +122,9 @@ def extend(
     number: int,
     *,
     pulled: bool,
-    begun: Sequence[FittedCandidate] = (),
+    later_segments: Sequence[FittedCandidate] = (),
     localized: Localization | None = None,
-) -> Step:
+) -> SearchStep:
     """Add the likeliest effect to a fit, where one is worth its parameters.
 
     Parameters
@@ -127,7 +135,7 @@ def extend(
         Effects that were looked for before.
     pulled
         Whether constants have left their tolerances.
-    begun
+    later_segments
         Candidates that were fitted already, by how records go on.
     localized
         Where a force is missing from `before`, if that is known.
@@ -139,7 +147,7 @@ def extend(
         hypothesis, localized=hypothesis.localized or localized, rest=localized
     )
     if localized.p_value > LIMITS.false_alarm_p_value and not pulled:
-        return Step(hypothesis, added=0)
+        return SearchStep(hypothesis, added=0)
     much = not hypothesis.effects and hypothesis.last.chi2_in_band > LIMITS.far_off_chi2
     if much and not how.options.quick:
         sensor = biased_accelerometer(hypothesis.last, hypothesis.trials)
@@ -157,7 +165,7 @@ def extend(
         base_moves=moved_base is not None, share=share,
     )  # fmt: skip
     fits = _fit_proposals(given, how)
-    step = _best_of(fits, how, moved_base, begun, pulled=pulled)
+    step = _best_of(fits, how, moved_base, later_segments, pulled=pulled)
     return step if number or step.again else _with_tried(step, fits.given)
 
 
@@ -169,7 +177,7 @@ def accept_best(
     trials: tuple[Trial, ...] | None = None,
     *,
     pulled: bool,
-) -> Step:
+) -> SearchStep:
     """Accept the best candidate, then refine how records begin and where effects sit."""
     monitor, kinds = how.monitor, how.kinds
     terms = Terms(
@@ -203,7 +211,7 @@ class _Fits:
     given: Round
     turn: TrialOrder
     fitting: Fitting
-    step: Step | None = None
+    step: SearchStep | None = None
 
 
 def _round(
@@ -233,10 +241,10 @@ def _round(
 def _fit_proposals(given: Round, how: SearchSettings) -> _Fits:
     """Ask proposer after proposer and fit what they give, until nothing is missing any more."""
     joint = JointPairs(how.stated, how.asked)
-    first = how.asks_all(given.number)
+    asks_all = how.asks_all(given.number)
     done: frozenset[PairLabel] = frozenset()
     fits = _begin(given, ())
-    if first:
+    if asks_all:
         late = list(pairs_with_delayed_input(given))
         fits, done = _fit_pairs(fits, joint, late, done)
     for proposer in how.proposers_of(given.number):
@@ -254,7 +262,7 @@ def _fit_proposals(given: Round, how: SearchSettings) -> _Fits:
         fitting = fits.fitting.fit(batch)
         given = dataclasses.replace(given, fitted=fitting.found)
         fits = dataclasses.replace(fits, given=given, fitting=fitting)
-        if not first or fitting.stopped:
+        if not asks_all or fitting.stopped:
             continue
         fits, done = _fit_pairs(fits, joint, joint.of_round(given, done), done)
         if begun_with(_ranked(given), given.before, given.localized):
@@ -307,10 +315,10 @@ def _best_of(
     fits: _Fits,
     how: SearchSettings,
     moved_base: NamedEffect | None,
-    begun: Sequence[FittedCandidate],
+    later_segments: Sequence[FittedCandidate],
     *,
     pulled: bool,
-) -> Step:
+) -> SearchStep:
     """Accept the best of what was fitted, unless something else explains the records."""
     if fits.step is not None:
         return fits.step
@@ -324,7 +332,7 @@ def _best_of(
     )
     if step is not None:
         return step
-    fitted = list(shoot(given, fitted, begun, how, turn))
+    fitted = list(shoot(given, fitted, later_segments, how, turn))
     hypothesis = given.hypothesis
     if not given.number:
         hypothesis = dataclasses.replace(
@@ -334,7 +342,7 @@ def _best_of(
     return accept_best(hypothesis, given.before, likely, how, given.trials, pulled=pulled)
 
 
-def _with_tried(step: Step, given: Round) -> Step:
+def _with_tried(step: SearchStep, given: Round) -> SearchStep:
     """Keep the candidates of the first effect with the hypothesis."""
     if step.hypothesis.tried:
         return step
@@ -350,18 +358,18 @@ def _name_sensor_error(
     localized: Localization,
     sensor: Place,
     how: SearchSettings,
-) -> Step:
+) -> SearchStep:
     """Name what an accelerometer is steadily off by, before all else."""
     named = sensor_bias_candidate(before, sensor, localized, hypothesis.trials, how.kinds)
     if named is None:
         drift = drifting(before, hypothesis.trials, sensor, how.kinds)
-        return Step(hypothesis, added=0, drift=drift, base=before)
+        return SearchStep(hypothesis, added=0, drift=drift, base=before)
     hypothesis = dataclasses.replace(hypothesis, fitted=(named,))
     terms = Terms(stated=how.stated, pulled=False, certain=True)
     return accept(hypothesis, before, [named], hypothesis.trials, how.kinds, terms)
 
 
-def _released(given: Round, fitted: Sequence[FittedCandidate]) -> Step | None:
+def _released(given: Round, fitted: Sequence[FittedCandidate]) -> SearchStep | None:
     """Look again from constants that a law has led out of a local minimum."""
     hypothesis = given.hypothesis
     if given.number or hypothesis.released:
@@ -372,29 +380,31 @@ def _released(given: Round, fitted: Sequence[FittedCandidate]) -> Step | None:
     again = dataclasses.replace(
         hypothesis, fits=(*hypothesis.fits[:-1], loose), localized=None, released=True
     )
-    return Step(again, added=0, again=True)
+    return SearchStep(again, added=0, again=True)
 
 
-def _stopped(given: Round, fitted: Sequence[FittedCandidate], turn: TrialOrder) -> Step | None:
+def _stopped(
+    given: Round, fitted: Sequence[FittedCandidate], turn: TrialOrder
+) -> SearchStep | None:
     """Stop where the budget ended before it was seen which candidate it is."""
     if not turn.cut:
         return None
     seen = given.number == 0 or (fitted and is_enough(fitted[0], turn.cut[0], given.kinds))
     if fitted and seen:
         return None
-    return Step(dataclasses.replace(given.hypothesis, exhausted=True), added=0)
+    return SearchStep(dataclasses.replace(given.hypothesis, exhausted=True), added=0)
 
 
 def _explained_otherwise(
     given: Round, fitted: Sequence[FittedCandidate], moved_base: NamedEffect | None
-) -> Step | None:
+) -> SearchStep | None:
     """Name a drifting sensor or a moving base, where no law leaves noise only."""
     if fitted and chi2_p_value(fitted[0].fit) >= LIMITS.coloured_p_value:
         return None
     before, kinds = given.before, given.kinds
     drift = sensor_drift(before, given.localized, kinds)
     if drift is not None:
-        return Step(given.hypothesis, added=0, drift=drift, base=before)
+        return SearchStep(given.hypothesis, added=0, drift=drift, base=before)
     # What is as slow as that is a sensor's, though the base would do the same.
     based = given.localized.with_base_first()
     if moved_base is not None and not by_a_law(

@@ -28,7 +28,7 @@ from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, misf
 from slowtime.discrepancy.estimation.occam_factor import relief
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces
 from slowtime.discrepancy.estimation.significance import is_significant
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Law
@@ -84,7 +84,7 @@ def accept(
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
     terms: Terms,
-) -> Step:
+) -> SearchStep:
     """Add the best of the fitted candidates as an effect, if it is worth its parameters.
 
     Parameters
@@ -107,7 +107,7 @@ def accept(
         states = tuple(np.zeros(0) for _ in trials)
     fitted = [one for one in fitted if is_significant(one, trials, kinds)]
     if not fitted:
-        return Step(hypothesis, added=0)
+        return SearchStep(hypothesis, added=0)
     best = fitted[0]
     try:
         bare = refit(
@@ -122,7 +122,7 @@ def accept(
         return held
     ranked = _worth_it(hypothesis, fitted, bare, kinds, terms)
     if ranked is None:
-        return Step(hypothesis, added=0)
+        return SearchStep(hypothesis, added=0)
     fitted, shares, constants = ranked
     best = fitted[0]
     channels = tuple(s.channel for s in before.plant.description.sensors)
@@ -140,7 +140,7 @@ def accept(
             pair=tuple(fitted[: len(rivals)]),
             constants_suffice=constants and 1 - sum(shares) > 1 - LIMITS.decided_probability,
         )
-    return Step(grown, added=1)
+    return SearchStep(grown, added=1)
 
 
 def _by_another_hold(
@@ -152,26 +152,26 @@ def _by_another_hold(
     terms: Terms,
     *,
     short: bool,
-) -> Step | None:
+) -> SearchStep | None:
     """Take or suggest another hold of the inputs, where that explains what an effect would."""
     whole = all(len(fit.states) == len(trials) for fit in hypothesis.fits)
     holds = held_instead(best.fit, bare, trials, kinds, terms.stated) if whole else None
     if holds is not None:
         if terms.asked is not None and hypothesis.effects and holds not in terms.asked:
-            return Step(dataclasses.replace(hypothesis, suggested_holds=holds), added=0)
+            return SearchStep(dataclasses.replace(hypothesis, suggested_holds=holds), added=0)
         fits = tuple(
             with_holds(fit, holds, hypothesis.trials, kinds) for fit in hypothesis.fits
         )
-        return Step(dataclasses.replace(hypothesis, holds=holds, fits=fits), added=1)
+        return SearchStep(dataclasses.replace(hypothesis, holds=holds, fits=fits), added=1)
     lead = best.score - _bare(bare)
     if lead < _least_lead(best, kinds, terms):
-        return Step(hypothesis, added=0)
+        return SearchStep(hypothesis, added=0)
     asked, stated = terms.asked, terms.stated
     if asked is None or stated is None or not whole or short or terms.over():
         return None
     other = held_as_well(bare, best.fit.noise, lead, trials, kinds, stated)
     if other is not None and other not in asked:
-        return Step(dataclasses.replace(hypothesis, suggested_holds=other), added=0)
+        return SearchStep(dataclasses.replace(hypothesis, suggested_holds=other), added=0)
     return None
 
 
@@ -244,10 +244,10 @@ def _explains_much(
     """Whether a second law at a place takes most of what is left, and bends no curve."""
     own = variable_of(best.effect, kinds)
     there = [a.effect for a in hypothesis.effects if a.effect.place == best.effect.place]
-    cut_segments = own is not None and any(variable_of(one, kinds) == own for one in there)
+    same_variable = own is not None and any(variable_of(one, kinds) == own for one in there)
     first, last = hypothesis.first, hypothesis.last
     much = best.fit.chi2_in_band - 1 < MAX_SECOND_REST * (last.chi2_in_band - 1)
-    return much and not hardly_any(last, first) and not cut_segments
+    return much and not hardly_any(last, first) and not same_variable
 
 
 def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[FittedCandidate]:
@@ -273,9 +273,9 @@ def _least_gain(
     Long records tell the least flaw of what was found first from noise; and of noise that is
     louder than it was taken to be, any law explains a speck, though none leaves it still.
     """
-    fleck = LIMITS.negligible_share * _missing_at_first(hypothesis, best)
-    still = not same_place and _clears(bare, best.fit)
-    return fleck if still else max(NOTICEABLE_POWER * bare.data, fleck)
+    negligible = LIMITS.negligible_share * _missing_at_first(hypothesis, best)
+    leaves_noise = not same_place and _clears(bare, best.fit)
+    return negligible if leaves_noise else max(NOTICEABLE_POWER * bare.data, negligible)
 
 
 def _clears(bare: Fit, fit: Fit) -> bool:
@@ -302,7 +302,7 @@ def end_with(
     effect: NamedEffect,
     kinds: Mapping[str, Kind],
     carried: Effect | None = None,
-) -> Step:
+) -> SearchStep:
     """Add an effect that follows no law, after which nothing more can be found.
 
     Parameters
@@ -312,7 +312,7 @@ def end_with(
     """
     fit = carry_effect(before, carried or effect.effect, kinds)
     grown = dataclasses.replace(hypothesis.with_effect(fit, effect), rest=None, final=True)
-    return Step(grown, added=0)
+    return SearchStep(grown, added=0)
 
 
 def is_second_curve(

@@ -57,14 +57,14 @@ def shortlist(
     # No force at one place does it: which of two comes first matters less than both.
     several = located.groups[0].left > LIMITS.several_forces_chi2
     most = QUICK_CANDIDATES if quick or several else MAX_CANDIDATES
-    labels = best_of_each_place(
+    candidates = best_of_each_place(
         tried, (SAME_PLACE_CANDIDATES if again else LATER_CANDIDATES) if number else most
     )
     if len(before.plant.description.sensors) == 1:
-        labels += mirrored_factor(labels, tried, kinds)
+        candidates += mirrored_factor(candidates, tried, kinds)
     if number == 0 and located.p_value > LIMITS.false_alarm_p_value:
-        labels += instead_of_constants(before, labels, hypothesis.trials, kinds)
-    return labels
+        candidates += instead_of_constants(before, candidates, hypothesis.trials, kinds)
+    return candidates
 
 
 def begun_with(named: Sequence[FittedCandidate], before: Fit, located: Localization) -> bool:

@@ -18,27 +18,27 @@ parameters are tried first. Source: docs/decisions/0026 for the rule; the value 
 
 
 class TrialOrder:
-    """Tells which label is refitted; says when there is no time for it, and keeps which it was.
+    """Tells which candidate is refitted; says when there is no time, and keeps which it was.
 
     Parameters
     ----------
     far
-        Labels that are far behind: those are the first to go.
+        Labels of candidates that are far behind: those are the first to go.
     """
 
     def __init__(
-        self, tell: Monitor, number: int, most: int, share: float, far: Collection[Label]
+        self, monitor: Monitor, number: int, most: int, share: float, far: Collection[Label]
     ) -> None:
-        self._tell, self._number, self._far = tell, number, far
+        self._monitor, self._number, self._far = monitor, number, far
         self._begun, self._step = share + 0.08, 0.18 / max(most, 1)
         # One law at least is tried: what it leaves tells whether there is one.
         self.must = number == 0
         self.cut: list[Effect] = []
 
     def __call__(self, effect: Effect, turn: int) -> bool:
-        """Say whether there is no time for a label."""
+        """Say whether there is no time for a candidate."""
         share = self._begun + self._step * turn
-        self._tell(f"refitting {effect.kind} at {effect.place}", share)
+        self._monitor(f"refitting {effect.kind} at {effect.place}", share)
         stop = self.is_late(effect, turn)
         self.cut.extend([effect] if stop and label_of(effect) not in self._far else [])
         return stop
@@ -46,33 +46,33 @@ class TrialOrder:
     def is_late(self, effect: Effect, turn: int) -> bool:
         """Say the same, and keep nothing."""
         if label_of(effect) in self._far:
-            return self._tell.is_late
+            return self._monitor.is_late
         must = self.must and turn == 0
-        return self._tell.is_over if self._number else self._tell.is_late and not must
+        return self._monitor.is_over if self._number else self._monitor.is_late and not must
 
 
 def near_first(
-    labels: list[Candidate], kinds: Mapping[str, Kind]
+    candidates: list[Candidate], kinds: Mapping[str, Kind]
 ) -> tuple[list[Candidate], set[Label]]:
-    """Put labels of few numbers first, those far behind the best last; say which these are."""
-    reach = FAR_COST_RATIO * min((one.cost for one in labels), default=0.0)
-    far = {label_of(one.effect) for one in labels if one.cost >= reach}
+    """Put those of few numbers first, those far behind the best last; say which these are."""
+    reach = FAR_COST_RATIO * min((one.cost for one in candidates), default=0.0)
+    far = {label_of(one.effect) for one in candidates if one.cost >= reach}
 
     def turn(one: Candidate) -> tuple[bool, int]:
         return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
 
-    return sorted(labels, key=turn), far
+    return sorted(candidates, key=turn), far
 
 
-def simple_first(labels: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
-    """Put labels of few numbers first among those that leave about as little."""
-    reach = EQUAL_COST_RATIO * min((one.cost for one in labels), default=0.0)
+def simple_first(candidates: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
+    """Put candidates of few numbers first among those that leave about as little."""
+    reach = EQUAL_COST_RATIO * min((one.cost for one in candidates), default=0.0)
 
     def turn(one: Candidate) -> tuple[bool, int]:
         near = one.cost <= reach
         return not near, _numbers(kinds[one.effect.kind]) if near else 0
 
-    return sorted(labels, key=turn)
+    return sorted(candidates, key=turn)
 
 
 def _numbers(kind: Kind) -> int:

@@ -8,7 +8,7 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.hypothesis import Hypothesis, Step
+from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.search import SearchSettings, search
@@ -56,7 +56,7 @@ class Others:
 def ended(found, others, number=0, monitor=None, before=None):
     how = SearchSettings(KINDS, monitor or Monitor())
     drift = named_effect(DRIFT, KINDS)
-    step = Step(found, added=0, drift=drift, base=before or found.last)
+    step = SearchStep(found, added=0, drift=drift, base=before or found.last)
     ends = end_with_drift(step, how, number, others)
     assert ends.final
     assert ends.effects[-1] is drift
