@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind, Place, catalogue
+from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
@@ -15,8 +15,8 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
-from .localization import likeliest
-from .open_joints import strip_joints, with_open_joints
+from .localization import likely_pairs
+from .open_joints import Pair, strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .record_windows import record_windows, with_whole_records
 from .records import Campaign, Trial
@@ -110,13 +110,12 @@ def _diagnose(
 
     windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
 
-    def suspects(description: Description) -> list[str]:
-        tell("ranking places for what no element joins", 0.06)
+    def likely(description: Description, pairs: Sequence[Pair], most: int) -> list[Pair]:
+        tell("ranking pairs of points that no element joins", 0.06)
         fit = refit_with_offsets(description, windows[0], known, decays=decays)
-        nodes = [Place("node", node.id) for node in description.nodes]
-        return [place.id for place in likeliest(fit, windows[0], nodes)]
+        return likely_pairs(fit, windows[0], pairs, most)
 
-    described = with_open_joints(campaign.description, suspects)
+    described = with_open_joints(campaign.description, likely)
     campaign = dataclasses.replace(campaign, description=described)
     campaign, found = _searched(campaign, windows, how)
     tell("validating on data that were not fitted", 0.92)

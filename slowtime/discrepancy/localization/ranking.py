@@ -67,7 +67,7 @@ def locate(
     -------
     The places, the likeliest first, with force and motion at each.
     """
-    first, runs, outer = _solver(fit, tuple(trials))
+    first, runs, outer = linearise(fit, tuple(trials))
     records, linear, lines = tuple(trials), first.linear, first.trials
     solver, order = _rank_families(fit, records, first, _families(first, among))
     none = _likelihood_without_force(solver, lines)
@@ -86,14 +86,7 @@ def locate(
     )
 
 
-def likeliest(fit: Fit, trials: Sequence[Trial], among: Sequence[Place]) -> list[Place]:
-    """Rank places as `locate` does, by one linearisation and the noise of the fit."""
-    solver, _, _ = _solver(fit, tuple(trials))
-    order, _ = _sort_by_likelihood(solver, _families(solver, among), 0, 1)
-    return [source.place for family in order for source in family]
-
-
-def _solver(
+def linearise(
     fit: Fit, records: tuple[Trial, ...]
 ) -> tuple[
     LatentForceSolver,
