@@ -9,6 +9,7 @@ from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
+from .calibration.tolerances import fit_within_tolerances
 from .data.screening import screen, screen_records
 from .diagnosis import Diagnosis
 from .free_decay.records import is_free_decay, without_standstill, without_tones
@@ -21,7 +22,7 @@ from .progress import Monitor, Progress, Stop
 from .record_windows import record_windows, with_whole_records
 from .records import Campaign, Trial
 from .refinement.campaign_span import span_campaign
-from .refinement.constant_offsets import offsets, refit_with_offsets, with_mean_offsets
+from .refinement.constant_offsets import offsets, with_mean_offsets, with_offsets
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
@@ -110,10 +111,11 @@ def _diagnose(
 
     windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
 
-    def likely(description: Description, pairs: Sequence[Pair], most: int) -> list[Pair]:
+    def likely(description: Description, pairs: Sequence[Pair], most: int) -> Sequence[Pair]:
         tell("ranking pairs of points that no element joins", 0.06)
-        fit = refit_with_offsets(description, windows[0], known, decays=decays)
-        return likely_pairs(fit, windows[0], pairs, most)
+        plant = Plant.of(with_offsets(description, known, decays=decays), kinds=known)
+        fit = fit_within_tolerances(plant, windows[0])
+        return pairs[:most] if fit is None else likely_pairs(fit, windows[0], pairs, most)
 
     described = with_open_joints(campaign.description, likely)
     campaign = dataclasses.replace(campaign, description=described)
