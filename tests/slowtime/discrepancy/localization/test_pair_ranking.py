@@ -115,7 +115,6 @@ def dense_gain(solver, *pairs):
     [
         [link(("m2", "m5"), stiffness=300.0)],
         [link(("base", "m4"), damping=4.0)],
-        [link(("m1", "m4"), stiffness=15.0), link(("base", "m6"), damping=0.1)],
     ],
 )
 def test_what_is_missing_is_among_the_likeliest_few(model, links):
