@@ -39,8 +39,9 @@ def with_open_joints(
         missing; asked where there are more than `MOST_JOINTS`. The first where not given.
     """
     every = list(_unjoined(description))
-    few = likely is None or len(every) <= MOST_JOINTS
-    pairs = every[:MOST_JOINTS] if few else likely(description, every, LIKELY_JOINTS)
+    pairs: Sequence[Pair] = every[:MOST_JOINTS]
+    if likely is not None and len(every) > MOST_JOINTS:
+        pairs = likely(description, every, LIKELY_JOINTS)
     taken = {one.id for one in (*description.elements, *description.nodes)}
     joints = [
         OpenJoint(id=_name(pair, taken), between=pair, among=len(every)) for pair in pairs
