@@ -62,7 +62,7 @@ ROUNDING_SHARE = 1e-12
 """[share of a sum of squares] Which its difference from another as large cannot resolve.
 Source: double precision, with margin for long sums."""
 
-PRODUCT_WORK = 1 / 3
+PRODUCT_WORK = 0.2
 """[units of work] Of a product of two numbers of columns, with all that is computed for it.
 Source: processor times of linearisations of 4, 12 and 24 masses; without it, the budget of a
 large model would not bound its time."""
