@@ -6,13 +6,15 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import fit_within_tolerances
-from slowtime.discrepancy.localization import likely_pairs
+from slowtime.discrepancy.localization import latent_force, likeliest_places, likely_pairs
 from slowtime.discrepancy.localization.pair_ranking import PairScreening
 from slowtime.discrepancy.localization.ranking import linearise
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
+from slowtime.dynamics.effects import Place
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 
 SIZE, RATE_HZ, SAMPLES = 6, 40.0, 800
 
@@ -123,3 +125,30 @@ def test_what_is_missing_is_among_the_likeliest_few(model, links):
     chosen = likely_pairs(fit, trials, unjoined(model), 4)
     assert len(chosen) == 4
     assert {one.between for one in links} <= set(chosen)
+
+
+def test_places_between_which_a_link_is_missing_are_the_likeliest_by_one_linearisation(model):
+    trials = records(model, [link(("base", "m3"), stiffness=20.0)])
+    fit = refit(Plant.of(model), trials)
+    assert likeliest_places(fit, trials, 1) == [Place("node", "m3")]
+    few = likeliest_places(fit, trials, 4)
+    assert len(set(few)) == 4
+    assert few[0] == Place("node", "m3")
+
+
+def test_products_with_unit_forces_are_the_same_from_a_table_and_are_counted(
+    model, monkeypatch
+):
+    trials = records(model, [link(("base", "m3"), stiffness=20.0)])
+    fit = refit(Plant.of(model), trials)
+    found = []
+    for numbers in (latent_force.MAX_TABLE, 0):
+        monkeypatch.setattr(latent_force, "MAX_TABLE", numbers)
+        solver, _, _ = linearise(fit, trials)
+        assert bool(solver.tables) == bool(numbers)
+        with metered() as meter:
+            told = [solver.iterate(s, rounds=2).likelihood for s in solver.linear.sources()]
+        assert meter.spent > 0
+        found.append((told, meter.spent))
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-9)
+    assert found[0][1] == found[1][1]
