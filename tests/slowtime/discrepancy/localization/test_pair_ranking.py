@@ -122,6 +122,7 @@ def dense_gain(solver, *pairs):
 def test_what_is_missing_is_among_the_likeliest_few(model, links):
     trials = records(model, links)
     fit = fit_within_tolerances(Plant.of(model), trials)
+    assert fit is not None
     chosen = likely_pairs(fit, trials, unjoined(model), 4)
     assert len(chosen) == 4
     assert {one.between for one in links} <= set(chosen)
