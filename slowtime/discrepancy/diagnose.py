@@ -4,24 +4,25 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind, Place, catalogue
+from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
+from .calibration.tolerances import fit_within_tolerances
 from .data.screening import screen, screen_records
 from .diagnosis import Diagnosis
 from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
-from .localization import likeliest
-from .open_joints import strip_joints, with_open_joints
+from .localization import likely_pairs
+from .open_joints import Pair, strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .record_windows import record_windows, with_whole_records
 from .records import Campaign, Trial
 from .refinement.campaign_span import span_campaign
-from .refinement.constant_offsets import offsets, refit_with_offsets, with_mean_offsets
+from .refinement.constant_offsets import offsets, with_mean_offsets, with_offsets
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
@@ -110,13 +111,13 @@ def _diagnose(
 
     windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
 
-    def suspects(description: Description) -> list[str]:
-        tell("ranking places for what no element joins", 0.06)
-        fit = refit_with_offsets(description, windows[0], known, decays=decays)
-        nodes = [Place("node", node.id) for node in description.nodes]
-        return [place.id for place in likeliest(fit, windows[0], nodes)]
+    def likely(description: Description, pairs: Sequence[Pair], most: int) -> Sequence[Pair]:
+        tell("ranking pairs of points that no element joins", 0.06)
+        plant = Plant.of(with_offsets(description, known, decays=decays), kinds=known)
+        fit = fit_within_tolerances(plant, windows[0])
+        return pairs[:most] if fit is None else likely_pairs(fit, windows[0], pairs, most)
 
-    described = with_open_joints(campaign.description, suspects)
+    described = with_open_joints(campaign.description, likely)
     campaign = dataclasses.replace(campaign, description=described)
     campaign, found = _searched(campaign, windows, how)
     tell("validating on data that were not fitted", 0.92)

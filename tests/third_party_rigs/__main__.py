@@ -5,14 +5,17 @@
 Of each 30 seeds 6 lack something on an element, 12 something elsewhere, 6 both, and 6 nothing.
 From seed 1000 on there are gyroscopic couplings, wrongly wired sensors, bases that rock (no
 name is right) and frames of beams, in turn. What is there already is not done again.
+With `--lengths`, each case is also diagnosed by the first 25 and 50 % of its two records; no
+answer may be worse by longer ones.
 """
 
 import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
-from .battery import diagnose, scored, table
+from .battery import SHARES, cut, diagnose, gets_worse, scored, table
 from .cases import FURTHER, draw
 
 WHAT = ("on", "off", "off", "both", "nothing")
@@ -31,8 +34,11 @@ def main() -> int:
     )
     parser.add_argument("--how", nargs="+", choices=HOW, default=HOW)
     parser.add_argument("--patience")
+    parser.add_argument(
+        "--lengths", action="store_true", help="also cut to 25 and 50 % of their length"
+    )
     asked = parser.parse_args()
-    rows = []
+    rows, worse, shares = [], [], SHARES if asked.lengths else SHARES[-1:]
     for seed in range(*asked.seeds):
         whats = WHAT if seed < FURTHER_FROM else tuple(FURTHER)
         what, how = whats[seed % len(whats)], HOW[seed // len(whats) % len(HOW)]
@@ -41,20 +47,32 @@ def main() -> int:
         folder = asked.out / f"{seed:04d}"
         if not (folder / "truth.json").exists():
             draw(seed, what, how).write(folder)
-        done = folder / "seconds"
-        if not done.exists():
-            done.write_text(str(diagnose(folder, asked.patience)))
-        row = scored(folder) | {"seconds": float(done.read_text())}
-        rows.append(row)
-        (folder / "row.json").write_text(json.dumps(row))
-        print(
-            f"{seed:4d} {row['outcome']:14s} {row['seconds']:5.0f} s  {row['excitation']:8s}"
-            f"{row['label']:44s} {row.get('contrast', 0):7.1f} {row.get('left', 0):6.2f}  "
-            f"{row['verdict']}: {', '.join(row.get('named', []))}",
-            flush=True,
-        )
+        told = [_row(cut(folder, share), asked.patience) for share in shares]
+        rows.append(told[-1])
+        if gets_worse([row["outcome"] for row in told]):
+            worse.append(seed)
+        for share, row in zip(shares, told, strict=True):
+            named = ", ".join(row.get("named", []))
+            print(
+                f"{seed:4d} {100 * share:3.0f} % {row['outcome']:14s} {row['seconds']:5.0f} s  "
+                f"{row['excitation']:8s}{row['label']:44s} {row.get('contrast', 0):7.1f} "
+                f"{row.get('left', 0):6.2f}  {row['verdict']}: {named}",
+                flush=True,
+            )
     print(table(rows))
+    if asked.lengths:
+        print(f"worse with longer records: {len(worse)} of {len(rows)} {worse}")
     return 0
+
+
+def _row(folder: Path, patience: str | None) -> dict[str, Any]:
+    """Diagnose a case, unless that is done already, and score the answer."""
+    done = folder / "seconds"
+    if not done.exists():
+        done.write_text(str(diagnose(folder, patience)))
+    row = scored(folder) | {"seconds": float(done.read_text())}
+    (folder / "row.json").write_text(json.dumps(row))
+    return row
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from .battery import scored, table
+from .battery import cut, gets_worse, scored, table
 from .rigs import FINE, Excitation, Link, Structure, run
 
 RATE_HZ, SAMPLES = 200.0, 400
@@ -98,3 +98,31 @@ def test_a_number_counts_by_its_own_interval(tmp_path, value, within):
     told = table([row])
     assert f"its 95 % interval: {int(within)} of 1" in told
     assert "something off the model: 1 of 1" in told
+
+
+def test_a_case_is_cut_to_the_beginning_of_its_records(tmp_path):
+    answered(tmp_path, [RIGHT])
+    for name, size in (("a", 400), ("b", 200), ("held", 100)):
+        channels = {"t": np.arange(size) / RATE_HZ, "a1": np.arange(size)}
+        np.savez(tmp_path / f"{name}.npz", allow_pickle=False, **channels)
+    part = cut(tmp_path, 0.25)
+    sizes = {n: len(np.load(part / f"{n}.npz")["a1"]) for n in ("a", "b", "held")}
+    assert sizes == {"a": 100, "b": 50, "held": 100}
+    np.testing.assert_array_equal(np.load(part / "a.npz")["a1"], np.arange(100))
+    assert (part / "rig.yaml").read_text() == (tmp_path / "rig.yaml").read_text()
+    assert not (part / "found").exists()
+    assert cut(tmp_path, 1.0) == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "worse"),
+    [
+        (("unknown_effect", "exact", "exact"), False),
+        (("exact", "alike", "exact"), False),
+        (("exact", "undecided", "exact"), True),
+        (("unknown_effect", "missed", "wrong"), True),
+        (("wrong", "unknown_effect", "partial"), False),
+    ],
+)
+def test_an_answer_gets_worse_where_longer_records_say_less_or_say_it_wrongly(outcomes, worse):
+    assert gets_worse(outcomes) == worse

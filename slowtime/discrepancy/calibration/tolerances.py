@@ -3,8 +3,9 @@
 import numpy as np
 
 from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.plant import Plant
 
-from .fit import Fit, refit
+from .fit import Fit, refit, try_refit
 from .levenberg_marquardt import WRONG_MODEL_CHI2, FitControl
 
 LEFT_TOLERANCES = 5.0
@@ -51,3 +52,8 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
         )
     except FloatingPointError:
         return fit
+
+
+def fit_within_tolerances(plant: Plant, trials: tuple[Trial, ...]) -> Fit | None:
+    """Fit a model with its constants within tolerances; None where the fit breaks down."""
+    return try_refit(plant, trials, control=FitControl(max_tolerances=HELD_TOLERANCES))

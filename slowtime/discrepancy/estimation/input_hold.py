@@ -14,7 +14,7 @@ import numpy as np
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.fit import Fit, referred_to, refit
-from slowtime.discrepancy.localization import Localization, locate
+from slowtime.discrepancy.localization import Localization, likeliest_places, locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -40,6 +40,9 @@ MAX_READINGS = 30_000
 computing time."""
 MIN_COMPARED_SAMPLES = 1000
 """[samples] Of that record at least. Source: judgement; no study is recorded."""
+LIKELY_PLACES = 8
+"""[places] The likeliest by one linearisation, among which those are found. Source: a bound on
+computing time."""
 COMPARED_PLACES = 3
 """[places] The most probable under the assumed hold, where holds are compared. Source: a bound
 on computing time."""
@@ -87,11 +90,11 @@ def found_holds(
     count = max(MAX_READINGS // len(description.sensors), MIN_COMPARED_SAMPLES)
     trial = trials[number].part(0, count).trimmed()
 
-    def located(described: Description, among: Sequence[Place] | None = None) -> Localization:
+    def located(described: Description, among: Sequence[Place] = ()) -> Localization:
         plant = Plant.of(described, kinds=kinds)
         values = np.concatenate([fit.values, plant.values[len(fit.values) :]])
         again = refit(plant, [trial], values=values, states=[state], horizons=(1.0,))
-        return locate(again, [trial], among)
+        return locate(again, [trial], among or likeliest_places(again, [trial], LIKELY_PLACES))
 
     def told(described: Description) -> tuple[float, float]:
         """Log likelihood, and what the best force leaves over the noise."""

@@ -15,6 +15,8 @@ from slowtime.dynamics.effects import Kind, Law
 SCAN_HALF_WIDTH_S = 2.4
 """[s] Around an instant, within which a better one is sought closely. Source: judgement; no
 study is recorded."""
+CLOSE_STEP_S = SCAN_HALF_WIDTH_S / 30
+"""[s] Between instants that are tried closely."""
 SCAN_CHI2 = 1.5
 """[noise variances] Mean square in band from which whole records are scanned first. Source:
 docs/decisions/0026 for the rule; the value is judgement."""
@@ -110,13 +112,11 @@ def _moved(
     if SCAN_CHI2 < fit.chi2_in_band < most and not hopeless:
         # Of each record the best, for about the right one the misfit falls in no time.
         about += [float(min(np.arange(a, b, SCAN_STEP_S), key=misfit)) for a, b in ends]
-    tried = [
-        near
-        for one in about
-        for near in one + np.linspace(-SCAN_HALF_WIDTH_S, SCAN_HALF_WIDTH_S, 61)
-    ]
-    best = float(min(tried, key=misfit))
-    if abs(best - fit.values[at]) < SCAN_HALF_WIDTH_S / 60:
+    # On one grid, so that scans around neighbours share what was simulated.
+    firsts = [round((one - SCAN_HALF_WIDTH_S) / CLOSE_STEP_S) for one in about]
+    tried = {n * CLOSE_STEP_S for first in firsts for n in range(first, first + 61)}
+    best = float(min([about[0], *sorted(tried)], key=misfit))
+    if abs(best - fit.values[at]) < CLOSE_STEP_S / 2:
         return fit
     values = fit.values.copy()
     values[at] = best

@@ -2,8 +2,9 @@
 
 from .character import Character, characterise
 from .linear_response import ForceSource, LinearModel
+from .pair_ranking import likely_pairs
 from .places import PLACE_MARGIN, LatentForce, Localization, PlaceGroup
-from .ranking import likeliest, locate
+from .ranking import likeliest_places, locate
 
 __all__ = [
     "PLACE_MARGIN",
@@ -14,6 +15,7 @@ __all__ = [
     "Localization",
     "PlaceGroup",
     "characterise",
-    "likeliest",
+    "likeliest_places",
+    "likely_pairs",
     "locate",
 ]

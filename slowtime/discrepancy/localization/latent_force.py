@@ -20,6 +20,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.linear_algebra import solve_semidefinite
+from slowtime.dynamics.effects import Place
+from slowtime.dynamics.work import count_work
 
 from .linear_response import ForceSource, LinearModel
 from .perturbed_reference import (
@@ -40,6 +42,9 @@ recorded."""
 MIN_GAIN = 0.5
 """[nats] Gain of log likelihood below which another round is not worth its while. Source:
 half of chi squared's 1, one standard deviation."""
+RELATIVE_MIN_GAIN = 1e-4
+"""[share of the log likelihood] The same: of 100,000 readings, 10 nats. Source: places that are
+told apart by so little in so many readings are not told apart by others of them."""
 MAX_CONSTANT_STEP = 0.3
 """[1] Largest relative change of a constant in one round. Source: judgement; no study is
 recorded."""
@@ -56,6 +61,14 @@ far below the overflow of double precision."""
 ROUNDING_SHARE = 1e-12
 """[share of a sum of squares] Which its difference from another as large cannot resolve.
 Source: double precision, with margin for long sums."""
+
+PRODUCT_WORK = 0.2
+"""[units of work] Of a product of two numbers of columns, with all that is computed for it.
+Source: processor times of linearisations of 4, 12 and 24 masses; without it, the budget of a
+large model would not bound its time."""
+MAX_TABLE = 20_000_000
+"""[numbers] Products of columns with unit forces that are kept. Source: a bound on memory,
+320 MB."""
 
 PerLine = Float[np.ndarray, " frequency"]
 
@@ -109,13 +122,14 @@ class WhitenedColumns:
 def real_products(
     columns: Complex[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "column column"]:
-    """Real parts of the inner products of complex columns.
+    """Real parts of the inner products of complex columns; counted as work.
 
     Parameters
     ----------
     columns
         Matrix (row, column).
     """
+    count_work(int(PRODUCT_WORK * len(columns) * columns.shape[1] ** 2))
     parts = np.ascontiguousarray(columns).view(float)
     both = parts.T @ parts
     return np.asarray(both[0::2, 0::2] + both[1::2, 1::2])
@@ -209,12 +223,33 @@ class LatentForceSolver:
         self, linear: LinearModel, known: LinearConstants, trials: tuple[TrialLines, ...]
     ) -> None:
         self.linear, self.known, self.trials = linear, known, trials
+        self.likelihoods: dict[tuple[Place, int], float] = {}
+        """Of places, by rounds, as far as they were computed."""
         still = np.zeros(len(known.sd))
         self.tuned = [PerturbedReference.of(linear, trial, known, still) for trial in trials]
         self.white = [
             WhitenedColumns.of(tuned, known, trial.motion, trial.base, tuned.residual)
             for tuned, trial in zip(self.tuned, trials, strict=True)
         ]
+
+    @functools.cached_property
+    def tables(self) -> list[Complex[np.ndarray, "dof frequency column"]]:
+        """Products of the columns with a unit force on each coordinate; none if they are many.
+
+        Before the first step they are the same for all places.
+        """
+        size = sum(
+            white.columns.size * len(self.linear.structure.names) for white in self.white
+        )
+        if size > MAX_TABLE * len(self.linear.description.sensors):
+            return []
+        return [
+            np.moveaxis(
+                np.swapaxes(tuned.sensed / np.sqrt(tuned.trial.noise)[:, :, None], 1, 2).conj()
+                @ white.columns, 1, 0,
+            )
+            for tuned, white in zip(self.tuned, self.white, strict=True)
+        ]  # fmt: skip
 
     def explain(self, source: ForceSource | None, *, rounds: int = ROUNDS) -> Explanation:
         """Find force, constants and initial states for one place.
@@ -244,7 +279,7 @@ class LatentForceSolver:
             gain = found.likelihood - best.likelihood
             if gain > 0:
                 best = found
-            if abs(gain) < MIN_GAIN:
+            if abs(gain) < max(MIN_GAIN, RELATIVE_MIN_GAIN * abs(best.likelihood)):
                 break
         return best
 
@@ -283,7 +318,8 @@ class LatentForceSolver:
         for i, trial in enumerate(self.trials):
             rise = 1 + variances[i] * signals[i]
             # Woodbury: components along the force have less weight, by one product per line.
-            along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
+            heard = variances[i] > 0
+            along = alongs[i][heard] * np.sqrt(variances[i] / rise)[heard, None]
             inner = whites[i].inner - real_products(along)
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
@@ -343,10 +379,7 @@ class _PlaceIteration:
         transfers = [tuned.transfer(self.source) for tuned in self.tuned]
         units = [transfer / root for transfer, root in zip(transfers, roots, strict=True)]
         signals = [np.sum(np.abs(unit) ** 2, axis=1) for unit in units]
-        alongs = [
-            (unit.conj()[:, None, :] @ white.columns)[:, 0]
-            for unit, white in zip(units, self.white, strict=True)
-        ]
+        alongs = self._alongs(units)
         further = np.zeros_like(self.change)
         likelihood = 0.0
         for _ in range(1 if self.source is None else 2):
@@ -394,6 +427,19 @@ class _PlaceIteration:
             )
 
         return PlaceEstimate(likelihood, account)
+
+    def _alongs(self, units: list[Lines]) -> list[Complex[np.ndarray, "frequency column"]]:
+        """Products of the columns with a whitened unit force, line by line."""
+        source, tables = self.source, self.solver.tables
+        read = source is None or source.sensor is not None or source.base
+        if read or self.white is not self.solver.white or not tables:
+            return [
+                (unit.conj()[:, None, :] @ white.columns)[:, 0]
+                for unit, white in zip(units, self.white, strict=True)
+            ]
+        assert source is not None
+        rows = np.flatnonzero(source.force)
+        return [(np.tensordot(source.force[rows], table[rows], 1)) for table in tables]
 
     def _shifts(
         self, forces: tuple[TrialForce, ...], further: Constants

@@ -145,10 +145,11 @@ class PerturbedReference:
         if source.sensor is not None:
             found[:, source.sensor] = 1.0
             return found
-        carried = self.linear.base_response(self.trial.frequency_hz)
-        pushed = np.flatnonzero(source.force)
-        read = self.sensed[:, :, pushed] @ source.force[pushed]
-        return np.asarray(read + source.base * carried)
+        for row in np.flatnonzero(source.force):
+            found += source.force[row] * self.sensed[:, :, row]
+        if source.base:
+            found += source.base * self.linear.base_response(self.trial.frequency_hz)
+        return found
 
     def columns(
         self, known: LinearConstants, motion: MotionSpectra, base: np.ndarray

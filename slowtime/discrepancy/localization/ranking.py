@@ -1,5 +1,6 @@
 """Ranking of all places by the likelihood of an unknown force there."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,16 +31,26 @@ PARALLEL_TRANSFER = 1e-6
 """[1] One minus the cosine between transfers at every line, below which two places differ by
 the spectrum of their force only. Source: well above rounding errors (1e-16)."""
 
+PROBED_LINE = 64
+"""[lines] Of which one is looked at first. Source: transfers that differ do so nearly
+everywhere."""
+
 NOISE_UPDATES = 2
 """[1] Times the noise is estimated again from what the best place leaves. Source: judgement;
 no study is recorded."""
 
 REFINED_PLACES = 5
 """[places] That are refined to convergence. Source: judgement; no study is recorded."""
+MOST_PLACES = 20
+"""[places] That are ranked; the likeliest by one linearisation, where there are more. Source:
+those of a chain of four masses; a bound on computing time."""
 RELINEARISED_PLACES = 20
 """[places] That are linearised about the motion with a force there before they are ranked.
-Source: those of a chain of four masses; each costs ten times as much as one that is not, and
-more with every mass."""
+Source: those of a chain of four masses."""
+LINEARISATION_PRODUCTS = 1e9
+"""[products] Of columns with each other, in all linearisations about a place; of fewer places,
+though not less than `REFINED_PLACES`, where each takes more. Source: a bound on computing time;
+20 places of nine masses."""
 RANKING_ROUNDS = 2
 """[1] Linearisations that decide which places these are. Source: judgement; no study is
 recorded."""
@@ -67,10 +78,10 @@ def locate(
     -------
     The places, the likeliest first, with force and motion at each.
     """
-    first, runs, outer = _solver(fit, tuple(trials))
-    records, linear, lines = tuple(trials), first.linear, first.trials
+    first, runs, outer = linearise(fit, tuple(trials))
+    records, linear = tuple(trials), first.linear
     solver, order = _rank_families(fit, records, first, _families(first, among))
-    none = _likelihood_without_force(solver, lines)
+    none = _likelihood_without_force(*dict.fromkeys((first, solver)))
     groups = _groups(fit, solver, order, none)
     return Localization(
         groups=groups,
@@ -86,14 +97,14 @@ def locate(
     )
 
 
-def likeliest(fit: Fit, trials: Sequence[Trial], among: Sequence[Place]) -> list[Place]:
-    """Rank places as `locate` does, by one linearisation and the noise of the fit."""
-    solver, _, _ = _solver(fit, tuple(trials))
-    order, _ = _sort_by_likelihood(solver, _families(solver, among), 0, 1)
-    return [source.place for family in order for source in family]
+def likeliest_places(fit: Fit, trials: Sequence[Trial], most: int) -> list[Place]:
+    """Give the first places by one linearisation and the noise of the fit, one of a family."""
+    solver, _, _ = linearise(fit, tuple(trials))
+    order, _ = _sort_by_likelihood(solver, _equivalent_sources(solver), 0, 1)
+    return [family[0].place for family in order[:most]]
 
 
-def _solver(
+def linearise(
     fit: Fit, records: tuple[Trial, ...]
 ) -> tuple[
     LatentForceSolver,
@@ -140,9 +151,11 @@ def _rank_families(
 ) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
     """Rank all families, update the noise from what the best leaves, and refine the best."""
     order = families
-    if len(order) > RELINEARISED_PLACES:
+    keen = _relinearised_places(solver)
+    if len(order) > min(keen, MOST_PLACES):
         order, _ = _sort_by_likelihood(solver, order, 0, 1)
-    order, _ = _sort_by_likelihood(solver, order, RELINEARISED_PLACES, RANKING_ROUNDS)
+        order = order[:MOST_PLACES]
+    order, _ = _sort_by_likelihood(solver, order, keen, RANKING_ROUNDS)
     for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
         order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
         quiet = update_noise(fit, records, solver.trials, best.explained)
@@ -157,13 +170,20 @@ def _rank_families(
     return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
 
 
-def _likelihood_without_force(
-    solver: LatentForceSolver, before: tuple[TrialLines, ...]
-) -> float:
-    """Log likelihood without any force, under the better of both estimates of the noise."""
-    after = solver.explain(None).likelihood + noise_log_likelihood(solver.trials)
-    first = LatentForceSolver(solver.linear, solver.known, before)
-    return max(after, first.explain(None).likelihood + noise_log_likelihood(before))
+def _relinearised_places(solver: LatentForceSolver) -> int:
+    """Give the number of places that are linearised about the motion with a force there."""
+    columns = [white.columns.shape for white in solver.white]
+    products = sum(lines * sensors * count**2 for lines, sensors, count in columns)
+    most = int(LINEARISATION_PRODUCTS / products)
+    return min(max(most, REFINED_PLACES), RELINEARISED_PLACES)
+
+
+def _likelihood_without_force(*solvers: LatentForceSolver) -> float:
+    """Log likelihood without any force, under the better of several estimates of the noise."""
+    return max(
+        solver.iterate(None, rounds=ROUNDS).likelihood + noise_log_likelihood(solver.trials)
+        for solver in solvers
+    )
 
 
 def _groups(
@@ -176,7 +196,8 @@ def _groups(
     bands = sum(trial.bands for trial in solver.trials)
     families = [family for family, _ in order]
     groups = []
-    for family, found in order:
+    parallel = _parallel_places(families, solver.tuned[0])
+    for (family, found), twins in zip(order, parallel, strict=True):
         score = found.likelihood + constant - none
         groups.append(
             PlaceGroup(
@@ -187,7 +208,7 @@ def _groups(
                 left=_remaining_power(solver.trials, found),
                 constants=_constant_changes(fit, found),
                 explained=found,
-                twins=_parallel_places(family, families, solver.tuned[0]),
+                twins=twins,
             )
         )
     return tuple(groups)
@@ -198,19 +219,21 @@ def _sort_by_likelihood(
 ) -> tuple[list[list[ForceSource]], PlaceEstimate]:
     """Sort families by likelihood, the first `keen` by all rounds; give the likeliest, too."""
     made: dict[int, PlaceEstimate] = {}
+    asked = [(family[0].place, rounds if i < keen else 1) for i, family in enumerate(families)]
 
     def likelihood(number: int) -> float:
-        made[number] = solver.iterate(
-            families[number][0], rounds=rounds if number < keen else 1
-        )
+        source = families[number][0]
+        made[number] = solver.iterate(source, rounds=asked[number][1])
         return made[number].likelihood
 
-    likelihoods = map_shared(likelihood, range(len(families)))
-    first = max(range(len(families)), key=lambda i: likelihoods[i])
-    if first not in made:  # estimated by another process, which told its likelihood only
-        likelihood(first)
-    order = sorted(range(len(families)), key=lambda i: -likelihoods[i])
-    return [families[i] for i in order], made[first]
+    known = solver.likelihoods
+    open_ones = [i for i, one in enumerate(asked) if one not in known]
+    found = map_shared(likelihood, open_ones)
+    known.update(zip([asked[i] for i in open_ones], found, strict=True))
+    order = sorted(range(len(families)), key=lambda i: -known[asked[i]])
+    if order[0] not in made:  # estimated before, or by another process
+        likelihood(order[0])
+    return [families[i] for i in order], made[order[0]]
 
 
 def _shared(
@@ -305,20 +328,28 @@ def _equivalent_sources(solver: LatentForceSolver) -> list[list[ForceSource]]:
 
 
 def _parallel_places(
-    family: list[ForceSource], families: list[list[ForceSource]], tuned: PerturbedReference
-) -> tuple[Place, ...]:
-    """Places of other families whose transfer is parallel at every line."""
-    own = tuned.transfer(family[0]) / np.sqrt(tuned.trial.noise)
-    found: list[Place] = []
-    for other in families:
-        if other is family:
-            continue
-        seen = tuned.transfer(other[0]) / np.sqrt(tuned.trial.noise)
-        both = np.linalg.norm(own, axis=1) * np.linalg.norm(seen, axis=1)
-        apart = both - np.abs(np.sum(own.conj() * seen, axis=1))
-        if np.all(apart <= PARALLEL_TRANSFER * both):
-            found.extend(source.place for source in other)
-    return tuple(found)
+    families: list[list[ForceSource]], tuned: PerturbedReference
+) -> list[tuple[Place, ...]]:
+    """Places of other families whose transfer is parallel at every line, of each family."""
+    root = np.sqrt(tuned.trial.noise)
+    units = [tuned.transfer(family[0]) / root for family in families]
+    norms = [np.linalg.norm(unit, axis=1) for unit in units]
+    few = slice(None, None, PROBED_LINE)
+
+    def are_parallel(i: int, j: int) -> bool:
+        for lines in (few, slice(None)):
+            both = norms[i][lines] * norms[j][lines]
+            along = np.einsum("fs,fs->f", units[i][lines].conj(), units[j][lines])
+            if np.any(both - np.abs(along) > PARALLEL_TRANSFER * both):
+                return False
+        return True
+
+    found: list[list[Place]] = [[] for _ in families]
+    for i, j in itertools.combinations(range(len(families)), 2):
+        if are_parallel(i, j):
+            found[i].extend(source.place for source in families[j])
+            found[j].extend(source.place for source in families[i])
+    return [tuple(places) for places in found]
 
 
 def _explained_share(trials: tuple[TrialLines, ...], found: Explanation) -> float:
