@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import binomtest
+
 TEN_DECIBEL = math.sqrt(10.0)
 LEAST_TOLD, MOST_ALIKE = 3.0, 10.0
 """Nats between the truth and its best rival, below which to leave it undecided is right, and
@@ -62,7 +64,7 @@ def scored(folder: Path) -> dict[str, Any]:
         outcome = "exact" if not sought else "missed"
     elif any("rocking" in kinds for kinds, *_ in sought):
         outcome = "exact" if verdict in ("unknown_effect", "undecided") else "wrong"
-    elif verdict == "undecided" and (case.get("nats") or MOST_ALIKE) < LEAST_TOLD:
+    elif verdict == "undecided" and case.get("nats", MOST_ALIKE) < LEAST_TOLD:
         rivals = [(one["effect"], _where(one["where"], ends)) for one in found["undecided"]]
         held = all(
             any(k in kinds and w == where for k, w in rivals) for kinds, where, *_ in sought
@@ -105,12 +107,27 @@ def _where(where: dict[str, str], ends: dict[str, frozenset[str]]) -> frozenset[
     return ends.get(where["id"], frozenset([where["id"]]))
 
 
+def _shows(row: dict[str, Any]) -> bool:
+    """Whether what is missing shows 10 dB over the noise, or in ambient spectra at all."""
+    if row["excitation"] == "ambient":
+        return bool(row.get("nothing_nats", 0.0) >= MOST_ALIKE)
+    return bool(row.get("contrast", 0.0) >= TEN_DECIBEL)
+
+
+def _share(count: int, of: int) -> str:
+    if not of:
+        return "0 of 0"
+    low, high = binomtest(count, of).proportion_ci()
+    return f"{count} of {of} ({100 * low:.0f}-{100 * high:.0f} %)"
+
+
 def table(rows: Iterable[dict[str, Any]]) -> str:
     """Tell how many were right."""
     every = list(rows)
-    seen = [r for r in every if r["truth"] and r.get("contrast", 0.0) >= TEN_DECIBEL]
+    seen = [r for r in every if r["truth"] and _shows(r)]
     alike = [r for r in seen if r["outcome"] == "alike"]
     exact = [r for r in seen if r["outcome"] == "exact"]
+    told = [r for r in seen if r.get("nats", MOST_ALIKE) >= LEAST_TOLD]
     off = [r for r in seen if any(one["off"] for one in r["truth"])]
     closed = [r for r in exact if r["left"] <= HELD_OUT]
     within = [one for r in seen for one in r["within"]]
@@ -118,15 +135,17 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
     times = sorted(r["seconds"] for r in every)
     lines = [
         f"{len(every)} cases, {len(seen)} with an effect 10 dB over the noise",
-        f"named and placed: {len(exact)} of {len(seen)}; {len(alike)} more were rightly left "
-        "undecided",
+        f"named and placed: {_share(len(exact), len(seen))}; {len(alike)} more were rightly "
+        "left undecided",
+        f"the same, of those {LEAST_TOLD:g} nats or more from their best rival: "
+        + _share(sum(r["outcome"] == "exact" for r in told), len(told)),
         "of those with something off the model: "
-        f"{sum(r['outcome'] == 'exact' for r in off)} of {len(off)}",
-        f"wrong name: {sum(r['outcome'] == 'wrong' for r in seen)} of {len(seen)}",
-        f"held-out error at the noise: {len(closed)} of {len(exact)} of those",
-        f"leading number within its 95 % interval: {sum(within)} of {len(within)}",
-        f"nothing missing, and something named: "
-        f"{sum(r['outcome'] != 'exact' for r in none)} of {len(none)}",
+        + _share(sum(r["outcome"] == "exact" for r in off), len(off)),
+        f"wrong name: {_share(sum(r['outcome'] == 'wrong' for r in seen), len(seen))}",
+        f"held-out error at the noise: {_share(len(closed), len(exact))} of those",
+        f"leading number within its 95 % interval: {_share(sum(within), len(within))}",
+        "nothing missing, and something named: "
+        + _share(sum(r["outcome"] != "exact" for r in none), len(none)),
     ]
     if times:
         at = [times[min(int(q * len(times)), len(times) - 1)] for q in (0.5, 0.95)]
