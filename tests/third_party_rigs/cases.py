@@ -25,7 +25,7 @@ from .rigs import (
     plain,
     run,
 )
-from .rivals import Rig, Seen, distance, told_late
+from .rivals import Rig, Seen, distance, elongation, told_late
 
 RATE_HZ = 200.0
 RAMP_S = 2.0
@@ -93,6 +93,7 @@ class Draft:
     structure: Structure
     excitation: str
     scale_force: float
+    given: Excitation
     motion: dict[str, np.ndarray]
     truth: list[Truth] = dataclasses.field(default_factory=list)
     channel_faults: list[Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]] = (
@@ -106,14 +107,7 @@ class Draft:
 
     def amplitude(self, pair: tuple[int, int]) -> tuple[float, float]:
         """Standard deviations of elongation [m] and rate [m/s] between two points."""
-        e, v = (
-            sum(
-                sign * self.motion[what][:, end]
-                for end, sign in zip(pair, (-1, 1), strict=True)
-                if end != GROUND
-            )
-            for what in ("q", "v")
-        )
+        e, v = elongation(pair, self.given, self.motion)
         return float(np.std(e)), float(np.std(v))
 
     def add(self, name: str, one: Any) -> None:
@@ -465,7 +459,7 @@ def draw(seed: int, what: str, how: str) -> Case:
     plain = excite(rng, structure, how, from_rest=from_rest)
     motion = dict(run(structure, plain))
     force = float(np.std(motion["a"]) * np.mean(structure.masses))
-    draft = Draft(rng, structure, how, force, motion)
+    draft = Draft(rng, structure, how, force, plain, motion)
     labels = [_add_one(draft, kind) for kind in {"both": ("on", "off")}.get(what, (what,))]
     model = _model(rng, structure, how)
     records, seen = {}, []

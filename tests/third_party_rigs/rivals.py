@@ -104,7 +104,7 @@ def told_late(series: np.ndarray, times: np.ndarray, late_s: float) -> np.ndarra
 
 def values_along(change: Change, rig: Rig, seen: Seen) -> np.ndarray:
     """Force of a law for one unit of its size, along the true motion [time]."""
-    e, v = elongation(change.at, seen)
+    e, v = elongation(change.at, seen.given, seen.motion)
     scale = rig.amplitude((change.at[0], change.at[1]))
     if change.what == "bouc_wen":
         return _memory(e, v, seen.given.rate_hz, 0.7 * change.shape * scale[0])
@@ -112,14 +112,16 @@ def values_along(change: Change, rig: Rig, seen: Seen) -> np.ndarray:
     return np.array([law(*one) for one in zip(e.tolist(), v.tolist(), seen.times, strict=True)])
 
 
-def elongation(pair: tuple[int, ...], seen: Seen) -> tuple[np.ndarray, np.ndarray]:
-    """Elongation and its rate between two points."""
-    along = direction((pair[0], pair[1]), seen.motion["x"].shape[1])
-    e, v = seen.motion["x"] @ along, seen.motion["dx"] @ along
+def elongation(
+    pair: tuple[int, ...], given: Excitation, motion: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Elongation [m] and its rate [m/s] between two points."""
+    along = direction((pair[0], pair[1]), motion["x"].shape[1])
+    e, v = motion["x"] @ along, motion["dx"] @ along
     if STILL in pair:
-        ground = ground_motion(seen.given)
-        sign = 1.0 if pair[0] == STILL else -1.0
-        e, v = e + sign * ground(seen.times), v + sign * ground(seen.times, 1)
+        times = np.arange(given.samples) / given.rate_hz
+        ground, sign = ground_motion(given), 1.0 if pair[0] == STILL else -1.0
+        e, v = e + sign * ground(times), v + sign * ground(times, 1)
     return e, v
 
 
@@ -201,7 +203,7 @@ def dynamic_stiffness(
         return s[:, None, None] * shape
     along = direction((at[0], at[1]), size)
     force = values_along(change, rig, seen)[part]
-    e, v = (one[part] - one[part].mean() for one in elongation(at, seen))
+    e, v = (one[part] - one[part].mean() for one in elongation(at, seen.given, seen.motion))
     force = force - force.mean()
     k, c = force @ e / (e @ e), force @ v / (v @ v)
     return (k + c * s)[:, None, None] * np.outer(along, along)
