@@ -44,6 +44,8 @@ STARTS = 3
 DIFFERENCE_STEP = 1e-2
 """[1] Relative step of a parameter for derivatives. Source: equivalents of laws with kinks
 are averages over samples, and change in steps below it."""
+TINY = 1e-12
+"""[unit of the parameter] Least size of a parameter. Source: rounding."""
 MAX_EVALUATIONS = 60
 """[evaluations] Of a fit from one start. Source: least squares of three parameters end within
 forty."""
@@ -149,8 +151,9 @@ class _LawFit:
         sizes = np.array([abs(parameters[name]) for name in self.free])
         scaled = slopes * sizes
         _, occam = np.linalg.slogdet(np.eye(len(self.free)) + scaled.T @ scaled)
-        information = slopes.T @ slopes
-        sds = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0.0))
+        # The prior of the evidence: what no record tells has the error of its size.
+        information = slopes.T @ slopes + np.diag(1 / np.maximum(sizes, TINY) ** 2)
+        sds = np.sqrt(np.diag(np.linalg.inv(information)))
         return FittedLaw(
             Effect(self.kind.name, self.found.place, parameters),
             dict(zip(self.free, sds.tolist(), strict=True)),
