@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import yaml
 from scipy.stats import binomtest
 
 TEN_DECIBEL = math.sqrt(10.0)
@@ -40,8 +41,8 @@ def scored(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return case | {"outcome": "no answer", "verdict": "failed"}
     found = json.loads(path.read_text())
-    ends = _ends(folder)
-    named = [(one["effect"], _where(one["where"], ends)) for one in found["effects"]]
+    own = _own(folder)
+    named = [(one["effect"], _where(one["where"], own)) for one in found["effects"]]
     numbers = {n: one["parameters"] for n, one in zip(named, found["effects"], strict=True)}
     sought = [
         (one["kinds"], _set(one["where"]), one["parameter"], one["value"])
@@ -65,7 +66,7 @@ def scored(folder: Path) -> dict[str, Any]:
     elif any("rocking" in kinds for kinds, *_ in sought):
         outcome = "exact" if verdict in ("unknown_effect", "undecided") else "wrong"
     elif verdict == "undecided" and case.get("nats", MOST_ALIKE) < LEAST_TOLD:
-        rivals = [(one["effect"], _where(one["where"], ends)) for one in found["undecided"]]
+        rivals = [(one["effect"], _where(one["where"], own)) for one in found["undecided"]]
         held = all(
             any(k in kinds and w == where for k, w in rivals) for kinds, where, *_ in sought
         )
@@ -92,19 +93,16 @@ def _set(where: str | list[str]) -> frozenset[str]:
     return frozenset([where] if isinstance(where, str) else where)
 
 
-def _ends(folder: Path) -> dict[str, frozenset[str]]:
-    """Both ends of each element that the model as given has not got."""
-    import yaml
-
+def _own(folder: Path) -> set[str]:
+    """Names of the elements that the model as given has."""
     given = yaml.safe_load((folder / "rig.yaml").read_text())
-    own = {one["id"] for one in given["elements"]}
-    path = folder / "found/augmented.yaml"
-    after = yaml.safe_load(path.read_text()) if path.exists() else given
-    return {e["id"]: frozenset(e["between"]) for e in after["elements"] if e["id"] not in own}
+    return {one["id"] for one in given["elements"]}
 
 
-def _where(where: dict[str, str], ends: dict[str, frozenset[str]]) -> frozenset[str]:
-    return ends.get(where["id"], frozenset([where["id"]]))
+def _where(where: dict[str, str], own: set[str]) -> frozenset[str]:
+    """Both ends of an element that the model as given has not got, whose name joins theirs."""
+    new = where["kind"] == "element" and where["id"] not in own
+    return frozenset(where["id"].split("-") if new else [where["id"]])
 
 
 def _shows(row: dict[str, Any]) -> bool:

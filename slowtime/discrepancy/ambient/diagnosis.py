@@ -94,11 +94,12 @@ class _Found:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether records that were not fitted are less likely with the effect than without."""
+        """Whether spectra that were not fitted differ more from the effect than from none."""
         if self.predicted is None:
             return False
-        gain = self.predicted.log_likelihood - self.unseen.log_likelihood
-        return gain < -LIMITS.least_log_evidence
+        # Likelihood would count the error of a number of the law against its name.
+        worse = self.predicted.deviance - self.unseen.deviance
+        return worse > 2 * LIMITS.least_log_evidence
 
     @property
     def best(self) -> AmbientFit:

@@ -78,7 +78,6 @@ def fit_unseen(
         fits[0],
         deviance=sum(one.deviance for one in fits),
         degrees=sum(one.degrees for one in fits),
-        log_likelihood=sum(one.log_likelihood for one in fits),
         bands=tuple(band for one in fits for band in one.bands),
     )
 
