@@ -57,12 +57,11 @@ def without_unused_joints(description: Description) -> Description:
     So with supports that stand still: those at which something ends.
     """
     used = {effect["element"] for effect in description.effects if "element" in effect}
-    elements = (
+    elements = tuple(
         Spring(id=one.id, between=one.between) if isinstance(one, OpenJoint) else one
         for one in description.elements
         if not isinstance(one, OpenJoint) or one.id in used
     )
-    elements = tuple(elements)
     ends = {end for one in elements for end in one.between}
     supports = (one for one in description.supports if not one.still or one.id in ends)
     return dataclasses.replace(description, elements=elements, supports=tuple(supports))

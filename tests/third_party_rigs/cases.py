@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from scipy.interpolate import CubicSpline
 
-from .laws import LAWS, OFF_ONLY, ON_ONLY, RECORD_S, Change, Law
+from .laws import EVERY, LAWS, OFF_ONLY, ON_ONLY, RECORD_S, Change
 from .rigs import (
     FINE,
     GROUND,
@@ -79,9 +79,14 @@ class Case:
         for one in told:
             where = one["where"]
             one["where"] = where if isinstance(where, str) else sorted(where)
-        case = {"label": self.label, "excitation": self.excitation, "truth": told}
+        case: dict[str, Any] = {
+            "label": self.label,
+            "excitation": self.excitation,
+            "truth": told,
+        }
         if self.nats is not None:
-            case |= dict(zip(("nats", "nothing_nats", "rival"), self.nats, strict=True))
+            nats, nothing, rival = self.nats
+            case |= {"nats": nats, "nothing_nats": nothing, "rival": rival}
         (folder / "truth.json").write_text(json.dumps(case))
 
 
@@ -139,7 +144,7 @@ def add_law(draft: Draft, name: str, pair: tuple[int, int], size: float) -> None
         change = Change(name, pair, one.stiffness)
         draft.truth.append(Truth(kinds, where, "kh_n_per_m", one.stiffness, off, change))
         return
-    law: Law = (LAWS | OFF_ONLY | ON_ONLY)[name]
+    law = EVERY[name]
     value = law.strength(force, e, v)
     draft.add("forces", (pair, law.force(value, e, v, 1.0)))
     change = Change(name, pair, value)
@@ -465,7 +470,7 @@ def draw(seed: int, what: str, how: str) -> Case:
     records, seen = {}, []
     for name, level in (("a", 1.0), ("b", 0.7), ("held", 0.9)):
         given = excite(rng, structure, how, level, from_rest=from_rest)
-        motion = run(draft.structure, given)
+        motion = dict(run(draft.structure, given))
         told = _told(motion, given, how, size)
         for fault in draft.channel_faults:
             told = fault(told)

@@ -195,18 +195,17 @@ def dynamic_stiffness(
     if what in ("mass", "lighter in time", "lost mass", "rider"):
         shape[at[0], at[0]] = 1.0
         seems = np.full(len(s), float(np.mean(_share(what, seen.times)[part])))
-        return (s**2 * (_ridden(change, omega) if what == "rider" else seems))[
-            :, None, None
-        ] * shape
+        inertia = s**2 * (_ridden(change, omega) if what == "rider" else seems)
+        return np.asarray(inertia[:, None, None] * shape)
     if what == "gyroscopic":
         shape[at], shape[at[::-1]] = 1.0, -1.0
-        return s[:, None, None] * shape
+        return np.asarray(s[:, None, None] * shape)
     along = direction((at[0], at[1]), size)
     force = values_along(change, rig, seen)[part]
     e, v = (one[part] - one[part].mean() for one in elongation(at, seen.given, seen.motion))
     force = force - force.mean()
     k, c = force @ e / (e @ e), force @ v / (v @ v)
-    return (k + c * s)[:, None, None] * np.outer(along, along)
+    return np.asarray((k + c * s)[:, None, None] * np.outer(along, along))
 
 
 def _true_stiffness(rig: Rig, seen: Seen, omega: np.ndarray) -> np.ndarray:
@@ -342,7 +341,7 @@ class _Ambient:
         if change.what == "sensor gain":
             half = np.zeros_like(clean)
             half[:, i] = clean[:, i]
-            return half + half.conj().swapaxes(1, 2)
+            return np.asarray(half + half.conj().swapaxes(1, 2))
         if change.what == "sensor delay":
             turn[:, i, i] = np.exp(-1j * omega * change.shape)
         elif change.what == "elsewhere":
@@ -350,7 +349,7 @@ class _Ambient:
         else:
             part = slice(*piece["part"].tolist())
             return self._moved(piece, dynamic_stiffness(change, self.rig, seen, omega, part))
-        return turn @ clean @ turn.conj().swapaxes(1, 2) - clean
+        return np.asarray(turn @ clean @ turn.conj().swapaxes(1, 2) - clean)
 
     def constants(self) -> Iterator[np.ndarray]:
         for what, matrix in self.rig.structure.constants():
@@ -365,34 +364,34 @@ class _Ambient:
         for record in range(len(self.records)):
             own = range(record * PARTS, (record + 1) * PARTS)
 
-            def of(
-                delta: Callable[[dict[str, np.ndarray]], np.ndarray], own: range = own
-            ) -> np.ndarray:
-                return self._whitened([
+            for delta in self._of_forces():
+                yield self._whitened([
                     delta(p) if i in own else None for i, p in enumerate(self.pieces)
                 ])  # fmt: skip
 
-            for k in range(self.rig.size):
-                yield of(
-                    lambda p, k=k: p["told"][:, :, k, None] * p["told"][:, None, :, k].conj()
-                )
-                yield of(
-                    lambda p, k=k: np.tile(
-                        np.diag(np.eye(self.rig.size)[k] * p["noise"].diagonal()),
-                        (len(p["omega"]), 1, 1),
-                    )
-                )
-            for k in range(1, KNOTS):
-                yield of(
-                    lambda p, k=k: (
-                        (p["sigma"] - p["noise"])
-                        * np.interp(
-                            np.log(p["omega"]),
-                            np.linspace(*np.log(p["omega"][[0, -1]]), KNOTS),
-                            np.eye(KNOTS)[k],
-                        )[:, None, None]
-                    )
-                )
+    def _of_forces(self) -> Iterator[Callable[[dict[str, np.ndarray]], np.ndarray]]:
+        """Give functions from a part to what density, noise and shape change in it."""
+        for k in range(self.rig.size):
+
+            def density(p: dict[str, np.ndarray], k: int = k) -> np.ndarray:
+                told = p["told"][:, :, k]
+                return np.asarray(told[:, :, None] * told[:, None, :].conj())
+
+            def noise(p: dict[str, np.ndarray], k: int = k) -> np.ndarray:
+                one = np.zeros_like(p["sigma"])
+                one[:, k, k] = p["noise"][k, k]
+                return one
+
+            yield density
+            yield noise
+        for k in range(1, KNOTS):
+
+            def shape(p: dict[str, np.ndarray], k: int = k) -> np.ndarray:
+                log = np.log(p["omega"])
+                hat = np.interp(log, np.linspace(log[0], log[-1], KNOTS), np.eye(KNOTS)[k])
+                return np.asarray((p["sigma"] - p["noise"]) * hat[:, None, None])
+
+            yield shape
 
 
 def rivals(rig: Rig) -> Iterator[tuple[Change, ...]]:

@@ -115,7 +115,7 @@ def test_the_distance_is_that_of_a_refit_by_simulation(change, rival):
         return np.concatenate([apart, [x[0] / 0.03, x[1] / 0.2]])
 
     by_refit = scipy.optimize.least_squares(
-        left, np.full(5, 1e-2), x_scale=0.01, diff_step=1e-3, max_nfev=15
+        left, np.full(5, 1e-2), x_scale=0.01, diff_step=[1e-3], max_nfev=15
     ).cost
     found = _Distances(rig, [seen]).of(0, rival)
     assert found == pytest.approx(by_refit, rel=0.3)

@@ -251,7 +251,7 @@ def state_matrices(
         b_u[0, state, shaken] = -1.0
     if states > at:
         against = np.zeros((moved, len(supports)))
-        against[np.ix_(layout.apart, np.flatnonzero(shaken))] = -1.0
+        against[np.ix_(list(layout.apart), shaken)] = -1.0
         for column, support in enumerate(supports):
             if support is not None:
                 against[support, column] = 1.0

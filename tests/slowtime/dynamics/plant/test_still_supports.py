@@ -25,16 +25,18 @@ def measured(law):
 
 def described(*effects, stiffness=0.0, damping=0.0, inputs=(BASE_INPUT,)):
     ends = {-1: "base", 0: "f1", 1: "f2"}
-    springs = [(one.name, *map(ends.get, one.between), one.stiffness, one.damping)
-               for one in LINKS]  # fmt: skip
-    springs.append(("beside", "wall", "f1", stiffness, damping))
+    springs = [
+        (one.name, (ends[one.between[0]], ends[one.between[1]]), one.stiffness, one.damping)
+        for one in LINKS
+    ]
+    springs.append(("beside", ("wall", "f1"), stiffness, damping))
     return Description(
         name="rig",
         nodes=(Node(id="f1", mass_kg=3.0), Node(id="f2", mass_kg=2.0)),
         supports=(Support(id="wall", still=True),),
         elements=tuple(
-            Spring(id=name, between=(a, b), stiffness_n_per_m=k, damping_n_s_per_m=c)
-            for name, a, b, k, c in springs
+            Spring(id=name, between=ends, stiffness_n_per_m=k, damping_n_s_per_m=c)
+            for name, ends, k, c in springs
         ),
         inputs=inputs,
         sensors=tuple(
