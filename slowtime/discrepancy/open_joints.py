@@ -9,11 +9,13 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 
-from slowtime.dynamics.channels import IMPOSED_KINDS
+from slowtime.dynamics.channels import BASE_KINDS, IMPOSED_KINDS, Support
 from slowtime.dynamics.description import BASE, Description, Matrix, OpenJoint, Spring
 
 from .diagnosis import Diagnosis
 
+STILL = "still"
+"""Name of a point that stands still while the base moves."""
 MOST_JOINTS = 40
 """[open joints] Up to which there is one for each pair. Source: a bound on computing time; each
 costs as much as an element, and nine points in a row have 36."""
@@ -38,6 +40,7 @@ def with_open_joints(
         From the model and its pairs to so many of these between which something is likeliest
         missing; asked where there are more than `MOST_JOINTS`. The first where not given.
     """
+    description = _with_still_neighbour(description)
     every = list(_unjoined(description))
     pairs: Sequence[Pair] = every[:MOST_JOINTS]
     if likely is not None and len(every) > MOST_JOINTS:
@@ -50,14 +53,19 @@ def with_open_joints(
 
 
 def without_unused_joints(description: Description) -> Description:
-    """Keep of the open joints those that have an effect, as elements of the model."""
+    """Keep of the open joints those that have an effect, as elements of the model.
+
+    So with supports that stand still: those at which something ends.
+    """
     used = {effect["element"] for effect in description.effects if "element" in effect}
-    elements = (
+    elements = tuple(
         Spring(id=one.id, between=one.between) if isinstance(one, OpenJoint) else one
         for one in description.elements
         if not isinstance(one, OpenJoint) or one.id in used
     )
-    return dataclasses.replace(description, elements=tuple(elements))
+    ends = {end for one in elements for end in one.between}
+    supports = (one for one in description.supports if not one.still or one.id in ends)
+    return dataclasses.replace(description, elements=elements, supports=tuple(supports))
 
 
 def strip_joints(answer: Diagnosis) -> Diagnosis:
@@ -85,6 +93,18 @@ def strip_joints(answer: Diagnosis) -> Diagnosis:
     )
 
 
+def _with_still_neighbour(description: Description) -> Description:
+    """Add a point that stands still, where the base moves and there is none."""
+    shaken = any(entry.kind in BASE_KINDS for entry in description.inputs)
+    if not shaken or any(one.still for one in description.supports):
+        return description
+    name, taken = STILL, {*description.moved, *(node.id for node in description.nodes)}
+    while name in taken:
+        name += "'"
+    supports = (*description.supports, Support(id=name, still=True))
+    return dataclasses.replace(description, supports=supports)
+
+
 def _name(pair: tuple[str, str], taken: set[str]) -> str:
     """Name an open joint by its ends, and add the name to those that are taken."""
     name = "-".join(pair)
@@ -97,16 +117,18 @@ def _name(pair: tuple[str, str], taken: set[str]) -> str:
 def _unjoined(description: Description) -> Iterator[tuple[str, str]]:
     """Give pairs of points that nothing joins, those with the ground first.
 
-    Points that inputs move are places of their own; supports that none moves are the ground.
+    Points that inputs move, and those that stand still, are places of their own; other supports
+    are the ground.
     """
     if any(isinstance(element, Matrix) for element in description.elements):
         return
     driven = {entry.node for entry in description.inputs if entry.kind in IMPOSED_KINDS}
-    still = {one.id for one in description.supports} - driven
+    driven |= {one.id for one in description.supports if one.still}
+    grounded = {one.id for one in description.supports} - driven
     free = [node.id for node in description.nodes if node.id in description.dofs]
     moved = [name for name in description.moved if name in driven]
     joined = {
-        frozenset(BASE if end in still else end for end in element.between)
+        frozenset(BASE if end in grounded else end for end in element.between)
         for element in description.elements
     }
     for pair in itertools.combinations([BASE, *moved, *free], 2):

@@ -4,7 +4,8 @@
 
 Of each 30 seeds 6 lack something on an element, 12 something elsewhere, 6 both, and 6 nothing.
 From seed 1000 on there are gyroscopic couplings, wrongly wired sensors, bases that rock (no
-name is right) and frames of beams, in turn. What is there already is not done again.
+name is right) and frames of beams, in turn; from seed 2000 on masses that jump, and neighbours
+that stand still while the base moves. What is there already is not done again.
 With `--lengths`, each case is also diagnosed by the first 25 and 50 % of its two records; no
 answer may be worse by longer ones.
 """
@@ -16,12 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from .battery import SHARES, cut, diagnose, gets_worse, scored, table
-from .cases import FURTHER, draw
+from .cases import FURTHER, LATEST, draw
 
 WHAT = ("on", "off", "off", "both", "nothing")
-FURTHER_FROM = 1000
-"""Seed from which cases are of the further kinds, in turn."""
+WHAT_FROM = {0: WHAT, 1000: tuple(FURTHER), 2000: tuple(LATEST)}
+"""What may be missing from each seed on, in turn."""
 HOW = ("random", "random", "sweep", "base", "random", "release", "ambient", "sweep")
+
+
+def plan(seed: int) -> tuple[str, str]:
+    """Tell what is missing in a case, and how it is excited."""
+    whats = WHAT_FROM[max(first for first in WHAT_FROM if first <= seed)]
+    what = whats[seed % len(whats)]
+    return what, "base" if what == "neighbour" else HOW[seed // len(whats) % len(HOW)]
 
 
 def main() -> int:
@@ -30,8 +38,9 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 150))
     parser.add_argument("--out", type=Path, default=Path("var/third_party_rigs"))
     parser.add_argument(
-        "--what", nargs="+", choices=(*WHAT, *FURTHER), default=(*WHAT, *FURTHER)
-    )
+        "--what", nargs="+", choices=(*WHAT, *FURTHER, *LATEST),
+        default=(*WHAT, *FURTHER, *LATEST),
+    )  # fmt: skip
     parser.add_argument("--how", nargs="+", choices=HOW, default=HOW)
     parser.add_argument("--patience")
     parser.add_argument(
@@ -40,8 +49,7 @@ def main() -> int:
     asked = parser.parse_args()
     rows, worse, shares = [], [], SHARES if asked.lengths else SHARES[-1:]
     for seed in range(*asked.seeds):
-        whats = WHAT if seed < FURTHER_FROM else tuple(FURTHER)
-        what, how = whats[seed % len(whats)], HOW[seed // len(whats) % len(HOW)]
+        what, how = plan(seed)
         if what not in asked.what or how not in asked.how:
             continue
         folder = asked.out / f"{seed:04d}"

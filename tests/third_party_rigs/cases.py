@@ -11,12 +11,13 @@ import numpy as np
 import yaml
 from scipy.interpolate import CubicSpline
 
+from .laws import EVERY, LAWS, OFF_ONLY, ON_ONLY, RECORD_S, Change
 from .rigs import (
     FINE,
     GROUND,
+    STILL,
     Excitation,
     Extra,
-    Force,
     Hysteresis,
     Link,
     Rider,
@@ -24,12 +25,13 @@ from .rigs import (
     plain,
     run,
 )
-from .rivals import least_nats
+from .rivals import Rig, Seen, distance, elongation, told_late
 
-RATE_HZ, SECONDS = 200.0, 30.0
+RATE_HZ = 200.0
+RAMP_S = 2.0
+"""[s] In which a base begins to move."""
 NOISE = 0.01
 """Standard deviation of the sensors' noise over that of what they read."""
-FORCED = ("random", "sweep")
 STIFFNESS_OFF, DAMPING_OFF = 0.015, 0.10
 """Standard deviation of what the model's constants are off by, relative."""
 
@@ -42,8 +44,8 @@ class Truth:
     ----------
     where
         Element, node or channel; of what joins two points, both in a set.
-    linear
-        What it is among `rivals.changes`, where it is one of them.
+    change
+        What it does to the rig, where rivals of it are known.
     """
 
     kinds: tuple[str, ...]
@@ -51,7 +53,7 @@ class Truth:
     parameter: str
     value: float
     off: bool
-    linear: tuple[str, tuple[int, ...]] | None = None
+    change: Change | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +66,8 @@ class Case:
     model: dict[str, Any]
     records: dict[str, dict[str, np.ndarray]]
     truth: tuple[Truth, ...]
-    nats: float | None = None
+    nats: tuple[float, float, str] | None = None
+    """As of `rivals.distance`."""
 
     def write(self, folder: Path) -> None:
         """Write model, records and truth as a user has them."""
@@ -76,8 +79,15 @@ class Case:
         for one in told:
             where = one["where"]
             one["where"] = where if isinstance(where, str) else sorted(where)
-        case = {"label": self.label, "excitation": self.excitation, "truth": told}
-        (folder / "truth.json").write_text(json.dumps(case | {"nats": self.nats}))
+        case: dict[str, Any] = {
+            "label": self.label,
+            "excitation": self.excitation,
+            "truth": told,
+        }
+        if self.nats is not None:
+            nats, nothing, rival = self.nats
+            case |= {"nats": nats, "nothing_nats": nothing, "rival": rival}
+        (folder / "truth.json").write_text(json.dumps(case))
 
 
 @dataclasses.dataclass
@@ -88,6 +98,7 @@ class Draft:
     structure: Structure
     excitation: str
     scale_force: float
+    given: Excitation
     motion: dict[str, np.ndarray]
     truth: list[Truth] = dataclasses.field(default_factory=list)
     channel_faults: list[Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]] = (
@@ -101,14 +112,7 @@ class Draft:
 
     def amplitude(self, pair: tuple[int, int]) -> tuple[float, float]:
         """Standard deviations of elongation [m] and rate [m/s] between two points."""
-        e, v = (
-            sum(
-                sign * self.motion[what][:, end]
-                for end, sign in zip(pair, (-1, 1), strict=True)
-                if end != GROUND
-            )
-            for what in ("q", "v")
-        )
+        e, v = elongation(pair, self.given, self.motion)
         return float(np.std(e)), float(np.std(v))
 
     def add(self, name: str, one: Any) -> None:
@@ -125,94 +129,26 @@ class Draft:
 
 
 def _name(end: int) -> str:
-    return "base" if end == GROUND else f"f{end + 1}"
+    return {GROUND: "base", STILL: "still"}.get(end, f"f{end + 1}")
 
 
-# What may be missing: each adds itself to a draft, between two points where it joins such.
-
-Adder = Callable[[Draft, tuple[int, int], float], None]
-
-
-def _law(
-    kinds: tuple[str, ...],
-    parameter: str,
-    strength: Callable[[float, float, float], float],
-    law: Callable[[float, float, float], Force],
-    linear: str = "",
-) -> Adder:
-    """Make a law: `strength` from force and amplitudes, `law` from strength and amplitudes."""
-
-    def adder(draft: Draft, pair: tuple[int, int], size: float) -> None:
-        e, v = draft.amplitude(pair)
-        value = strength(size * draft.scale_force, e, v)
-        draft.add("forces", (pair, law(value, e, v)))
-        where = draft.place(pair)
-        draft.truth.append(
-            Truth(
-                kinds, where, parameter, value, off=not isinstance(where, str),
-                linear=(linear, pair) if linear else None,
-            )
-        )  # fmt: skip
-
-    return adder
-
-
-def _gap(k: float, e: float, v: float) -> Force:
-    return lambda x, w, t: k * max(abs(x) - 0.8 * e, 0.0) * (1.0 if x > 0 else -1.0)
-
-
-def _stop(k: float, e: float, v: float) -> Force:
-    return lambda x, w, t: k * max(x - 0.5 * e, 0.0)
-
-
-def _bouc_wen(draft: Draft, pair: tuple[int, int], size: float) -> None:
-    e, _ = draft.amplitude(pair)
-    one = Hysteresis(pair, size * draft.scale_force / e, 0.7 * e)
-    draft.add("hysteresis", one)
-    where = draft.place(pair)
-    kinds = ("bouc_wen", "bouc_wen_general", "friction_in_series_with_spring", "dahl")
+def add_law(draft: Draft, name: str, pair: tuple[int, int], size: float) -> None:
+    """Add a law, or a Bouc-Wen spring, between two points."""
+    e, v = draft.amplitude(pair)
+    force, where = size * draft.scale_force, draft.place(pair)
     off = not isinstance(where, str)
-    draft.truth.append(Truth(kinds, where, "kh_n_per_m", one.stiffness, off=off))
-
-
-LAWS: dict[str, Adder] = {
-    "cubic": _law(
-        ("cubic_hardening",), "k3_n_per_m3",
-        lambda f, e, v: f / (3.9 * e**3), lambda k, e, v: lambda x, w, t: k * x**3,
-    ),
-    "drag": _law(
-        ("quadratic_damping",), "c2_n_s2_per_m2",
-        lambda f, e, v: f / (1.7 * v**2), lambda c, e, v: lambda x, w, t: c * abs(w) * w,
-    ),
-    "friction": _law(
-        ("coulomb", "dahl", "stribeck", "friction_with_creep"), "friction_n",
-        lambda f, e, v: f, lambda c, e, v: lambda x, w, t: c * math.tanh(w / (1e-3 * v)),
-    ),
-    "gap": _law(("gap_symmetric",), "k_n_per_m", lambda f, e, v: 3.0 * f / e, _gap),
-    "stop": _law(("gap_one_sided",), "k_n_per_m", lambda f, e, v: 3.0 * f / e, _stop),
-    "bouc_wen": _bouc_wen,
-}  # fmt: skip
-OFF_ONLY: dict[str, Adder] = {
-    "spring": _law(
-        ("missing_spring",), "k_n_per_m",
-        lambda f, e, v: f / e, lambda k, e, v: lambda x, w, t: k * x, "spring",
-    ),
-    "damper": _law(
-        ("missing_damper",), "c_n_s_per_m",
-        lambda f, e, v: f / v, lambda c, e, v: lambda x, w, t: c * w, "damper",
-    ),
-}  # fmt: skip
-ON_ONLY: dict[str, Adder] = {
-    "softening in time": _law(
-        ("stiffness_drift",), "dk_n_per_m",
-        lambda f, e, v: 2.0 * f / e, lambda k, e, v: lambda x, w, t: -k * x * t / SECONDS,
-    ),
-    "break": _law(
-        ("stiffness_jump",), "dk_n_per_m",
-        lambda f, e, v: 1.4 * f / e,
-        lambda k, e, v: lambda x, w, t: -k * x * (t >= 0.4 * SECONDS),
-    ),
-}  # fmt: skip
+    if name == "bouc_wen":
+        one = Hysteresis(pair, force / e, 0.7 * e)
+        draft.add("hysteresis", one)
+        kinds = ("bouc_wen", "bouc_wen_general", "friction_in_series_with_spring", "dahl")
+        change = Change(name, pair, one.stiffness)
+        draft.truth.append(Truth(kinds, where, "kh_n_per_m", one.stiffness, off, change))
+        return
+    law = EVERY[name]
+    value = law.strength(force, e, v)
+    draft.add("forces", (pair, law.force(value, e, v, 1.0)))
+    change = Change(name, pair, value)
+    draft.truth.append(Truth(law.kinds, where, law.parameter, value, off, change))
 
 
 def heavier(draft: Draft, size: float) -> None:
@@ -223,7 +159,7 @@ def heavier(draft: Draft, size: float) -> None:
     masses[at] += more
     draft.structure = dataclasses.replace(draft.structure, masses=tuple(masses))
     draft.truth.append(
-        Truth(("added_mass",), _name(at), "dm_kg", more, off=True, linear=("mass", (at,)))
+        Truth(("added_mass",), _name(at), "dm_kg", more, True, Change("mass", (at,), more))
     )
 
 
@@ -233,9 +169,29 @@ def lighter_in_time(draft: Draft, size: float) -> None:
     less = -(0.05 + size) * draft.structure.masses[at]
     along = np.eye(draft.size)[at]
     draft.structure = dataclasses.replace(
-        draft.structure, more_mass=lambda t: less * t / SECONDS * along
+        draft.structure, more_mass=lambda t: less * t / RECORD_S * along
     )
-    draft.truth.append(Truth(("mass_drift",), _name(at), "dm_kg", less, off=True))
+    change = Change("lighter in time", (at,), less)
+    draft.truth.append(Truth(("mass_drift",), _name(at), "dm_kg", less, True, change))
+
+
+def lost_mass(draft: Draft, size: float) -> None:
+    """A part falls off one mass, or lands on it."""
+    at = int(draft.rng.integers(draft.size))
+    more = float(draft.rng.choice([-1.0, 1.0])) * (0.05 + size) * draft.structure.masses[at]
+    along = np.eye(draft.size)[at]
+    draft.structure = dataclasses.replace(
+        draft.structure, more_mass=lambda t: more * (t >= 0.4 * RECORD_S) * along
+    )
+    change = Change("lost mass", (at,), more)
+    draft.truth.append(Truth(("mass_jump",), _name(at), "dm_kg", more, True, change))
+
+
+def neighboured(draft: Draft, size: float) -> None:
+    """A law joins a mass to a neighbour that stands still while the base moves."""
+    names = [*OFF_ONLY, "cubic", "drag", "stop"]
+    name = str(draft.rng.choice(names))
+    add_law(draft, name, (STILL, int(draft.rng.integers(draft.size))), size)
 
 
 def rider(draft: Draft, size: float) -> None:
@@ -246,7 +202,8 @@ def rider(draft: Draft, size: float) -> None:
     stiffness = mass * (2 * math.pi * hertz) ** 2
     damping = 0.1 * math.sqrt(stiffness * mass)
     draft.add("riders", Rider(at, mass, stiffness, damping))
-    draft.truth.append(Truth(("extra_dof",), _name(at), "mass_kg", mass, off=True))
+    change = Change("rider", (at,), mass, hertz)
+    draft.truth.append(Truth(("extra_dof",), _name(at), "mass_kg", mass, True, change))
 
 
 def channel(draft: Draft, size: float, what: str) -> None:
@@ -268,9 +225,12 @@ def channel(draft: Draft, size: float, what: str) -> None:
     draft.channel_faults.append(fault)
     # A recorder that tells the input late is an input that acts early.
     turned = {"delay_s": -value, "gain": 1.0 / value}[parameter] if not sensor else value
-    linear = (what, (at,) if sensor else ())
+    late = parameter == "delay_s"
+    change = Change(
+        what, (at,) if sensor else (), 1.0 if late else turned - 1.0, turned if late else 1.0
+    )
     kinds = (what.replace(" ", "_"),)
-    draft.truth.append(Truth(kinds, name, parameter, turned, off=True, linear=linear))
+    draft.truth.append(Truth(kinds, name, parameter, turned, True, change))
 
 
 def rewired(draft: Draft, size: float) -> None:
@@ -286,12 +246,13 @@ def rewired(draft: Draft, size: float) -> None:
 
     draft.channel_faults.append(fault)
     if what == "upside down":
-        draft.truth.append(Truth(("sensor_gain",), one, "gain", -1.0, off=True))
+        change = Change("sensor gain", (i,), -2.0)
+        draft.truth.append(Truth(("sensor_gain",), one, "gain", -1.0, True, change))
         return
-    places = [(one, j), (other, i)][: 2 if what == "exchanged" else 1]
-    for name, at in places:
-        kinds = ("sensor_misplaced",)
-        draft.truth.append(Truth(kinds, name, "node_number", float(at + 1), off=True))
+    places = [(one, i, j), (other, j, i)][: 2 if what == "exchanged" else 1]
+    for name, own, at in places:
+        kinds, change = ("sensor_misplaced",), Change("elsewhere", (own, at))
+        draft.truth.append(Truth(kinds, name, "node_number", float(at + 1), True, change))
 
 
 def gyroscopic(draft: Draft, size: float) -> None:
@@ -307,9 +268,8 @@ def gyroscopic(draft: Draft, size: float) -> None:
     more = dataclasses.replace(extra, damping=damping)
     draft.structure = dataclasses.replace(draft.structure, extra=more)
     kinds, where = ("gyroscopic_coupling",), draft.place(pair)
-    draft.truth.append(
-        Truth(kinds, where, "g_n_s_per_m", value, off=True, linear=("gyroscopic", pair))
-    )
+    change = Change("gyroscopic", pair, value)
+    draft.truth.append(Truth(kinds, where, "g_n_s_per_m", value, True, change))
 
 
 def rocking(draft: Draft, size: float) -> None:
@@ -333,27 +293,30 @@ def beamed(draft: Draft, size: float) -> None:
     names = [*OFF_ONLY, "cubic", "drag", "stop"]
     name = str(draft.rng.choice(names))
     pairs = off_pairs(draft.size)
-    (LAWS | OFF_ONLY)[name](draft, pairs[int(draft.rng.integers(len(pairs)))], size)
-    # Its matrices are not those of `rivals`.
-    draft.truth[-1] = dataclasses.replace(draft.truth[-1], linear=None)
+    add_law(draft, name, pairs[int(draft.rng.integers(len(pairs)))], size)
 
 
-FURTHER = {"gyroscopic": gyroscopic, "wiring": rewired, "rocking": rocking, "frame": beamed}
-
-
-def told_late(series: np.ndarray, times: np.ndarray, late_s: float) -> np.ndarray:
-    """Tell a series late by some seconds."""
-    return np.asarray(CubicSpline(times, series)(np.maximum(times - late_s, times[0])))
+FURTHER: dict[str, Callable[[Draft, float], None]] = {
+    "gyroscopic": gyroscopic, "wiring": rewired, "rocking": rocking, "frame": beamed,
+}  # fmt: skip
+LATEST: dict[str, Callable[[Draft, float], None]] = {
+    "lost mass": lost_mass, "neighbour": neighboured,
+}  # fmt: skip
 
 
 CHANNELS = ("sensor delay", "sensor gain", "input delay", "input gain")
 
 
 def excite(
-    rng: np.random.Generator, structure: Structure, how: str, level: float = 1.0
+    rng: np.random.Generator,
+    structure: Structure,
+    how: str,
+    level: float = 1.0,
+    *,
+    from_rest: bool = False,
 ) -> Excitation:
-    """Draw an excitation of a record."""
-    samples = round(RATE_HZ * SECONDS)
+    """Draw an excitation of a record; from rest, a moving base stays about its place."""
+    samples = round(RATE_HZ * RECORD_S)
     fine = np.arange((samples - 1) * FINE + 1) / (RATE_HZ * FINE)
     size = len(structure.masses)
     hertz = np.sort(structure.frequencies_hz())
@@ -377,6 +340,11 @@ def excite(
         loads[:] = 20.0 * level * np.stack([noise() for _ in range(size)], axis=1)
     elif how == "base":
         ground[:] = 5.0 * level * noise()
+        if from_rest:
+            lines = 2 * np.pi * np.fft.rfftfreq(len(fine), 1 / (RATE_HZ * FINE))
+            moved = np.fft.rfft(ground) / -(np.maximum(lines, lines[1]) ** 2)
+            ramp = np.sin(np.pi / 2 * np.minimum(fine / RAMP_S, 1.0)) ** 4
+            ground[:] = CubicSpline(fine, ramp * np.fft.irfft(moved, len(fine)))(fine, 2)
     elif how == "release":
         stiffness = structure.matrices()[2][:size, :size]
         start[0] = np.linalg.solve(stiffness, level * rng.normal(0, 60.0, size))
@@ -429,19 +397,22 @@ def frame(rng: np.random.Generator, size: int) -> Structure:
         [54, 13 * length, 156, -22 * length],
         [-13 * length, -3 * length**2, -22 * length, 4 * length**2],
     ])  # fmt: skip
-    mass, stiffness = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
+    mass, parts = np.zeros((2 * size, 2 * size)), []
     for i in range(size):
         own = [i - 1, size + i - 1, i, size + i]
         kept = [k for k in range(4) if i or k > 1]
         at = np.ix_([own[k] for k in kept], [own[k] for k in kept])
         mass[at] += heavy[np.ix_(kept, kept)]
-        stiffness[at] += bent[np.ix_(kept, kept)]
+        parts.append(np.zeros((2 * size, 2 * size)))
+        parts[-1][at] = bent[np.ix_(kept, kept)]
+    stiffness = np.sum(parts, axis=0)
     extra = dataclasses.replace(plain(2 * size, size), mass=mass, stiffness=stiffness)
     first = Structure(tuple(masses.tolist()), (), extra=extra).frequencies_hz().min()
     bending = float((hertz / first) ** 2)
     extra = dataclasses.replace(
-        extra, stiffness=bending * stiffness, damping=1e-3 * bending * stiffness
-    )
+        extra, stiffness=bending * stiffness, damping=1e-3 * bending * stiffness,
+        parts=tuple(bending * part for part in parts), damping_s=1e-3,
+    )  # fmt: skip
     return Structure(tuple(masses.tolist()), (), extra=extra)
 
 
@@ -480,28 +451,31 @@ def draw(seed: int, what: str, how: str) -> Case:
     Parameters
     ----------
     what
-        `on`, `off`, `both`, `nothing`, or one of `FURTHER`.
+        `on`, `off`, `both`, `nothing`, or one of `FURTHER` and `LATEST`.
     how
         `random`, `sweep`, `release`, `ambient` or `base`.
     """
     rng = np.random.default_rng([seed, 53])
     least = 2 if what in ("off", "both") else 1
     made = {"gyroscopic": two_directions, "frame": frame}.get(what, chain)
-    several = what in FURTHER
+    several, from_rest = what in (*FURTHER, *LATEST), what == "neighbour"
     structure = made(rng, int(rng.integers(2, 4)) if several else int(rng.integers(least, 5)))
     size = len(structure.masses)
-    plain = excite(rng, structure, how)
+    plain = excite(rng, structure, how, from_rest=from_rest)
     motion = dict(run(structure, plain))
     force = float(np.std(motion["a"]) * np.mean(structure.masses))
-    draft = Draft(rng, structure, how, force, motion)
+    draft = Draft(rng, structure, how, force, plain, motion)
     labels = [_add_one(draft, kind) for kind in {"both": ("on", "off")}.get(what, (what,))]
     model = _model(rng, structure, how)
-    records = {}
+    records, seen = {}, []
     for name, level in (("a", 1.0), ("b", 0.7), ("held", 0.9)):
-        given = excite(rng, structure, how, level)
-        told = _told(run(draft.structure, given), given, how, size)
+        given = excite(rng, structure, how, level, from_rest=from_rest)
+        motion = dict(run(draft.structure, given))
+        told = _told(motion, given, how, size)
         for fault in draft.channel_faults:
             told = fault(told)
+        clean = np.stack([told[f"a{i + 1}"] for i in range(size)], axis=1)
+        seen.append(Seen(given, motion, clean, told.get("u"), NOISE * clean.std(axis=0)))
         for key in told:
             if key.startswith("a") and key != "ag":
                 told[key] = told[key] + NOISE * np.std(told[key]) * rng.normal(
@@ -512,23 +486,46 @@ def draw(seed: int, what: str, how: str) -> Case:
         noise = NOISE * np.std(records["a"][sensor["channel"]])
         sensor["noise_sd"] = float(f"{noise:.4g}")
     label = " and ".join(one for one in labels if one) or "nothing"
-    nats = least_nats(structure, model, draft.truth, records["a"]) if how in FORCED else None
-    return Case(seed, label, how, model, records, tuple(draft.truth), nats)
+    changes = tuple(one.change for one in draft.truth if one.change is not None)
+    if not changes:
+        return Case(seed, label, how, model, records, tuple(draft.truth))
+    tolerance = (model["tolerance"]["stiffness"], model["tolerance"]["damping"])
+    rig = Rig(
+        draft.structure, changes, draft.amplitude, _off(model, structure), tolerance,
+        ambient=how == "ambient",
+    )  # fmt: skip
+    return Case(seed, label, how, model, records, tuple(draft.truth), distance(rig, seen[:2]))
+
+
+def _off(model: dict[str, Any], structure: Structure) -> np.ndarray:
+    """Tell by how much stiffness, then damping, of each part are off in a model, relative."""
+    if not structure.links:
+        assert structure.extra is not None
+        true = (
+            float(structure.extra.stiffness[*[len(structure.masses) - 1] * 2]) * BEAM_M**3 / 12
+        )
+        given = [part["bending_stiffness_n_m2"] / true - 1 for part in model["elements"]]
+        return np.array(given + [0.0] * len(given))
+    return np.array([
+        part[key] / getattr(link, own) - 1
+        for key, own in (("stiffness_n_per_m", "stiffness"), ("damping_n_s_per_m", "damping"))
+        for part, link in zip(model["elements"], structure.links, strict=True)
+    ])  # fmt: skip
 
 
 def _add_one(draft: Draft, kind: str) -> str:
     rng, size = draft.rng, float(draft.rng.uniform(0.08, 0.25))
     if kind == "nothing":
         return ""
-    if kind in FURTHER:
-        FURTHER[kind](draft, size)
+    if kind in (further := FURTHER | LATEST):
+        further[kind](draft, size)
         where = draft.truth[-1].where
         return f"{kind} at {where if isinstance(where, str) else '-'.join(sorted(where))}"
     if kind == "on":
-        names = [*LAWS, *ON_ONLY]
+        names = [*LAWS, "bouc_wen", *ON_ONLY]
         name = names[int(rng.integers(len(names)))]
         at = int(rng.integers(draft.size))
-        (LAWS | ON_ONLY)[name](draft, (at - 1, at), size)
+        add_law(draft, name, (at - 1, at), size)
         return f"{name} on {draft.truth[-1].where}"
     others: dict[str, Callable[[Draft, float], None]] = {
         "mass": heavier, "rider": rider, "lighter in time": lighter_in_time,
@@ -536,9 +533,9 @@ def _add_one(draft: Draft, kind: str) -> str:
     pairs = off_pairs(draft.size)
     # Half of them join points that nothing joins in the model.
     if rng.random() < 0.5 and pairs:
-        names = [*LAWS, *OFF_ONLY]
+        names = [*LAWS, "bouc_wen", *OFF_ONLY]
         name = names[int(rng.integers(len(names)))]
-        (LAWS | OFF_ONLY)[name](draft, pairs[int(rng.integers(len(pairs)))], size)
+        add_law(draft, name, pairs[int(rng.integers(len(pairs)))], size)
         return f"{name} between {'-'.join(sorted(draft.truth[-1].where))}"
     names = list(others)
     if draft.excitation in ("random", "sweep"):

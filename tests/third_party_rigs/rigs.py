@@ -5,13 +5,14 @@ is to lack: forces between any two points, masses and coordinates more, channels
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from scipy.integrate import odeint
 from scipy.interpolate import CubicSpline
 
-GROUND = -1
+GROUND, STILL = -1, -2
+"""Ends that are no mass: the ground that moves with the base, and a neighbour that does not."""
 FINE = 8
 """Points of an excitation for each sample, between which it is a cubic spline."""
 
@@ -59,6 +60,10 @@ class Extra:
         1 for each coordinate that the ground carries along, else 0.
     reading
         From the coordinates to the displacements of the masses [mass, coordinate].
+    parts
+        Stiffness of each part whose constants a model states.
+    damping_s
+        Damping of each part over its stiffness [s].
     """
 
     mass: np.ndarray
@@ -66,6 +71,8 @@ class Extra:
     stiffness: np.ndarray
     carried: np.ndarray
     reading: np.ndarray
+    parts: tuple[np.ndarray, ...] = ()
+    damping_s: float = 0.0
 
 
 def plain(size: int, own: int) -> Extra:
@@ -115,6 +122,18 @@ class Structure:
             damping += c * np.outer(along, along)
         return mass, damping, stiffness
 
+    def constants(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Give what each stiffness, and then each damping, that a model states adds."""
+        size = len(self.matrices()[0])
+        extra = self.extra or plain(size, len(self.masses))
+        outer = [np.outer(*[direction(one.between, size)] * 2) for one in self.links]
+        for one, along in zip(self.links, outer, strict=True):
+            yield "stiffness", one.stiffness * along
+        yield from (("stiffness", part) for part in extra.parts)
+        for one, along in zip(self.links, outer, strict=True):
+            yield "damping", one.damping * along
+        yield from (("damping", extra.damping_s * part) for part in extra.parts)
+
     def frequencies_hz(self) -> np.ndarray:
         """Undamped natural frequencies."""
         mass, _, stiffness = self.matrices()
@@ -125,7 +144,7 @@ def direction(between: tuple[int, int], size: int) -> np.ndarray:
     """Elongation as a row over the displacements: second minus first."""
     along = np.zeros(size)
     for end, sign in zip(between, (-1.0, 1.0), strict=True):
-        if end != GROUND:
+        if end not in (GROUND, STILL):
             along[end] += sign
     return along
 
@@ -151,8 +170,17 @@ class Excitation:
     start: np.ndarray
 
 
+def ground_motion(given: Excitation) -> CubicSpline:
+    """Displacement of the ground over time [m], from rest."""
+    fine = np.arange((given.samples - 1) * FINE + 1) / (given.rate_hz * FINE)
+    return CubicSpline(fine, given.ground).antiderivative(2)
+
+
 def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
-    """Integrate; return displacement against the ground and acceleration of the masses."""
+    """Integrate; return displacement against the ground and acceleration of the masses.
+
+    `x` and `dx` are displacement and velocity of all coordinates.
+    """
     mass, damping, stiffness = structure.matrices()
     size, own = len(mass), len(structure.masses)
     extra = structure.extra or plain(size, own)
@@ -160,7 +188,11 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
     fine = np.arange((given.samples - 1) * FINE + 1) / (given.rate_hz * FINE)
     load = CubicSpline(fine, given.loads @ extra.reading)
     ground = CubicSpline(fine, given.ground)
-    forces = [(direction(pair, size), law) for pair, law in structure.forces]
+    moved = ground_motion(given)
+    # Against a neighbour that stands still, a mass moves with the ground too.
+    forces = [
+        (direction(pair, size), law, float(STILL in pair)) for pair, law in structure.forces
+    ]
     memory = [(direction(one.between, size), one) for one in structure.hysteresis]
     inverse = np.linalg.inv(mass)
 
@@ -168,8 +200,11 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
         q, v, z = x[:size], x[size : 2 * size], x[2 * size :]
         force = load(t) - damping @ v - stiffness @ q
         slip = np.zeros(len(memory))
-        for along, law in forces:
-            force = force - law(float(along @ q), float(along @ v), t) * along
+        for along, law, still in forces:
+            e, w = float(along @ q), float(along @ v)
+            if still:
+                e, w = e + float(moved(t)), w + float(moved(t, 1))
+            force = force - law(e, w, t) * along
         for i, (along, one) in enumerate(memory):
             speed = float(along @ v)
             force = force - one.stiffness * z[i] * along
@@ -189,6 +224,8 @@ def run(structure: Structure, given: Excitation) -> Mapping[str, np.ndarray]:
                mxstep=20_000)  # fmt: skip
     a = np.stack([rates(row, t)[size : 2 * size] for row, t in zip(x, times, strict=True)])
     return {
+        "x": x[:, :size],
+        "dx": x[:, size : 2 * size],
         "q": x[:, :size] @ extra.reading.T,
         "v": x[:, size : 2 * size] @ extra.reading.T,
         "a": a @ extra.reading.T + ground(times)[:, None],

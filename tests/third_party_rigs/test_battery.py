@@ -81,6 +81,7 @@ RIGHT = ("missing_spring", "base-f2", 900.5)
         ([("missing_spring", "s1", 900.0)], "missing_effect", "wrong"),
         ([("missing_damper", "base-f2", 900.0)], "missing_effect", "wrong"),
         ([RIGHT, ("coulomb", "s1", 1.0)], "missing_effect", "wrong"),
+        ([RIGHT, ("bouc_wen", "base-f2", 1.0)], "missing_effect", "wrong"),
         ([], "nothing_missing", "missed"),
         ([], "unknown_effect", "unknown_effect"),
     ],

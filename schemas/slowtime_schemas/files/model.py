@@ -164,6 +164,9 @@ class ModelSupport(Part):
     """A point that elements end at; it moves as an input states, or else with the base."""
 
     id: Id
+    still: bool = Field(
+        default=False, description="It stands still in space, whatever the base does."
+    )
 
 
 class ModelStart(Part):

@@ -82,19 +82,30 @@ class _Found:
         The most probable effect; None where none is probable enough.
     explained
         Share of the deviance beyond noise that its place explains.
-    unseen
-        Fit of the records judged on, without an effect.
+    unseen, predicted
+        Fits of the records judged on, without an effect and with the one that is named.
     """
 
     compared: Compared
     unseen: AmbientFit
     named: NamedEffect | None
     explained: float
+    predicted: AmbientFit | None = None
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether spectra that were not fitted differ more from the effect than from none."""
+        if self.predicted is None:
+            return False
+        # Likelihood would count the error of a number of the law against its name.
+        worse = self.predicted.deviance - self.unseen.deviance
+        return worse > 2 * LIMITS.least_log_evidence
 
     @property
     def best(self) -> AmbientFit:
         """The fit that the answer rests on."""
-        return self.compared.candidates[0].fit if self.named else self.compared.bare
+        believed = self.named is not None and not self.is_refuted
+        return self.compared.candidates[0].fit if believed else self.compared.bare
 
     @property
     def rivals(self) -> tuple[Rival, ...]:
@@ -156,6 +167,11 @@ def diagnose_ambient(
         compared = dataclasses.replace(compared, candidates=every)
     unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
     found = _chosen(compared, unseen, campaign.description, kinds)
+    if found.named is not None:
+        predicted = fit_unseen(
+            plant, tests, found.best.values, found.best.sd, found.named.effect, kinds
+        )
+        found = dataclasses.replace(found, predicted=predicted)
     return _answer(campaign, plant, found, tests, findings, kinds)
 
 
@@ -214,6 +230,8 @@ def _answer(
     if faults and verdict in ("nothing_missing", "parameters_only"):
         verdict, sentence = verdict_of(faults, kinds), " ".join(a.sentence for a in faults)
     named = found.named if verdict in (*NAMING, "undecided") else None
+    if found.is_refuted:
+        named = None
     gap = _gap(campaign, plant, found, named, tests, kinds)
     refitted = _described(given, found.compared.bare)
     augmented = _described(given, seen)
@@ -293,9 +311,8 @@ def _gap(
     augmented = refitted
     steps: tuple[GapStep, ...] = ()
     if named is not None:
-        augmented = fit_unseen(
-            plant, tests, found.best.values, found.best.sd, named.effect, kinds
-        )
+        assert found.predicted is not None
+        augmented = found.predicted
         steps = (GapStep(named.effect.kind, named.effect.place, spectral_error(augmented)),)
     return Gap(
         nominal=spectral_error(as_given),
@@ -376,7 +393,7 @@ def _verdict(
     found: _Found, moved: dict[str, Number], kinds: Mapping[str, Kind]
 ) -> tuple[Verdict, str]:
     named = found.named
-    if named is not None and found.is_adequate:
+    if named is not None and found.is_adequate and (found.rivals or not found.is_refuted):
         if not found.rivals:
             return verdict_of([named], kinds), named.sentence
         told = " or ".join(f"{kinds[one.effect].words} at {one.place}" for one in found.rivals)

@@ -34,6 +34,9 @@ averages scatter by some per cent."""
 OVERSAMPLING = 8.0
 """[1] Sampling rate of a simulated motion over the highest frequency of the lines. Source:
 more than ten samples for each period, so that kinks of a law are met."""
+BLOCKS = 32
+"""[blocks] Of a motion, over which the scatter of an equivalent is judged. Source: some
+periods of the lowest mode in each, and a scatter known to an eighth."""
 CENTRE_STEPS = 4
 """[iterations] For the mean elongation under a law that is not odd. Source: the secant rule
 gains a digit with each."""
@@ -53,10 +56,13 @@ class ElementMotion:
         Elongation, its rates and times.
     static_m_per_n
         Elongation for each unit of a constant force of the element [m/N].
+    records
+        How many records would be as long as the motion.
     """
 
     motion: Motion
     static_m_per_n: float
+    records: float = 1.0
 
     @property
     def size_m(self) -> float:
@@ -84,6 +90,38 @@ class ElementMotion:
         force = self._centred(kind, parameters)
         force = force - force.mean()
         return float(force @ e / (e @ e)), float(force @ v / (v @ v))
+
+    def nonlinear(
+        self, kind: Kind, parameters: Mapping[str, float]
+    ) -> tuple[float, tuple[float, float]]:
+        """Measure what a law has beyond its equivalents, and by how much these vary for it.
+
+        What a linear force does not explain, as that of a stop that is seldom met, is there by
+        chance: its equivalents scatter over blocks of the motion.
+
+        Parameters
+        ----------
+        kind
+            Of an element, with a force that does not depend on time.
+        parameters
+            Of the law, by name.
+
+        Returns
+        -------
+        Root mean square of the rest over that of the linear force [1]; variances of stiffness
+        [N²/m²] and damping [N²s²/m²] in one record.
+        """
+        e, v = self.motion.e, self.motion.v
+        force = self._centred(kind, parameters)
+        force = force - force.mean()
+        linear = (force @ e / (e @ e)) * e + (force @ v / (v @ v)) * v
+        rest, varied = force - linear, []
+        for one in (e, v):
+            parts = (np.array_split(product, BLOCKS) for product in (rest * one, one**2))
+            each = [more.sum() / square.sum() for more, square in zip(*parts, strict=True)]
+            varied.append(self.records * np.var(each) / BLOCKS)
+        share = float(np.sqrt(np.mean(rest**2) / max(np.mean(linear**2), 1e-300)))
+        return share, (float(varied[0]), float(varied[1]))
 
     def during(self, begin_s: float, duration_s: float) -> "ElementMotion":
         """Give the motion the times of a record, for laws that change with them."""
@@ -131,6 +169,15 @@ class Equivalents:
     values: Float[np.ndarray, " equivalent"]
     covariance: Float[np.ndarray, "equivalent equivalent"]
     motions: tuple[ElementMotion, ...]
+
+    def nonlinear(
+        self, kind: Kind, parameters: Mapping[str, float]
+    ) -> tuple[float, Float[np.ndarray, " equivalent"]]:
+        """Give what a law has beyond its equivalents, where most, and their variances."""
+        shares, varied = zip(
+            *(one.nonlinear(kind, parameters) for one in self.motions), strict=True
+        )
+        return max(shares), np.concatenate(list(zip(*varied, strict=True)))
 
     def of_law(
         self, kind: Kind, parameters: Mapping[str, float]
@@ -260,4 +307,8 @@ def element_motion(
     e, v, a = (scipy.fft.irfft(lines * s**order, SAMPLES) for order in range(3))
     bare = LinearModel.of(problem.plant.description)
     static = float(row @ bare.compliance(np.zeros(1))[0].real @ row)
-    return ElementMotion(Motion(e=e, v=v, a=a, times=np.arange(SAMPLES) / rate), static)
+    # Every second line of a record is used.
+    recorded_s = 2 / float(np.diff(problem.records[record].frequency_hz[:2])[0])
+    records = SAMPLES / rate / recorded_s
+    times = np.arange(SAMPLES) / rate
+    return ElementMotion(Motion(e=e, v=v, a=a, times=times), static, records)

@@ -2,7 +2,7 @@ r"""Selection among laws of an element by its equivalent stiffness and damping i
 
 A law with parameters :math:`p` predicts equivalents :math:`\eta(p)`; those estimated from the
 spectra are :math:`\hat\eta` with covariance :math:`C_0`, which the error of linearisation
-widens to :math:`C`. The evidence of the law is
+widens to :math:`C`, as does the scatter of a law that is met by chance. Its evidence is
 
 .. math:: \log L_0 - \tfrac12 (\hat\eta - \eta)^T C^{-1} (\hat\eta - \eta)
           - \tfrac12 \log\det(I + D J^T C^{-1} J D) - \tfrac12 \log\det(C C_0^{-1}) , \quad
@@ -37,13 +37,19 @@ from .equivalents import Equivalents
 from .spectra import AmbientFit
 
 LINEARISATION_ERROR = 0.1
-"""[1] Standard deviation of an equivalent of statistical linearisation, over its size. Source:
-errors of 5 to 15 % that Roberts and Spanos (1990) report of strong laws."""
+"""[1] Standard deviation of an equivalent of statistical linearisation, over its size and over
+what is not linear in the force. Source: errors of 5 to 15 % that Roberts and Spanos (1990)
+report of laws of which half and more is not linear."""
+LEAST_NONLINEAR = 0.02
+"""[1] Root mean square of the rest over that of the linear force, below which a law is that of
+a spring and a damper. Source: a force that is not linear by 2 % shows in no spectrum."""
 STARTS = 3
 """[shapes] From which a law is fitted. Source: judgement."""
 DIFFERENCE_STEP = 1e-2
 """[1] Relative step of a parameter for derivatives. Source: equivalents of laws with kinks
 are averages over samples, and change in steps below it."""
+TINY = 1e-12
+"""[unit of the parameter] Least size of a parameter. Source: rounding."""
 MAX_EVALUATIONS = 60
 """[evaluations] Of a fit from one start. Source: least squares of three parameters end within
 forty."""
@@ -131,12 +137,10 @@ class _LawFit:
     def __init__(self, found: Equivalents, kind: Kind) -> None:
         self.found, self.kind = found, kind
         self.free = [p.name for p in kind.parameters if p.fitted]
-        # A law that is linear needs no linearisation.
-        error = 0.0 if isinstance(kind.action, Hidden) else LINEARISATION_ERROR
-        spread = np.diag((error * found.values) ** 2)
-        self.factor = np.linalg.cholesky(found.covariance + spread)
-        _, own = np.linalg.slogdet(found.covariance)
-        self.widening = 2 * float(np.sum(np.log(np.diag(self.factor)))) - float(own)
+        # A law that is linear, or changes with time, needs no linearisation.
+        exact = isinstance(kind.action, Hidden) or kind.where == "node"
+        self.exact = exact or _depends_on_time(kind)
+        self.factor = np.linalg.cholesky(found.covariance)
 
     def best(self, log_likelihood: float) -> FittedLaw | None:
         """Return the best fit; None where the law has none."""
@@ -144,19 +148,35 @@ class _LawFit:
         fits = [one for one in results if one is not None]
         if not fits:
             return None
-        parameters, chi2 = min(fits, key=lambda one: one[1])
+        parameters, _ = min(fits, key=lambda one: one[1])
+        if not self.exact and not self._widen(parameters):
+            return None
+        chi2 = self._chi2(parameters)
         slopes = self._slopes(parameters)
         sizes = np.array([abs(parameters[name]) for name in self.free])
         scaled = slopes * sizes
         _, occam = np.linalg.slogdet(np.eye(len(self.free)) + scaled.T @ scaled)
-        information = slopes.T @ slopes
-        sds = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0.0))
+        # The prior of the evidence: what no record tells has the error of its size.
+        information = slopes.T @ slopes + np.diag(1 / np.maximum(sizes, TINY) ** 2)
+        sds = np.sqrt(np.diag(np.linalg.inv(information)))
         return FittedLaw(
             Effect(self.kind.name, self.found.place, parameters),
             dict(zip(self.free, sds.tolist(), strict=True)),
-            log_likelihood - (chi2 + float(occam) + self.widening) / 2,
+            log_likelihood - (chi2 + float(occam) + self._widening()) / 2,
             chi2,
         )
+
+    def _widen(self, parameters: Mapping[str, float]) -> bool:
+        """Add the errors of linearisation; tell whether the law is not linear at all."""
+        found = self.found
+        share, varied = found.nonlinear(self.kind, parameters)
+        error = LINEARISATION_ERROR * share * self._equivalents(parameters)
+        self.factor = np.linalg.cholesky(found.covariance + np.diag(error**2 + varied))
+        return share > LEAST_NONLINEAR
+
+    def _widening(self) -> float:
+        _, own = np.linalg.slogdet(self.found.covariance)
+        return 2 * float(np.sum(np.log(np.diag(self.factor)))) - float(own)
 
     def _starts(self) -> list[dict[str, float]]:
         """Shapes that the motion of the records suggests, with the best strength of each."""

@@ -21,9 +21,8 @@ from slowtime.discrepancy.localization import Localization, PlaceGroup
 from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.workers import map_shared
-from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.description import Description, OpenJoint, moves_with_base
-from slowtime.dynamics.effects import Effect, Kind, Law, Place, simple_kinds
+from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 from .force_space import ForceSpace, ForceSpectra
 from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
@@ -269,10 +268,6 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
         return False  # no force along one motion: see `proposers.couplings`
     if kind.joins is not None and kind.joins != is_open(place, description):
         return False
-    shaken = any(entry.kind in BASE_KINDS for entry in description.inputs)
-    law = kind.action if isinstance(kind.action, Law) else None
-    if shaken and law is not None and law.along is not None and law.switches:
-        return False  # the lag of the acceleration spoils the step in which it switches
     if kind.name == OFFSET:
         return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
     if kind.where == "base" and not moves_with_base(description):

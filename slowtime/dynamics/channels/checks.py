@@ -46,6 +46,7 @@ def check_inputs(
     """
     check_unique("inputs", [entry.channel for entry in inputs], "channel")
     moved: dict[str, str] = {}
+    still = [one.id for one in supports if one.still]
     for i, entry in enumerate(inputs):
         where = ("inputs", i)
         _check_node(where, entry, nodes, supports)
@@ -65,6 +66,12 @@ def check_inputs(
             )
         if entry.kind in IMPOSED_KINDS:
             assert entry.node is not None
+            if entry.node in still:
+                raise DescriptionError(
+                    ("inputs", i, "node"),
+                    f"Support {entry.node!r} stands still, but input {entry.channel!r} moves "
+                    "it. Leave out `still`, or the input.",
+                )
             if entry.node in moved:
                 raise DescriptionError(
                     (*where, "node"),

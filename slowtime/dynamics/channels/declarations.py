@@ -114,9 +114,16 @@ class Sensor:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Support:
-    """A point that elements end at; it moves as an input states, or else with the base."""
+    """A point that elements end at; it moves as an input states, or else with the base.
+
+    Parameters
+    ----------
+    still
+        It stands still in space, whatever the base does: a wall beside a shaking table.
+    """
 
     id: str
+    still: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -132,7 +132,7 @@ def boundary_rows(
     b_y: Stack,
     whole: Float[np.ndarray, "slope 3 all all"],
     names: Sequence[str],
-    supports: Sequence[int | None],
+    against: Float[np.ndarray, "moved input"],
     base: Sequence[bool],
     shares: Float[np.ndarray, "gauge channel"],
 ) -> None:
@@ -146,8 +146,8 @@ def boundary_rows(
         Mass, damping and stiffness, each followed by its slopes.
     names
         Of the free coordinates.
-    supports
-        By input, the number of the support that it moves; None for others.
+    against
+        Acceleration of each support against the base for one unit of each input.
     base
         By input, whether it moves the base.
     shares
@@ -157,13 +157,7 @@ def boundary_rows(
     moved = whole.shape[2] - free - 1 - gauges
     at, speed = _places(a.shape[1], moved, gauges)
     a[0, at : at + moved, speed : speed + moved] = np.eye(moved)
-    driven = [speed + support for support in supports if support is not None]
-    for column, (support, shaken) in enumerate(zip(supports, base, strict=True)):
-        if support is not None:
-            b_u[0, speed + support, column] = 1.0
-        if shaken:
-            # The others go with the base.
-            b_u[0, driven, column] = -1.0
+    b_u[0, speed : speed + moved] = against
     if not gauges:
         return
     mass, damping, stiffness = (whole[:, k, -gauges:] for k in range(3))

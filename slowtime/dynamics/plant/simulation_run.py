@@ -304,7 +304,7 @@ def _support_start(
     states, moved, gauges = _sizes(layout)
     rows = np.stack([np.arange(moved), moved + np.arange(moved)]) + layout.free
     assert rows.size + layout.free + gauges == states
-    moving = [k for k in layout.supports if k is not None]
+    moving = list(layout.apart)
     inputs = len(description.inputs)
     first = start.shape[1] - len(driven)
     columns = [(0, k, k) for k in range(inputs)]

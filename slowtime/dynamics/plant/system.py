@@ -50,6 +50,8 @@ class Layout:
         By input, the row of coordinates that a force acts on; None for a motion.
     supports
         By input, the number of the support or driven node that it moves; None for others.
+    still
+        Numbers of the supports that stand still in space.
     shares
         Of the laws' channels in measured forces.
     free
@@ -69,6 +71,12 @@ class Layout:
     shares: Float[np.ndarray, "gauge channel"]
     free: int
     inertial: tuple[int, ...] = ()
+    still: tuple[int, ...] = ()
+
+    @property
+    def apart(self) -> tuple[int, ...]:
+        """Numbers of the supports that do not go with the base."""
+        return (*(number for number in self.supports if number is not None), *self.still)
 
     @property
     def states(self) -> int:
@@ -151,6 +159,9 @@ def layout_of(
         shares=law_shares(description, effects, forces, channels),
         free=inside,
         inertial=tuple(inertial),
+        still=tuple(
+            description.moved.index(one.id) for one in description.supports if one.still
+        ),
     )
 
 
@@ -198,9 +209,9 @@ def state_matrices(
     base = -(mass @ carried + whole[:, 0, :free, free])
     moved = layout.support_states // 2
     outer = slice(free + 1, free + 1 + moved)
-    driven = [number for number in layout.supports if number is not None]
+    carried_along = [free + 1 + k for k in range(moved) if k not in layout.apart]
     # Those that no input moves go with the base; the others' acceleration is against it.
-    base -= whole[:, 0, :free, [free + 1 + k for k in range(moved) if k not in driven]].sum(0)
+    base -= whole[:, 0, :free, carried_along].sum(0)
     fixed = np.zeros((len(whole), free))
     columns = []
     more = (None,) if unmeasured else ()
@@ -239,7 +250,12 @@ def state_matrices(
     for state in layout.inertial:
         b_u[0, state, shaken] = -1.0
     if states > at:
-        boundary_rows(a, b_u, b_y, whole, names, supports, shaken, layout.shares)
+        against = np.zeros((moved, len(supports)))
+        against[np.ix_(list(layout.apart), shaken)] = -1.0
+        for column, support in enumerate(supports):
+            if support is not None:
+                against[support, column] = 1.0
+        boundary_rows(a, b_u, b_y, whole, names, against, shaken, layout.shares)
     return a, b_u, b_y
 
 

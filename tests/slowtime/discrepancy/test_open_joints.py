@@ -120,6 +120,24 @@ def test_a_support_that_an_input_moves_is_a_place_of_its_own():
     assert set(joints_of(with_open_joints(still)).values()) == {("base", "m2")}
 
 
+def test_beside_a_moving_base_a_neighbour_may_stand_still():
+    given = dataclasses.replace(
+        chain([1.0, 2.0], [100.0, 200.0]),
+        inputs=(Input(channel="x", kind="base_acceleration", unit="m/s^2"),),
+    )
+    opened = with_open_joints(given)
+    pairs = {("base", "m2"), ("still", "m1"), ("still", "m2")}
+    assert set(joints_of(opened).values()) == pairs
+    assert without_unused_joints(opened) == given
+    drag = {"effect": "quadratic_damping", "element": "still-m2", "c2_n_s2_per_m2": 1.0}
+    used = without_unused_joints(dataclasses.replace(opened, effects=(drag,)))
+    assert [one.id for one in used.supports] == ["still"]
+    # Where a force drives the structure, such a neighbour is the ground.
+    force = Input(channel="u", kind="force", node="m1", unit="N")
+    forced = dataclasses.replace(given, inputs=(force,))
+    assert set(joints_of(with_open_joints(forced)).values()) == {("base", "m2")}
+
+
 def test_nodes_of_beams_may_be_joined_too():
     beam = {"length_m": 1.0, "bending_stiffness_n_m2": 1.0, "mass_kg_per_m": 1.0}
     given = Description(

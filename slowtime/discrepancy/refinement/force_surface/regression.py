@@ -60,6 +60,8 @@ class Regression:
     leading
         Values of the coefficients of the leading groups, fitted without the others [N]. The
         others may say no more than errors of the recovered motion.
+    excess
+        Chi squared per datum that counts as noise, at least 1.
     """
 
     kind: Kind
@@ -68,6 +70,7 @@ class Regression:
     coefficients: Mapping[str, float]
     evidence: float
     leading: Mapping[str, float]
+    excess: float
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -114,7 +117,11 @@ class Equations:
 
 
 def choose_terms(
-    kind: Kind, scales: Mapping[str, float], blocks: Sequence[Block], space: ForceSpace
+    kind: Kind,
+    scales: Mapping[str, float],
+    blocks: Sequence[Block],
+    space: ForceSpace,
+    excess: float | None = None,
 ) -> Regression | None:
     """Choose groups of terms by forward selection, the one of most evidence first.
 
@@ -128,6 +135,9 @@ def choose_terms(
         Groups at the scales that are tried.
     space
         Least squares at the place.
+    excess
+        As of the surface whose evidence this one's is compared with; where not given, what all
+        blocks together leave.
 
     Returns
     -------
@@ -138,7 +148,8 @@ def choose_terms(
     .. [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992).
     """
     equations = equations_of(kind, scales, blocks, space)
-    excess = _excess(equations, scales["spread_n"], space)
+    if excess is None:
+        excess = _excess(equations, scales["spread_n"], space)
     equations = equations.tempered(excess)
     best: tuple[float, float, list[int], list[int]] = (0.0, 1.0, [], [])
     for factor in SPREAD_FACTORS:
@@ -162,7 +173,7 @@ def choose_terms(
     every, first = (
         _coefficients(equations, blocks, some, spread) for some in (chosen, leading)
     )
-    return Regression(kind, kept, own, every, evidence, first)
+    return Regression(kind, kept, own, every, evidence, first, excess)
 
 
 def _coefficients(

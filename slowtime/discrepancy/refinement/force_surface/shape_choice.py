@@ -85,7 +85,7 @@ def choose_shape(
     most = max(MAX_LOSS, MAX_LOSS_SHARE * base)
     found, shape, refused = free, FREE, []
     for parity in _parities(demand):
-        tried = _with_shape(kind, scales, groups, space, SurfaceShape(parity))
+        tried = _with_shape(kind, scales, groups, space, SurfaceShape(parity), free)
         evidence = 0.0 if tried is None else tried.evidence
         least = MIN_GAIN if demand.parity is None else -most
         best = base if demand.parity is not None or found is None else found.evidence
@@ -94,7 +94,7 @@ def choose_shape(
         elif demand.parity is not None and free is not None:
             refused.append((SurfaceShape(parity).words, base - evidence))
     if found is not None and demand.monotone:
-        bounded = _monotone(kind, scales, groups, space, shape.parity)
+        bounded = _monotone(kind, scales, groups, space, shape.parity, free)
         loss = np.inf if bounded is None else found.evidence - bounded[0].evidence
         if bounded is not None and loss <= most:
             found, shape = bounded
@@ -118,22 +118,34 @@ def _with_shape(
     groups: Groups,
     space: ForceSpace,
     shape: SurfaceShape,
+    against: Regression | None = None,
     *,
     monotone: bool = False,
 ) -> Regression | None:
-    """Choose terms of a surface of a shape, without bounds of the coefficients."""
+    """Choose terms of a surface of a shape, without bounds of the coefficients.
+
+    Evidence is compared with that of another surface under the same noise.
+    """
     kept = groups_of(groups, shape.parity, monotone=monotone)
-    return choose_terms(kind, scales_of(scales, shape), blocks_of(space.latents, kept), space)
+    return choose_terms(
+        kind, scales_of(scales, shape), blocks_of(space.latents, kept), space,
+        None if against is None else against.excess,
+    )  # fmt: skip
 
 
 def _monotone(
-    kind: Kind, scales: Mapping[str, float], groups: Groups, space: ForceSpace, parity: int
+    kind: Kind,
+    scales: Mapping[str, float],
+    groups: Groups,
+    space: ForceSpace,
+    parity: int,
+    free: Regression | None,
 ) -> tuple[Regression, SurfaceShape] | None:
     """Bound the coefficients of the terms to the side that costs least."""
-    loose = _with_shape(kind, scales, groups, space, SurfaceShape(parity), monotone=True)
+    loose = _with_shape(kind, scales, groups, space, SurfaceShape(parity), free, monotone=True)
     if loose is None:
         return None
-    terms = equations_of(kind, loose.scales, loose.blocks, space)
+    terms = equations_of(kind, loose.scales, loose.blocks, space).tempered(loose.excess)
     names = tuple(loose.coefficients)
     best: tuple[float, SurfaceShape, np.ndarray] | None = None
     for way_e, way_v in itertools.product((1, -1), repeat=2):
@@ -143,11 +155,15 @@ def _monotone(
             best = loss, shape, found
     assert best is not None
     loss, shape, found = best
+    first = tuple(name for name in names if name in loose.leading)
+    at = np.array([names.index(name) for name in first])
+    own = dataclasses.replace(terms, matrix=terms.matrix[np.ix_(at, at)], right=terms.right[at])
+    _, leading = _bounded(own, first, shape, loose)
     held = dataclasses.replace(
         loose,
         scales={**loose.scales, **shape.parameters},
-        coefficients=(within := dict(zip(names, found.tolist(), strict=True))),
-        leading=within,
+        coefficients=dict(zip(names, found.tolist(), strict=True)),
+        leading=dict(zip(first, leading.tolist(), strict=True)),
         evidence=loose.evidence - loss,
     )
     return held, shape

@@ -66,7 +66,12 @@ def jumps(t):
 @pytest.mark.parametrize("more", [-0.3, 0.5])
 @pytest.mark.parametrize(
     ("kind", "share", "shaken"),
-    [("mass_drift", falls, False), ("mass_drift", falls, True), ("mass_jump", jumps, False)],
+    [
+        ("mass_drift", falls, False),
+        ("mass_drift", falls, True),
+        ("mass_jump", jumps, False),
+        ("mass_jump", jumps, True),
+    ],
 )
 def test_the_motion_is_that_of_the_mass_in_the_equation(kind, share, more, shaken):
     u, truth = forced(lambda t: np.array([0.0, more * share(t)]), shaken)
