@@ -106,21 +106,21 @@ def merge_records(
     ]
     after = merge(parts, references)
     partners = _partners(joint, after)
-    modes, partial, notes = [], [], []
-    of_joint = {n: after[k].mode for k, n in partners.items()}
-    for number, mode in enumerate(joint.modes):
-        flags = mode.flags
-        if number not in of_joint:
-            flags = (*flags, ONLY_TOGETHER)
-        elif not _agree(mode, of_joint[number]):
-            flags = (*flags, DISAGREE)
-        modes.append(dataclasses.replace(mode, flags=flags))
-    for number, one in enumerate(after):
-        if number in partners:
-            continue
-        why = _why_lacking(one, joint, [after[k] for k in partners])
+    lacking = [k for k in range(len(after)) if k not in partners]
+    # A joint mode that is two modes of the set-ups is neither.
+    mixed = {k: n for k in lacking for n in _near(after[k], joint) if n in partners.values()}
+    modes = _joint_modes(joint, after, partners, set(mixed.values()))
+    partial, notes = [], []
+    for k in [k for k in range(len(after)) if k in lacking or partners[k] in mixed.values()]:
+        one, at = after[k], mixed.get(k, partners.get(k))
+        both = [
+            other.mode
+            for j, other in enumerate(after)
+            if j != k and at is not None and mixed.get(j, partners.get(j)) == at
+        ]
+        why = _why_lacking(one, joint, both)
         where = ", ".join(str(which + 1) for which in one.setups)
-        said = f"{one.mode.frequency_hz.value:.5g} Hz (set-ups {where}): {why}."
+        said = f"{_hz(one.mode)} (set-ups {where}): {why}."
         if set(one.channels) == set(joint.channels):
             modes.append(_over(one, joint.channels))
             notes.append(f"{said} It was merged after identification.")
@@ -133,6 +133,30 @@ def merge_records(
         partial=tuple(partial),
         notes=tuple(notes),
     )
+
+
+def _joint_modes(
+    joint: PreMerged, after: Sequence[MergedMode], partners: dict[int, int], mixed: set[int]
+) -> list[Mode]:
+    """Joint modes that are one mode, flagged where the set-ups do not bear them."""
+    of_joint = {n: after[k].mode for k, n in partners.items()}
+    modes = []
+    for number, mode in enumerate(joint.modes):
+        if number in mixed:
+            continue
+        flags = mode.flags
+        if number not in of_joint:
+            flags = (*flags, ONLY_TOGETHER)
+        elif not _agree(mode, of_joint[number]):
+            flags = (*flags, DISAGREE)
+        modes.append(dataclasses.replace(mode, flags=flags))
+    return modes
+
+
+def _near(one: MergedMode, joint: PreMerged) -> list[int]:
+    """Modes of the joint model at the frequency of one merged afterwards, nearest first."""
+    away = [_distance(one.mode, mode) for mode in joint.modes]
+    return [int(n) for n in np.argsort(away) if away[n] <= 1.0]
 
 
 def _partners(joint: PreMerged, after: Sequence[MergedMode]) -> dict[int, int]:
@@ -176,13 +200,12 @@ def _alike(one: MergedMode, shape: np.ndarray, channels: Sequence[str]) -> float
     return mac(one.mode.shape, shape[at]) if np.any(shape[at]) else 0.0
 
 
-def _why_lacking(one: MergedMode, joint: PreMerged, others: Sequence[MergedMode]) -> str:
-    """Reason for which the joint model lacks a mode."""
-    near = [mode for mode in joint.modes if _distance(one.mode, mode) <= 1.0]
-    taken = [other for other in others if any(_distance(other.mode, m) <= 1.0 for m in near)]
-    if taken:
-        return f"the model of all records has one mode for it and {_hz(taken[0].mode)}"
-    if near:
+def _why_lacking(one: MergedMode, joint: PreMerged, both: Sequence[Mode]) -> str:
+    """Reason for which the joint model lacks a mode, or has one for it and others."""
+    if both:
+        others = " and ".join(_hz(mode) for mode in both)
+        return f"the model of all records has one mode for it and {others}"
+    if _near(one, joint):
         return "the model of all records has another shape there"
     if _has_pole(one, joint.poles, joint.channels):
         return "the model of all records has poles there that do not stay over the orders"
