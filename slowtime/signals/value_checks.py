@@ -49,6 +49,14 @@ each bit below a quarter of the range changes often."""
 WHOLE = 1e-3
 """[steps] Within which values are whole multiples of the resolution. Source: four digits."""
 
+SPECTRUM_DECADES = 3.0
+"""[decades] Over which a channel of positive values spreads, at least, to be taken for the
+magnitude of a spectrum. Source: a resonance of 1 % stands 34 dB above its foot, twice that in
+power."""
+SPECTRUM_ROUGHNESS = 0.3
+"""[1] Deviation of the steps of its logarithm over that of the logarithm, at most. Source: of
+independent values, 1.4."""
+
 
 def stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
     """Mask runs of equal values that are longer than the record's own repetitions allow."""
@@ -166,6 +174,13 @@ def value_notes(
                 f"Channel {name!r}: bit {bit} of its values never changes, while higher and "
                 "lower ones do. Check the converter and its cable, or leave it out."
             )
+        if looks_like_spectrum(series):
+            notes.append(
+                f"Channel {name!r} is positive throughout, and smooth over "
+                f"{SPECTRUM_DECADES:g} decades or more, as the magnitude of a spectrum: if "
+                "its rows are frequencies, this is no record in time. Export the time histories, or frequency responses "
+                "with both parts."
+            )
         hum = None if rate_hz is None else find_hum(series, rate_hz)
         if hum is not None:
             lines = ", ".join(f"{hz:.4g}" for hz in hum.lines_hz)
@@ -175,6 +190,19 @@ def value_notes(
                 "modes. Check earth and shield of its cable."
             )
     return (*notes, *_likeness_notes(rows, names))
+
+
+def looks_like_spectrum(series: Float[np.ndarray, " time"]) -> bool:
+    """Whether a channel is like the magnitude of a spectrum: positive, smooth, with peaks.
+
+    Decays, which are smooth and may be positive, have no maximum beyond their beginning.
+    """
+    if series.min() <= 0:
+        return False
+    level = np.log10(series)
+    if np.ptp(level) < SPECTRUM_DECADES or np.argmax(level) < len(level) // 100:
+        return False
+    return bool(np.diff(level).std() < SPECTRUM_ROUGHNESS * level.std())
 
 
 def stuck_bit(values: Float[np.ndarray, " level"]) -> int | None:

@@ -86,9 +86,7 @@ def test_cross_spectra_over_that_of_the_force_are_frequency_responses(tmp_path, 
 def test_auto_spectra_alone_are_refused_with_what_to_export(tmp_path):
     _, autos, _ = spectra()
     path = write(tmp_path / "a.uff", [(2, 1, 12, 1, 12, autos[:, 1])])
-    with pytest.raises(
-        RecordError, match="auto-spectra alone. They have no phases.*Export time"
-    ):
+    with pytest.raises(RecordError, match=r"auto-spectra alone\. .*no phases.*Export time"):
         read_responses(path)
 
 

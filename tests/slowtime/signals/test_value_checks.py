@@ -87,3 +87,15 @@ def test_a_mode_at_the_frequency_of_the_mains_is_no_hum():
     decay = np.abs(pole) ** np.arange(24_000) * np.cos(np.angle(pole) * np.arange(24_000))
     assert value_notes(random[:, None], ("a",), RATE) == ()
     assert value_notes(decay[:, None] + 1e-3 * motion(24_000)[:, None], ("a",), RATE) == ()
+
+
+def test_the_magnitude_of_a_spectrum_is_told_from_records_in_time():
+    hz = np.arange(1, 1001) * 0.05
+    power = sum(1 / ((f**2 - hz**2) ** 2 + (0.02 * f * hz) ** 2) for f in (5.0, 12.0, 31.0))
+    noisy = power * RNG.chisquare(40, len(hz)) / 40
+    (said,) = value_notes(noisy[:, None], ("a",))
+    assert said.startswith("Channel 'a' is positive throughout")
+    assert "Export the time histories" in said
+    decay = np.exp(-np.arange(1000) / 60.0)
+    envelope = np.abs(scipy.signal.hilbert(motion(1000)))
+    assert value_notes(np.column_stack([decay, envelope, 9.81 + motion(1000)]), "dea") == ()
