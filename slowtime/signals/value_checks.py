@@ -177,9 +177,9 @@ def value_notes(
         if looks_like_spectrum(series):
             notes.append(
                 f"Channel {name!r} is positive throughout, and smooth over "
-                f"{SPECTRUM_DECADES:g} decades or more, as the magnitude of a spectrum: if "
-                "its rows are frequencies, this is no record in time. Export the time histories, or frequency responses "
-                "with both parts."
+                f"{SPECTRUM_DECADES:g} decades or more, as the magnitude of a spectrum: if its "
+                "rows are frequencies, this is no record in time. Export the time histories, "
+                "or frequency responses with both parts."
             )
         hum = None if rate_hz is None else find_hum(series, rate_hz)
         if hum is not None:
