@@ -180,12 +180,12 @@ def _pole_at(hz: float, edit: Edit, sources: Sequence[Poles]) -> StablePole:
         meant = (away <= REACH) & (poles.damping_ratio > 0) & known
         if edit.order is not None:
             meant &= poles.order == edit.order
-        for index in np.flatnonzero(meant):
+        for index in np.flatnonzero(meant).tolist():
             rank = float(away[index])
             if rank <= READ:
-                rank -= len(_members(poles, int(index)))
+                rank -= len(_members(poles, index))
             if best is None or rank < best[0]:
-                best = rank, before, poles, int(index)
+                best = rank, before, poles, index
         before += len(poles.order)
     if best is None:
         of = "" if edit.order is None else f" of order {edit.order}"
@@ -215,7 +215,7 @@ def _members(poles: Poles, index: int) -> np.ndarray:
     width = np.minimum(np.abs(poles.pole.real), abs(pole.real))
     near = np.flatnonzero(np.abs(poles.pole - pole) <= width)
     alike = mac_matrix(poles.shape[:, near], poles.shape[:, [index]])[:, 0] >= ALIKE
-    return near[alike | (near == index)]
+    return np.asarray(near[alike | (near == index)])
 
 
 def _mean(modes: Sequence[StablePole]) -> StablePole:

@@ -106,7 +106,7 @@ def clock_set(
     rows = np.flatnonzero(np.abs(excess) > max(SET_STEPS, SET_OVER_JITTER * jitter))
     stays = [
         row
-        for row in rows
+        for row in rows.tolist()
         if all(
             abs(sums[min(row + 1 + after, len(excess))] - sums[max(row - before, 0)])
             > abs(excess[row]) / 2
