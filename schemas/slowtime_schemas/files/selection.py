@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .model import Frozen
+from slowtime_schemas.quantities import Frozen
 
 MOST_EDITS = 1000
 """Edits of one file at most [1]: far more than a record has modes."""
