@@ -10,11 +10,13 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.criteria import mac_matrix
+from slowtime.identification.selection import Selection
 from slowtime.identification.single_mode.excitation import excitation
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import accelerations, mixed_units
-from slowtime_services.modal import read_geometry, write_modes
+from slowtime_services.modal import read_geometry, read_selection, write_modes, write_selection
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import Method, identify_part, stretches
 from slowtime_services.modal.losses import Gaps, completed, widened
@@ -88,6 +90,7 @@ class Modes(Sequence[EstimatedMode]):
     ) -> None:
         self._modes, self.signals = tuple(modes), signals
         self.notes, self.detail = tuple(notes), detail
+        self.selection: Selection | None = None
 
     def __len__(self) -> int:
         return len(self._modes)
@@ -172,12 +175,29 @@ class Modes(Sequence[EstimatedMode]):
         ValueError
             If no mode has a shape.
         """
-        if not any(mode.shape is not None for mode in self._modes):
-            raise ValueError(
-                "No mode has a shape. Identify with method='modes', from channels of one unit."
-            )
+        self._with_shapes()
         places = read_geometry(Path(geometry)) if geometry is not None else None
         write_modes(Path(path), self._file(), places, self.signals.units[0])
+
+    def to_selection(self, path: str | Path) -> None:
+        """Write the choice of modes to be edited by hand, for ``identify(select=...)``.
+
+        Parameters
+        ----------
+        path
+            YAML file to write.
+
+        Raises
+        ------
+        ValueError
+            If the modes were not identified from all channels together.
+        """
+        if self.detail is None:
+            raise ValueError(
+                "There are no poles to choose from, as each mode was identified by itself. "
+                "Identify with method='modes'."
+            )
+        write_selection(Path(path), "signals", self.selection, self.detail.modes)
 
     def _file(self) -> ModesFile:
         """Return the content of a modes file."""
@@ -229,8 +249,47 @@ class Modes(Sequence[EstimatedMode]):
             axes.axvline(hz, color="C1", linewidth=0.8)
         highest = 1.4 * self.frequencies_hz.max() if len(self) else self.signals.rate_hz / 2
         axes.set(xlabel="frequency [Hz]", ylabel="model order", xlim=(0, highest))
+        level = 10 * np.log10(np.maximum(self.detail.singular_values[:, 0], 1e-300))
+        beside = axes.twinx()
+        beside.plot(self.detail.spectrum_hz, level, color="C1", alpha=0.5, linewidth=0.8)
+        beside.set(ylabel="first singular value [dB]")
         axes.legend(loc="upper right")
         return save(figure, path)
+
+    def plot_mac(self, path: str | Path | None = None) -> Figure:
+        """Draw the modal assurance criterion of the mode shapes with each other.
+
+        Parameters
+        ----------
+        path
+            File to write (.png, .pdf, .svg); None for none.
+
+        Returns
+        -------
+        The matplotlib figure.
+
+        Raises
+        ------
+        ValueError
+            If no mode has a shape.
+        """
+        shown = self._with_shapes()
+        shapes = np.stack([mode.shape for mode in shown if mode.shape is not None], axis=1)
+        names = [f"{mode.frequency_hz.value:.4g} Hz" for mode in shown]
+        figure, (axes,) = new_figure(1)
+        drawn = axes.imshow(mac_matrix(shapes, shapes), vmin=0.0, vmax=1.0, cmap="Blues")
+        figure.colorbar(drawn, ax=axes, label="MAC")
+        axes.set_xticks(range(len(names)), names, rotation=90)
+        axes.set_yticks(range(len(names)), names)
+        return save(figure, path)
+
+    def _with_shapes(self) -> list[EstimatedMode]:
+        shown = [mode for mode in self._modes if mode.shape is not None]
+        if not shown:
+            raise ValueError(
+                "No mode has a shape. Identify with method='modes', from channels of one unit."
+            )
+        return shown
 
     def plot_shapes(self, path: str | Path | None = None) -> Figure:
         """Draw the mode shapes over the channels, with one standard deviation.
@@ -249,11 +308,7 @@ class Modes(Sequence[EstimatedMode]):
         ValueError
             If no mode has a shape.
         """
-        shown = [mode for mode in self._modes if mode.shape is not None]
-        if not shown:
-            raise ValueError(
-                "No mode has a shape. Identify with method='modes', from channels of one unit."
-            )
+        shown = self._with_shapes()
         figure, (axes,) = new_figure(1)
         for mode in shown:
             assert mode.shape is not None
@@ -277,6 +332,7 @@ def identify(
     band_hz: tuple[float, float] | None = None,
     method: Method = "auto",
     gaps: Gaps = "use",
+    select: str | Path | Selection | None = None,
 ) -> Modes:
     """Find natural frequencies, damping ratios and mode shapes, with standard deviations.
 
@@ -296,6 +352,10 @@ def identify(
         Missing samples. ``"use"``: all samples that are there count, and errors grow by the
         loss. ``"fill"``: short gaps are filled, longer ones cut the record. ``"split"``: every
         gap cuts it. The longest part of a record that is cut is used.
+    select
+        A person's edits of the automatic choice of modes: a file as `Modes.to_selection` writes
+        it, or a `Selection`; None for none. It needs method ``"modes"`` (which ``"auto"``
+        becomes) or ``"bayes"``.
 
     Returns
     -------
@@ -305,8 +365,8 @@ def identify(
     Raises
     ------
     ValueError
-        If the record is too short for the band, the band is outside the measured range, or
-        there is no such method.
+        If the record is too short for the band, the band is outside the measured range,
+        there is no such method, or an edit names no mode or pole.
     TypeError
         If `signals` are no `Signals`, or the band is no pair of numbers.
     """
@@ -319,6 +379,14 @@ def identify(
         raise ValueError(f"gaps={gaps!r} was given. Allowed: {allowed}.")
     if band_hz is not None:
         band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
+    selection = read_selection(Path(select)) if isinstance(select, str | Path) else select
+    if selection is not None and method == "auto":
+        method = "modes"
+    if selection is not None and method not in ("modes", "bayes"):
+        raise ValueError(
+            f"select= chooses among poles, which method={method!r} has none of. Give "
+            "method='modes' or 'bayes'."
+        )
     record = signals.record
     chosen = accelerations(record.channels, record.units)
     notes = list(signals.notes)
@@ -336,7 +404,7 @@ def identify(
         notes.append(f"Only the longest part without a gap was used: {used_s:.4g} s.")
     part = samples[first:last]
     force = excitation(part, record.rate_hz)
-    single, whole = identify_part(part, record.rate_hz, band_hz, method, force)
+    single, whole = identify_part(part, record.rate_hz, band_hz, method, force, selection)
     inflation = whole_record.inflation(0, len(part))
     single, whole = widened(single, whole, inflation, whole_record.flags)
     if force.flags:
@@ -346,8 +414,13 @@ def identify(
         )
     if mixed_units(record.channels, record.units) and whole is not None:
         notes.append("Channels have several units: there are no mode shapes.")
+    notes += whole.notes if whole is not None else ()
     modes = _single(single) if whole is None else _of_all_channels(whole, method, record, part)
-    return Modes(sorted(modes, key=lambda mode: mode.frequency_hz.value), signals, notes, whole)
+    found = Modes(
+        sorted(modes, key=lambda mode: mode.frequency_hz.value), signals, notes, whole
+    )
+    found.selection = selection
+    return found
 
 
 def _single(found: Any) -> list[EstimatedMode]:

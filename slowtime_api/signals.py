@@ -19,6 +19,7 @@ from slowtime_services.files import (
     read_record,
 )
 from slowtime_services.files.channels.si_conversion import in_si
+from slowtime_services.files.integrity import with_checked_values
 
 from .arguments import (
     existing_file,
@@ -477,4 +478,4 @@ def _read_recording(
     record = in_si(record_or_foreign(path), units, sensitivities)
     if rate_hz is not None:
         record = dataclasses.replace(record, rate_hz=rate_hz)
-    return Signals.from_record(record)
+    return Signals.from_record(with_checked_values(record, path.name))

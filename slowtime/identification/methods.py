@@ -15,6 +15,7 @@ from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
 from .harmonics.detection import PeakClass, find_harmonics
 from .harmonics.periodic_force import FLAG, mean_period, without_periodic_force
 from .modes import Mode
+from .selection import Selection
 from .subspace.stabilisation import Stabilisation
 
 Method = Literal["modes", "bayes", "fdd", "efdd"]
@@ -31,6 +32,7 @@ def by_method(
     *,
     method: Method,
     band_hz: tuple[float, float] | None = None,
+    selection: Selection | None = None,
 ) -> ModalResult:
     """Modes of all channels together by one of several methods.
 
@@ -48,17 +50,26 @@ def by_method(
     band_hz
         Of the modes that are reported [Hz]. All of the record is modelled, so that a mode does
         not depend on where the edges are.
+    selection
+        A person's edits of the automatic choice, of `modes` and `bayes`; None for none.
 
     Returns
     -------
     The modes, with their errors.
+
+    Raises
+    ------
+    ValueError
+        Where an edit names no mode or pole, or the method has no poles to choose from.
     """
     if method == "modes":
-        return identify_modes(samples, rate_hz, band_hz=band_hz)
+        return identify_modes(samples, rate_hz, band_hz=band_hz, selection=selection)
     if method == "bayes":
         modelled = modelled_band(band_hz, rate_hz, len(samples))
-        candidates = identify_modes(samples, rate_hz, band_hz=modelled)
+        candidates = identify_modes(samples, rate_hz, band_hz=modelled, selection=selection)
         return _bayesian(samples, rate_hz, candidates).within(band_hz)
+    if selection is not None:
+        raise ValueError(f"Method {method} has no poles to choose from. Give modes or bayes.")
     return _decomposed(samples, rate_hz, method, band_hz).within(band_hz)
 
 
@@ -93,7 +104,11 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
         return result
     lines = tuple(mode for mode in result.modes if mode.kind == "harmonic")
     modes = [
-        dataclasses.replace(_agreed(mode, before), quality=before.quality)
+        dataclasses.replace(
+            _agreed(mode, before),
+            quality=before.quality,
+            flags=tuple(dict.fromkeys((*before.flags, *_agreed(mode, before).flags))),
+        )
         for mode, before in zip(
             bayesian_modes(
                 samples,

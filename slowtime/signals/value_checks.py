@@ -1,10 +1,17 @@
-"""Samples that a sensor cannot have measured: stuck, clipped, too coarse, copies of others."""
+"""Values that are no measurements: stuck, clipped, too coarse, copies of others, hum.
+
+The one check of values, for files, recordings, live sources and the twin. Samples that a hold
+repeats are found by `slowtime.signals.repeated_samples`, times by the clock of each source.
+"""
 
 import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from .mains_hum import find_hum
+from .repeated_samples import Hold
 
 STUCK_P_VALUE = 1e-6
 """[probability] That any run of a channel is as long by chance, below which it is a fault.
@@ -35,6 +42,20 @@ of rounding has a tenth of the variance."""
 CLIPPED_SHARE = 1e-3
 """[share of the samples] At a stop from which that is said. Source: judgement; fewer change no
 mode."""
+
+FEWEST_CODES = 64
+"""[levels] Of a channel from which a bit that never changes is a fault. Source: with so many,
+each bit below a quarter of the range changes often."""
+WHOLE = 1e-3
+"""[steps] Within which values are whole multiples of the resolution. Source: four digits."""
+
+SPECTRUM_DECADES = 3.0
+"""[decades] Over which a channel of positive values spreads, at least, to be taken for the
+magnitude of a spectrum. Source: a resonance of 1 % stands 34 dB above its foot, twice that in
+power."""
+SPECTRUM_ROUGHNESS = 0.3
+"""[1] Deviation of the steps of its logarithm over that of the logarithm, at most. Source: of
+independent values, 1.4."""
 
 
 def stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
@@ -93,8 +114,19 @@ def clipped_samples(
     return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
 
 
+def hold_note(hold: Hold) -> str:
+    """Say that samples repeat the one before, with the cure."""
+    return (
+        f"{100 * hold.share:.0f} % of the samples repeat the one before in all channels: the "
+        "sensor is polled faster than it measures, and images of modes will be taken for "
+        f"modes. Poll it {hold.ratio:.3g} times more slowly, or by its own clock."
+    )
+
+
 def value_notes(
-    columns: Float[np.ndarray, "time channel"], names: Sequence[str]
+    columns: Float[np.ndarray, "time channel"],
+    names: Sequence[str],
+    rate_hz: float | None = None,
 ) -> tuple[str, ...]:
     """Describe channels whose values are no measurements of their own.
 
@@ -104,6 +136,8 @@ def value_notes(
         Samples of all channels, in any unit; not finite ones are left out.
     names
         Of the channels.
+    rate_hz
+        Sampling rate [Hz]; None to leave out what needs one.
 
     Returns
     -------
@@ -117,7 +151,8 @@ def value_notes(
     for name, series in zip(names, rows.T, strict=True):
         stuck = float((stuck_samples(series) & (moves > 0)).mean())
         clipped = float(clipped_samples(series, series).mean())
-        levels = len(np.unique(series))
+        values = np.unique(series)
+        levels = len(values)
         if clipped > CLIPPED_SHARE:
             notes.append(
                 f"Channel {name!r} is clipped in {100 * clipped:.2g} % of its samples: "
@@ -134,7 +169,70 @@ def value_notes(
                 f"Channel {name!r} has {levels} different values: its resolution is as large "
                 "as its signal. Use a finer range, or leave it out."
             )
+        elif (bit := stuck_bit(values)) is not None:
+            notes.append(
+                f"Channel {name!r}: bit {bit} of its values never changes, while higher and "
+                "lower ones do. Check the converter and its cable, or leave it out."
+            )
+        if looks_like_spectrum(series):
+            notes.append(
+                f"Channel {name!r} is positive throughout, and smooth over "
+                f"{SPECTRUM_DECADES:g} decades or more, as the magnitude of a spectrum: if its "
+                "rows are frequencies, this is no record in time. Export the time histories, "
+                "or frequency responses with both parts."
+            )
+        hum = None if rate_hz is None else find_hum(series, rate_hz)
+        if hum is not None:
+            lines = ", ".join(f"{hz:.4g}" for hz in hum.lines_hz)
+            notes.append(
+                f"Channel {name!r} has hum of the mains ({hum.mains_hz:g} Hz), "
+                f"{100 * hum.share:.2g} % of its variance, at {lines} Hz: lines there are no "
+                "modes. Check earth and shield of its cable."
+            )
     return (*notes, *_likeness_notes(rows, names))
+
+
+def looks_like_spectrum(series: Float[np.ndarray, " time"]) -> bool:
+    """Whether a channel is like the magnitude of a spectrum: positive, smooth, with peaks.
+
+    Decays, which are smooth and may be positive, have no maximum beyond their beginning.
+    """
+    if series.min() <= 0:
+        return False
+    level = np.log10(series)
+    if np.ptp(level) < SPECTRUM_DECADES or np.argmax(level) < len(level) // 100:
+        return False
+    return bool(np.diff(level).std() < SPECTRUM_ROUGHNESS * level.std())
+
+
+def stuck_bit(values: Float[np.ndarray, " level"]) -> int | None:
+    """Find a bit of a converter that never changes, while higher and lower ones do.
+
+    Parameters
+    ----------
+    values
+        Different values of a channel, ascending.
+
+    Returns
+    -------
+    The lowest such bit, from 0; None where there is none, or values are no whole multiples of
+    one step.
+    """
+    if len(values) < FEWEST_CODES:
+        return None
+    step = float(np.diff(values).min())
+    codes = values / step
+    if np.abs(codes).max() > 2**40 or np.abs(codes - np.rint(codes)).max() > WHOLE:
+        return None
+    whole = np.rint(codes).astype(np.int64)
+    low, high = np.quantile(whole, (0.05, 0.95))
+    changes = np.bitwise_or.reduce(whole) & ~np.bitwise_and.reduce(whole)
+    for bit in range(1, 40):
+        if 4 * 2**bit > high - low:
+            break
+        if not changes >> bit & 1 and changes & (2**bit - 1):
+            return bit
+    return None
 
 
 def _likeness_notes(

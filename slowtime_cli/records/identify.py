@@ -28,7 +28,7 @@ from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
 from slowtime_services.files import MARK, Record, accelerations, mixed_units
 from slowtime_services.matrices import read_any_description
-from slowtime_services.modal import UNIVERSAL, read_geometry
+from slowtime_services.modal import UNIVERSAL, read_geometry, read_selection
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import identify_part, is_decay, stretches
 from slowtime_services.modal.losses import Completed, Gaps, completed, widened, wider
@@ -68,13 +68,15 @@ def identify(
     gaps: Gaps,
     method: Any,
     model: Path | None,
+    select: Path | None,
     report: Path | None,
     out: Path | None,
     geometry: Path | None,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors."""
     universal = out is not None and out.suffix.lower() in UNIVERSAL
-    if (model or report or universal) and method == "auto":
+    selection = None if select is None else read_selection(select)
+    if (model or report or universal or selection) and method == "auto":
         method = "modes"
     known = read_geometry(geometry) if geometry else None
     record = _accelerations_of(record)
@@ -106,7 +108,7 @@ def identify(
         part = _longest(record, samples)
         with counting("Identifying"):
             force = excitation(part, record.rate_hz)
-            told, whole = identify_part(part, record.rate_hz, band_hz, method, force)
+            told, whole = identify_part(part, record.rate_hz, band_hz, method, force, selection)
             inflation = whole_record.inflation(0, len(part))
             told, whole = widened(told, whole, inflation, whole_record.flags)
         span_s = len(part) / record.rate_hz
@@ -127,6 +129,9 @@ def identify(
             method = "modes" if method == "auto" else method
             if mixed and len(record.channels) > 1:
                 note_mixed_units(mixed)
+            for text in whole.notes:
+                note(text)
+            result["assumptions"] += whole.notes
             result["modes"] = _whole_modes(whole, models, mixed, span_s, method)
             if not silent:
                 mode_tables.show_modes(whole, models, path.name, method=method)
@@ -146,6 +151,7 @@ def identify(
                     models,
                     shapes=not mixed,
                     extra=spatial,
+                    selection=selection,
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)

@@ -14,12 +14,13 @@ from slowtime.identification.frequency_response.hits import Hit, find_hits, rest
 from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.modal_fit.assembly import ModalTest
 from slowtime.identification.modal_fit.blows import HammerSettings, identify_blows
+from slowtime.identification.modal_fit.by_hand import edited_test
 from slowtime.identification.modal_fit.records import identify_record
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural
 from slowtime_services.files import Record, accelerations, bridged, find_column, mixed_units
 from slowtime_services.files.units import unit_of
-from slowtime_services.modal import read_geometry
+from slowtime_services.modal import read_geometry, read_selection
 
 from . import mode_tables
 from .identify import note_mixed_units, reference_modes, without_shape
@@ -68,6 +69,7 @@ def identify(
 ) -> None:
     """Find modes in a record with measured inputs, with errors."""
     known = read_geometry(geometry) if geometry else None
+    selection = None if flags["select"] is None else read_selection(flags["select"])
     record, said = bridged(record)
     if said:
         note(said)
@@ -77,6 +79,9 @@ def identify(
     edges = band_hz or (LOW_SHARE * rate / len(part.samples), HIGH_SHARE * rate)
     with counting("Identifying"):
         found = _identified(measured, rate, edges, flags)
+        found = found if selection is None else edited_test(found, selection)
+    for text in found.result.notes:
+        note(text)
     outputs = tuple(name for name, _ in measured.output_channels)
     mixed = mixed_units(outputs, tuple(unit for _, unit in measured.output_channels))
     if mixed and len(outputs) > 1:
@@ -104,6 +109,7 @@ def identify(
             models,
             shapes=not mixed,
             captions=CAPTIONS,
+            selection=selection,
             extra=[
                 *spatial,
                 *response_sections(found, measured.output_channels, measured.input_channels),
@@ -289,7 +295,7 @@ def _body(
         "rate_hz": record.rate_hz,
         "channels": list(outputs),
         "duration_s": duration_s,
-        "assumptions": [*record.assumptions, *record.notes],
+        "assumptions": [*record.assumptions, *record.notes, *found.result.notes],
         "modes": found_modes(found, models, (0.0, duration_s), mixed),
     }
 

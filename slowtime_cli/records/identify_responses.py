@@ -8,11 +8,13 @@ import click
 
 from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.modal_fit.assembly import ModalTest
+from slowtime.identification.modal_fit.by_hand import edited_test
 from slowtime.identification.modal_fit.identification import identify_responses
+from slowtime.identification.selection import Selection
 from slowtime_cli.shared.terminal import counting, note
 from slowtime_services.files import mixed_units
 from slowtime_services.frequency_responses import MeasuredResponses, read_responses
-from slowtime_services.modal import read_geometry
+from slowtime_services.modal import read_geometry, read_selection
 
 from . import mode_tables
 from .identify import note_mixed_units, reference_modes
@@ -72,6 +74,7 @@ def identify(
         )
     for text in measured.notes:
         note(text)
+    selection = None if flags["select"] is None else read_selection(flags["select"])
     response = measured.response
     outputs, inputs = (
         [name for name, _ in side] for side in (measured.outputs, measured.inputs)
@@ -79,9 +82,12 @@ def identify(
     points = driving_points(outputs, inputs, test["driving_points"])
     with counting("Identifying"):
         found = identify_responses(response, band_hz=flags["band_hz"], driving_points=points)
+        found = found if selection is None else edited_test(found, selection)
+    for text in found.result.notes:
+        note(text)
     if not found.result.modes:
         note("no mode stands out from the noise. Give another band with --band-hz.")
-    _tell(found, measured, path, flags, test["frf"])
+    _tell(found, measured, path, flags, (test["frf"], selection))
     return True
 
 
@@ -90,9 +96,10 @@ def _tell(
     measured: MeasuredResponses,
     path: Path,
     flags: Mapping[str, Any],
-    frf: Path | None,
+    more: tuple[Path | None, Selection | None],
 ) -> None:
-    """Print and write the result."""
+    """Print and write the result; `more` is a file of responses to write, and a choice."""
+    frf, selection = more
     outputs = tuple(name for name, _ in measured.outputs)
     mixed = mixed_units(outputs, tuple(unit for _, unit in measured.outputs))
     mixed = mixed if len(outputs) > 1 else ""
@@ -113,7 +120,8 @@ def _tell(
         )
         mode_tables.write_report(
             report, path.name, outputs, found.result, models, shapes=not mixed,
-            captions=CAPTIONS, extra=[*spatial, *response_sections(found, *channels)],
+            captions=CAPTIONS, selection=selection,
+            extra=[*spatial, *response_sections(found, *channels)],
         )  # fmt: skip
     if frf is not None:
         write_response_file(frf, found, *channels, known)
@@ -127,7 +135,7 @@ def _tell(
             "rate_hz": 2 * float(hz[-1]),
             "channels": list(outputs),
             "duration_s": duration_s,
-            "assumptions": list(measured.notes),
+            "assumptions": [*measured.notes, *found.result.notes],
             "modes": found_modes(found, models, (0.0, duration_s), mixed),
         }
         write_modes_file(out, body, known, measured.outputs[0][1])

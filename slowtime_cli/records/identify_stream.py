@@ -94,7 +94,7 @@ def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
 
 def _is_long(path: Path, flags: dict[str, Any]) -> bool:
     """Whether a file is long, can be read in pieces, and is asked for no more than modes."""
-    whole = flags["window_s"] or flags["report"] or flags["second"]
+    whole = flags["window_s"] or flags["report"] or flags["second"] or flags["select"]
     whole = whole or flags["method"] not in ("auto", "modes") or flags["gaps"] != "use"
     kind = path.suffix.lower() == ".mcap" or streams(path)
     if whole or not kind or path.stat().st_size < LONG_BYTES:

@@ -68,17 +68,19 @@ def _merge_records(
     out: Path | None,
 ) -> None:
     """Identify all records at once, print the modes and write them."""
-    modes, heading = merged_records(files, references, rate_hz, band_hz)
-    if not modes:
+    found, heading = merged_records(files, references, rate_hz, band_hz)
+    if not found.modes:
         raise click.UsageError(
             "No mode stands out from the noise. Give longer records, or another --band-hz."
         )
     if out is not None:
         span = (0.0, heading["duration_s"])
-        body = heading | {"modes": [_merged(mode, span) for mode in modes]}
+        body = heading | {"modes": [_merged(mode, span) for mode in found.modes]}
         write_modes_file(out, body, None, "")
     count = len(heading["channels"])
-    _show([(mode, len(files), count) for mode in modes], files)
+    rows = [(mode, len(files), count) for mode in found.modes]
+    rows += [(one.mode, len(one.setups), len(one.channels)) for one in found.partial]
+    _show(sorted(rows, key=lambda row: row[0].frequency_hz.value), files)
 
 
 def modes_of_file(path: Path) -> tuple[tuple[str, ...], list[Mode]]:

@@ -8,8 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.setup_merging import SetUpRecord, merge_before
+from slowtime.identification.automatic.set_ups import JointModes, merge_records
+from slowtime.identification.subspace.setup_merging import SetUpRecord
 from slowtime.signals.decimation import PASS, decimated
 from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
 from slowtime_cli.shared.terminal import counting, note
@@ -32,7 +32,7 @@ def merged_records(
     references: tuple[str, ...] | None,
     rate_hz: float | None,
     band_hz: tuple[float, float],
-) -> tuple[tuple[Mode, ...], dict[str, Any]]:
+) -> tuple[JointModes, dict[str, Any]]:
     """Identify the modes of a structure from the records of all set-ups at once.
 
     Parameters
@@ -48,7 +48,7 @@ def merged_records(
 
     Returns
     -------
-    Modes over all channels, and the heading of a modes file.
+    Modes, and the heading of a modes file.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def merged_records(
     lower = rate / factor
     lags = min(max(round(lower / band_hz[0]), FEWEST_LAGS), MOST_LAGS)
     with counting("Identifying"):
-        found = merge_before(
+        found = merge_records(
             setups,
             lower,
             kept,
@@ -74,6 +74,8 @@ def merged_records(
             orders=range(2, HIGHEST_ORDER + 1),
             band_hz=band_hz,
         )
+    for text in found.notes:
+        note(f"not found in all records together: {text}")
     span = max(one.duration_s for one in read)
     heading = {
         "slowtime_modes": 1,
@@ -81,8 +83,9 @@ def merged_records(
         "rate_hz": rate,
         "channels": list(found.channels),
         "duration_s": span,
+        "assumptions": list(found.notes),
     }
-    return found.modes, heading
+    return found, heading
 
 
 def _common_rate(read: Sequence[Record], band_hz: tuple[float, float]) -> float:

@@ -14,11 +14,14 @@ from slowtime.identification.automatic.estimation import MOST_DAMPING
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
+from slowtime.identification.selection import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime_cli.shared.terminal import show
-from slowtime_services.modal import read_modes
+from slowtime_services.modal import ENDING, read_modes, write_selection
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.reports import Chart, Section, Table, write_page
+
+from .mac_charts import mac_charts
 
 ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
 """Natural frequency [Hz], and the shape at the record's channels where all are in the model."""
@@ -39,8 +42,9 @@ class Captions:
         "lines: modes; dashed: lines of machines."
     )
     stabilisation: str = (
-        "Poles of subspace models of rising order, each band by itself; bars are one standard "
-        "deviation. A mode is where poles stand above each other."
+        "Poles of subspace models of rising order, each band by itself, over the first "
+        "singular value; bars are one standard deviation. A mode is where poles stand above "
+        "each other."
     )
 
 
@@ -190,8 +194,12 @@ def write_report(
     shapes: bool = True,
     extra: Sequence[Section] = (),
     captions: Captions = AMBIENT,
+    selection: Selection | None = None,
 ) -> None:
-    """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page."""
+    """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page.
+
+    Beside a page with a stabilisation diagram stands the file of the choice of modes.
+    """
     structural = len(result.structural)
     lines = len(result.modes) - structural
     lead = (
@@ -200,7 +208,7 @@ def write_report(
         f"{', '.join(channels)}. ± is one standard deviation."
     )
     sections = [
-        Section("Modes", (), [_table(result, models)]),
+        Section("Modes", result.notes, [_table(result, models)]),
         *extra,
         Section("Spectra", (), [_spectra(result, captions.spectra)]),
     ]
@@ -209,7 +217,10 @@ def write_report(
             Section("Stabilisation", (), [_stabilisation(result, captions.stabilisation)])
         )
     if len(channels) > 1 and structural and shapes:
-        sections.append(Section("Shapes", (), [_shapes(result, channels)]))
+        drawn = [_shapes(result, channels)]
+        sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
+    if len(result.stabilisation.order):
+        write_selection(path.with_suffix(ENDING), name, selection, result.modes)
     write_page(path, f"Modes of {name}", lead, sections)
 
 
@@ -254,7 +265,11 @@ def _mark(mode: Mode) -> dict[str, Any]:
 def _stabilisation(result: ModalResult, caption: str) -> Chart:
     poles = result.stabilisation
     finite = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
-    traces = []
+    # On an axis of its own, whose range is that of what it shows.
+    traces = [
+        {**trace, "yaxis": "y2", "line": {"width": 1, "color": "#d9b48f"}}
+        for trace in _spectra(result, "").data[:1]
+    ]
     for belongs, name, colour in ((False, "other pole", "#9aa5ad"), (True, "mode", "#0b6fb8")):
         chosen = finite & ((poles.mode >= 0) == belongs)
         if not belongs:
@@ -280,6 +295,12 @@ def _stabilisation(result: ModalResult, caption: str) -> Chart:
                 "range": _decades(result),
             },
             "yaxis": {"title": {"text": "model order"}},
+            "yaxis2": {
+                "title": {"text": "density [dB]"},
+                "overlaying": "y",
+                "side": "right",
+                "showgrid": False,
+            },
         },
         caption,
     )

@@ -23,8 +23,8 @@ CAPTIONS = Captions(
     spectra="Squared singular values of the frequency responses (complex mode indicator "
     "functions). Upright lines: modes.",
     stabilisation="Poles of rising model order, by pLSCF of the frequency responses or, in "
-    "continuous records, by subspaces too; bars are one standard deviation. A mode is where "
-    "poles stand above each other.",
+    "continuous records, by subspaces too, over the first of these functions; bars "
+    "are one standard deviation. A mode is where poles stand above each other.",
 )
 
 

@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from slowtime.signals.value_checks import value_notes
 from slowtime_services.files import DateOrder, Record, Repeated, find_column, in_si, read_record
-from slowtime_services.files.channels.repeated_rows import new_rows
-from slowtime_services.files.reading_options import ReadingOptions
+from slowtime_services.files.integrity import with_checked_values
 from slowtime_services.replay import record_or_foreign
 
 from .options import names
@@ -83,9 +80,8 @@ def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
                 note(
                     f"--{flag} was not used: an MCAP recording carries its own clock and names."
                 )
-        return _with_checks(
-            overridden_by_flags(record_or_foreign(path), path, given), path, given
-        )
+        record = overridden_by_flags(record_or_foreign(path), path, given)
+        return with_checked_values(record, path.name, given.repeated)
     return read_record(
         path,
         **{
@@ -93,23 +89,6 @@ def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
         },
         skip_missing=True,
     )
-
-
-def _with_checks(record: Record, path: Path, given: ReadingFlags) -> Record:
-    """Check the values of a recording as those of other files are."""
-    samples = np.asarray(record.samples, dtype=float)
-    said = value_notes(samples, record.channels)
-    notes = (*record.notes, *(text for text in said if text not in record.notes))
-    if not record.gaps:
-        new = new_rows(
-            path.name, samples, record.channels, record.rate_hz, None,
-            ReadingOptions(None, None, None, None, None, (), given.repeated), of_a_piece=False,
-        )  # fmt: skip
-        notes = (*notes, *(text for text in new.notes if text not in notes))
-        if new.rows is not None:
-            samples = record.samples[new.rows]
-            record = dataclasses.replace(record, samples=samples, rate_hz=new.rate_hz)
-    return dataclasses.replace(record, notes=notes)
 
 
 def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Record:

@@ -36,12 +36,26 @@ def test_modes_are_found_within_four_standard_deviations(modes):
     assert ratio == pytest.approx((1 + np.sqrt(5)) / 2, rel=0.05)
 
 
+def test_modes_are_chosen_by_a_file(modes, tmp_path):
+    path = tmp_path / "modes.yaml"
+    modes.to_selection(path)
+    drop = f"edits:\n- drop: {modes[0].frequency_hz.value:.4g}\n"
+    path.write_text(path.read_text().replace("edits:\n", drop))
+    chosen = st.identify(modes.signals, select=path)
+    assert chosen.rows() == modes.rows()[1:]
+    assert chosen.notes[-1].startswith("Modes chosen by hand")
+    with pytest.raises(ValueError, match="select= chooses among poles"):
+        st.identify(modes.signals, select=path, method="efdd")
+
+
 def test_modes_are_shown_and_exported(modes, tmp_path):
     pyuff = pytest.importorskip("pyuff")
     assert modes.table().count("\n") == 2
     modes.plot_stabilisation(tmp_path / "poles.png")
     modes.plot_shapes(tmp_path / "shapes.png")
-    assert all((tmp_path / name).stat().st_size > 5000 for name in ("poles.png", "shapes.png"))
+    modes.plot_mac(tmp_path / "mac.png")
+    drawn = ("poles.png", "shapes.png", "mac.png")
+    assert all((tmp_path / name).stat().st_size > 5000 for name in drawn)
     modes.to_uff(tmp_path / "modes.uff")
     sets = [
         one for one in pyuff.UFF(str(tmp_path / "modes.uff")).read_sets() if one["type"] == 55

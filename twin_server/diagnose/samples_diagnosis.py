@@ -7,10 +7,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.discrepancy.search import SearchOptions
 from slowtime.signals.block import Block
+from slowtime.signals.repeated_samples import find_hold
+from slowtime.signals.value_checks import hold_note, value_notes
 from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
 from slowtime_services.models import description_of
 from slowtime_services.plugins.effect_kinds import known
@@ -64,10 +68,21 @@ def diagnose_samples(
         found,
         records=[source.name for source in _sources(learnt)],
         holdout=[source.name for source in _sources(judged)],
-        notes=(*notes, *task.notes),
+        notes=(*notes, *_value_notes((*learnt, *judged)), *task.notes),
     )
     progress("writing the report", 0.99)
     write_results(folder, found, document)
+
+
+def _value_notes(pieces: Sequence[Piece]) -> tuple[str, ...]:
+    """Say once of each value that is no measurement, in any piece."""
+    said: list[str] = []
+    for piece in pieces:
+        samples = np.asarray(piece.record.samples, dtype=float)
+        said += value_notes(samples, piece.record.channels, piece.record.rate_hz)
+        hold = find_hold(samples)
+        said += [] if hold is None else [hold_note(hold)]
+    return tuple(dict.fromkeys(said))
 
 
 def _pieces(task: Task) -> tuple[list[Piece], list[Piece]]:

@@ -26,8 +26,8 @@ from .indexing.positions import ByArrival, ByStamp, Placement, Positions
 from .rate_changes import RateWatch
 from .reader import DescribingTransport, Reader
 from .registry import Opened
-from .repeats import RepeatWatch
 from .timestamps import Timing
+from .values import ValueWatch
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class LiveSource:
         self._settings, self._opened = settings, opened
         self._stop = stop
         self.tally = SampleCounts()
-        self._repeats = RepeatWatch(self.tally)
+        self._values = ValueWatch(self.tally)
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
         self._reader: Reader | None = None
         self._dropped = 0
@@ -89,6 +89,7 @@ class LiveSource:
         self._factors = np.array([channel.factor for channel in layout.channels])
         self._factors *= np.array(scaling.factors)
         self._offsets = np.array([channel.offset for channel in layout.channels])
+        self._values.begin(layout.names, rate_hz)
         self._is_utc = layout.stamp is not None and layout.stamp.clock == "utc"
         self._timing = Timing(rate_hz, stamps=self._is_utc, tally=self.tally)
         self._backlog = Backlog(rate_hz)
@@ -247,7 +248,7 @@ class LiveSource:
         if runs:
             reading = self._timing.read()
             for run in runs:
-                self._repeats.note(run.rows)
+                self._values.note(run.rows)
                 yield self._block(run, reading)
 
     def _block(self, run: Run, reading: ClockReading) -> Block:

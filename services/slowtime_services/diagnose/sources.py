@@ -14,6 +14,7 @@ from slowtime_services.files import (
     part_of,
     read_record,
 )
+from slowtime_services.files.integrity import with_checked_values
 from slowtime_services.replay import record_or_foreign
 
 BINARY = (".npy", ".npz", ".mat")
@@ -83,6 +84,7 @@ def read_any(
             record = record_or_foreign(path)
             if rate_hz is not None:
                 record = dataclasses.replace(record, rate_hz=rate_hz)
+            record = with_checked_values(record, path.name, repeated)
             record = in_si(record, units, sensitivities)
         else:
             record = read_record(

@@ -151,6 +151,20 @@ def read_record(
     return in_si(record, units, sensitivities)
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Rows of a sheet that are samples, their clock, and what was said on the way."""
+
+    sheet: Sheet
+    told: candidates.ClockReading
+    of_all_rows: candidates.ClockReading
+    kept: Sequence[int]
+    why: dict[str, str]
+    rows: np.ndarray[tuple[int], np.dtype[np.intp]]
+    lost: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    notes: tuple[str, ...]
+
+
 def _record(
     file: str,
     sheet: Sheet,
@@ -159,7 +173,54 @@ def _record(
     of_a_piece: bool = False,
 ) -> Record:
     """Decide the columns, check them against the heading, and collect the samples."""
-    names = sheet.names
+    found = _rows_of_samples(file, sheet, said, missing)
+    sheet, told, kept = found.sheet, found.told, found.kept
+    axis, notes = axis_of(told, said, sheet.facts)
+    notes = (*found.notes, *notes)
+    if of_a_piece:
+        _refuse_wandering(axis)
+    gaps, counted = _gaps(found, axis, missing)
+    measured = _measured(sheet, kept, said, axis, gaps, told)
+    verdict = plausibility.judge(file, sheet.facts, measured)
+    if verdict.rate_hz is None:
+        raise told.refusal or _without_rate(file, sheet)
+    notes += counted
+    clocked = said.rate_hz is not None or told.clock is not None
+    if not clocked and told.refusal is not None and told.columns:
+        notes += (f"The column of times was not used: {told.refusal}",)
+    if verdict.wrapped:
+        return _series(sheet, kept, verdict, notes)
+    if found.lost.any():
+        values = [sheet.columns[i].values for i in kept]
+        notes += (describe_missing(values, found.lost, missing),)
+    if gaps:
+        notes += (describe_gaps(gaps),)
+    start_ns, said_start = _start(found, axis, missing, verdict.rate_hz)
+    record = Record(
+        samples=in_sensor_type(
+            _finite(np.column_stack([sheet.columns[i].values for i in kept]))
+        ),
+        rate_hz=float(verdict.rate_hz),
+        channels=tuple(sheet.names[i] for i in kept),
+        units=tuple(unit_of_channel(sheet, i, kept) for i in kept),
+        start_ns=start_ns,
+        gaps=gaps,
+        aux=_others(sheet, kept),
+        notes=(*sheet.notes, *notes, *verdict.notes),
+        assumptions=(
+            *sheet.assumptions,
+            *clock_words(told, axis, found.why),
+            *verdict.assumptions,
+            *said_start,
+        ),
+    )
+    return _with_new_rows(file, record, axis, said, of_a_piece=of_a_piece)
+
+
+def _rows_of_samples(
+    file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy
+) -> _Rows:
+    """Choose channels, and rows that have times and values and are no copies."""
     told = clock_of_sheet(sheet, said)
     timed = np.arange(len(sheet.columns[0].values))
     if told.clock is None and (missing.skip or missing.keep):
@@ -173,73 +234,68 @@ def _record(
         sheet, new = without_copies(sheet, kept, told.columns)
         if not new.all():
             timed, told = timed[new], clock_of_sheet(sheet, said)
-    sheet, notes_of_codes = sentinels.as_missing(file, sheet, kept, missing)
+    sheet, notes = sentinels.as_missing(file, sheet, kept, missing)
     lost = rows_missing(file, sheet, kept, missing)
     rows = timed[~lost]
     if missing.skip and lost.any():
         sheet = only_rows(sheet, np.flatnonzero(~lost))
         told = clock_of_sheet(sheet, said)
-    axis, notes = axis_of(told, said, sheet.facts)
-    notes = (*notes_of_codes, *notes)
-    if of_a_piece:
-        _refuse_wandering(axis)
-    gaps = axis.gaps if axis is not None else ()
-    if axis is None and missing.skip:
-        gaps = tuple(gaps_of(rows))
-    if axis is None and not gaps:
-        gaps, counted = gaps_of_counter(sheet, why)
-        notes += counted
-    values = [sheet.columns[i].values for i in kept]
-    measured = _measured(sheet, kept, said, axis, gaps, told)
-    verdict = plausibility.judge(file, sheet.facts, measured)
-    rate = verdict.rate_hz
-    if rate is None:
-        raise told.refusal or _without_rate(file, sheet)
-    if (
-        said.rate_hz is None
-        and told.clock is None
-        and told.refusal is not None
-        and told.columns
-    ):
-        notes += (f"The column of times was not used: {told.refusal}",)
-    if verdict.wrapped:
-        return _series(sheet, kept, verdict, notes)
-    assumptions = (*sheet.assumptions, *clock_words(told, axis, why), *verdict.assumptions)
-    others = {n: _column_values(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
-    start_ns, said_start = start_of(sheet, axis, of_all_rows)
+    return _Rows(sheet, told, of_all_rows, kept, why, rows, lost, tuple(notes))
+
+
+def _gaps(
+    found: _Rows, axis: TimeAxis | None, missing: MissingPolicy
+) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
+    """Gaps by the clock, the rows that were left out, or a counter; and what to say of them."""
+    if axis is not None:
+        return axis.gaps, ()
+    if missing.skip and (gaps := tuple(gaps_of(found.rows))):
+        return gaps, ()
+    return gaps_of_counter(found.sheet, found.why)
+
+
+def _start(
+    found: _Rows, axis: TimeAxis | None, missing: MissingPolicy, rate_hz: float
+) -> tuple[int | None, tuple[str, ...]]:
+    """Time of the first sample [ns], and what was assumed of it."""
+    start_ns, said = start_of(found.sheet, axis, found.of_all_rows)
     by_clock = axis is not None and axis.start_ns is not None
-    if start_ns is not None and not by_clock and missing.skip and lost.any():
+    if start_ns is not None and not by_clock and missing.skip and found.lost.any():
         # The heading tells when the first row was taken, which may have been left out.
-        start_ns += round(int(rows[0]) * 1e9 / rate)
-    assumptions += said_start
-    if lost.any():
-        notes += (describe_missing(values, lost, missing),)
-    if gaps:
-        notes += (describe_gaps(gaps),)
-    samples = in_sensor_type(_finite(np.column_stack(values)))
-    aux = {**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}}
-    channels = tuple(names[i] for i in kept)
-    new_of = new_rows(file, samples, channels, rate, axis, said, of_a_piece=of_a_piece)
+        start_ns += round(int(found.rows[0]) * 1e9 / rate_hz)
+    return start_ns, said
+
+
+def _others(sheet: Sheet, kept: Sequence[int]) -> dict[str, Values]:
+    """Return columns of numbers that are no channels, beside what the file has else."""
+    others = {
+        name: _column_values(sheet.columns[i])
+        for i, name in enumerate(sheet.names)
+        if i not in kept
+    }
+    return {**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}}
+
+
+def _with_new_rows(
+    file: str, record: Record, axis: TimeAxis | None, said: ReadingOptions, *, of_a_piece: bool
+) -> Record:
+    """Leave out held rows or interpolate uneven ones, and check the values."""
+    samples, aux = record.samples, dict(record.aux)
+    new_of = new_rows(
+        file, samples, record.channels, record.rate_hz, axis, said, of_a_piece=of_a_piece
+    )
     if new_of.rows is not None:
         samples, aux = samples[new_of.rows], _rows_of(aux, new_of.rows, len(samples))
     elif axis is not None and axis.seconds is not None:
         samples, aux = _at_even_times(samples, aux, axis)
-    return Record(
+    values = value_notes(np.asarray(samples, dtype=float), record.channels, new_of.rate_hz)
+    return dataclasses.replace(
+        record,
         samples=samples,
         rate_hz=float(new_of.rate_hz),
-        channels=channels,
-        units=tuple(unit_of_channel(sheet, i, kept) for i in kept),
-        start_ns=start_ns,
-        gaps=gaps if new_of.rows is None else (),
+        gaps=record.gaps if new_of.rows is None else (),
         aux=aux,
-        notes=(
-            *sheet.notes,
-            *notes,
-            *verdict.notes,
-            *new_of.notes,
-            *value_notes(np.asarray(samples, dtype=float), channels),
-        ),
-        assumptions=assumptions,
+        notes=(*record.notes, *new_of.notes, *values),
     )
 
 

@@ -166,7 +166,8 @@ def _lines(file: str, curves: Sequence[Curve]) -> np.ndarray:
                 f"{file}: {curve.output[0]} over {curve.input[0]} has "
                 f"{len(curve.frequency_hz)} lines to {curve.frequency_hz[-1]:g} Hz, "
                 f"{curves[0].output[0]} over {curves[0].input[0]} {len(hz)} to {hz[-1]:g} Hz. "
-                "Give a file for each."
+                "Give a file for each, or the same lines in all (of hammer tests: the same "
+                "--block-s)."
             )
     kept = np.asarray(hz > 0)
     if kept.sum() < LEAST_LINES or not (np.diff(hz) > 0).all():

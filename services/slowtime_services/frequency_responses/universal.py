@@ -1,4 +1,4 @@
-"""Frequency responses in universal files: datasets 58 and 58b, functions 4, 5 and 6.
+"""Frequency responses in universal files: datasets 58 and 58b, functions 2 to 6 and 9.
 
 References
 ----------
@@ -18,9 +18,14 @@ from slowtime_services.files.formats.universal import MARK
 from slowtime_services.files.record import RecordError
 
 from .measured import Curve
+from .spectra import Spectrum, curves_of_spectra
 
-GENERAL, RESPONSE, TRANSMISSIBILITY, COHERENCE = 0, 4, 5, 6
+GENERAL, TIME, RESPONSE, TRANSMISSIBILITY, COHERENCE = 0, 1, 4, 5, 6
 """Codes of functions [1]_."""
+AUTO, CROSS, DENSITY = 2, 3, 9
+"""The same of auto-spectra, cross-spectra and power spectral densities of either kind [1]_."""
+FORCES = (9, 13)
+"""Codes of what an axis tells: reaction and excitation force [1]_."""
 MOTIONS: dict[int, Kind] = {8: "displacement", 11: "velocity", 12: "acceleration"}
 """Codes of what an axis tells [1]_."""
 _LAYOUT: dict[int, tuple[str, int]] = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
@@ -71,7 +76,9 @@ def curves_of(path: Path, content: bytes) -> tuple[list[Curve], tuple[str, ...]]
     """
     curves: list[Curve] = []
     coherence: dict[tuple[str, str], np.ndarray] = {}
-    others = 0
+    autos: list[Spectrum] = []
+    crosses: list[Spectrum] = []
+    others, timed = 0, False
     for function in _functions(path, content):
         code, form = function.code, int(function.head[6].split()[0])
         whole = form in (5, 6)
@@ -80,8 +87,16 @@ def curves_of(path: Path, content: bytes) -> tuple[list[Curve], tuple[str, ...]]
         elif code == COHERENCE and not whole:
             of = _curve(path, function)
             coherence[of.output[0], of.input[0]] = of.values.real
+        elif code in (AUTO, CROSS, DENSITY):
+            is_cross = code == CROSS or (code == DENSITY and whole)
+            (crosses if is_cross else autos).append(_spectrum(path, function, is_cross))
         else:
+            timed = timed or code == TIME
             others += 1
+    if curves:
+        others += len(autos) + len(crosses)
+    elif not timed:
+        return curves_of_spectra(path.name, autos, crosses)
     told = []
     for curve in curves:
         own = coherence.get((curve.output[0], curve.input[0]))
@@ -214,6 +229,14 @@ def _curve(path: Path, function: _Function) -> Curve:
         averages=int(details["averages"]) if details else 0,
         decay_rate=float(details["decay"]) if details else 0.0,
     )
+
+
+def _spectrum(path: Path, function: _Function, is_cross: bool) -> Spectrum:
+    """Return an auto-spectrum, whose reference may not be stated, or a cross-spectrum."""
+    curve = _curve(path, function)
+    if not is_cross:
+        curve = dataclasses.replace(curve, input=curve.output)
+    return Spectrum(curve=curve, is_force=_axis(function.head[8])[0] in FORCES)
 
 
 def _places(head: list[str], code: int) -> tuple[str, str]:

@@ -3,18 +3,23 @@
 from .geometry import UNIVERSAL, Geometry, Place, name_of, places_of, read_geometry
 from .modes_reader import ReadMode, ReadModes, read_modes
 from .modes_writer import write_modes
+from .selection_file import ENDING, SelectionFileError, read_selection, write_selection
 from .tables import write_table
 
 __all__ = [
+    "ENDING",
     "UNIVERSAL",
     "Geometry",
     "Place",
     "ReadMode",
     "ReadModes",
+    "SelectionFileError",
     "name_of",
     "places_of",
     "read_geometry",
     "read_modes",
+    "read_selection",
     "write_modes",
+    "write_selection",
     "write_table",
 ]

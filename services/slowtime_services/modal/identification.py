@@ -11,6 +11,7 @@ from slowtime.identification.estimates import Identified
 from slowtime.identification.free_decay.along_decay import along_decay
 from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
+from slowtime.identification.selection import Selection
 from slowtime.identification.single_mode.estimation import all_modes
 from slowtime.identification.single_mode.excitation import Excitation
 from slowtime.identification.single_mode.machine_lines import (
@@ -32,6 +33,7 @@ def identify_part(
     band_hz: tuple[float, float] | None,
     method: Any,
     force: Excitation,
+    selection: Selection | None = None,
 ) -> tuple[ModesAndLines, ModalResult | None]:
     """Identify modes one by one, or of all channels together.
 
@@ -52,6 +54,8 @@ def identify_part(
         ``"free_decay"`` or ``"peak"``.
     force
         What the record says of its excitation.
+    selection
+        A person's edits of the automatic choice, of methods ``modes`` and ``bayes``.
 
     Returns
     -------
@@ -63,7 +67,7 @@ def identify_part(
         found = all_modes(samples, rate_hz, band_hz=band_hz)
         decays = tuple(_along(m, samples, rate_hz) for m in found if is_decay(m))
         return dataclasses.replace(nothing, modes=decays), None
-    single, whole = _by_method(samples, rate_hz, band_hz, method)
+    single, whole = _by_method(samples, rate_hz, band_hz, method, selection)
     single = dataclasses.replace(
         single, modes=tuple(_along(mode, samples, rate_hz) for mode in single.modes)
     )
@@ -95,12 +99,16 @@ def _flagged(mode: F, force: Excitation) -> F:
 
 
 def _by_method(
-    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+    part: Samples,
+    rate_hz: float,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+    selection: Selection | None,
 ) -> tuple[ModesAndLines, ModalResult | None]:
     """Modes by the method requested, or by the one that suits the record."""
     if method in ALL_CHANNELS:
         return ModesAndLines((), (), ()), by_method(
-            part, rate_hz, method=method, band_hz=band_hz
+            part, rate_hz, method=method, band_hz=band_hz, selection=selection
         )
     if method == "auto" and part.shape[1] == 1:
         return modes_and_machine_lines(part, rate_hz, band_hz=band_hz), None

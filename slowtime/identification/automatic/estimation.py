@@ -24,6 +24,7 @@ from slowtime.identification.harmonics.periodic_force import FLAG, without_perio
 from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
+from slowtime.identification.selection import Selection
 from slowtime.identification.spectral_likelihood.mode_selection import (
     FittedMode,
     InitialMode,
@@ -47,6 +48,7 @@ from .acceptance import MOST_DOUBT as MOST_DOUBT
 from .acceptance import MOVED as MOVED
 from .acceptance import PEAK as PEAK
 from .acceptance import is_mode, without_duplicates
+from .by_hand import Chosen, edited
 from .modal_result import ModalResult as ModalResult
 from .modal_result import join_stabilisation, singular_values
 from .roll_off import roll_off_hz
@@ -73,6 +75,7 @@ def identify_modes(
     band_hz: tuple[float, float] | None = None,
     order: int = MOST_ORDER,
     most: int | None = None,
+    selection: Selection | None = None,
 ) -> ModalResult:
     """Identify every mode that a record shows.
 
@@ -93,10 +96,17 @@ def identify_modes(
         Highest order of the subspace model of one band; a band spans about half an octave.
     most
         Keep so many structural modes, those of most evidence.
+    selection
+        A person's edits of the automatic choice; None for none.
 
     Returns
     -------
     The modes, with their errors.
+
+    Raises
+    ------
+    ValueError
+        Where an edit names no mode or pole.
     """
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples
@@ -126,24 +136,27 @@ def identify_modes(
     # In its place: from here on, densities are asked for.
     transform *= np.sqrt(2.0 / (rate_hz * count))
     spectrum = _spectrum(transform, rate_hz / count, tones, periods)
-    sharp = _sharp(spectrum, found, edges, highest)
+    sharp, others = _sharp(spectrum, found, edges, highest)
+    chosen = [Chosen(found[k], members[k], fit) for k, fit in sharp]
     if most is not None:
-        asked = [p for p in sharp if checks.is_inside(_natural_hz(p[1].pole), band_hz)]
-        sharp = sorted(asked, key=lambda pair: -pair[1].evidence)[:most]
+        asked = [o for o in chosen if checks.is_inside(_natural_hz(o.fit.pole), band_hz)]
+        chosen = sorted(asked, key=lambda one: -one.fit.evidence)[:most]
+    if selection is not None:
+        chosen = edited(spectrum, chosen, others, poles, selection, (edges[0], highest))
     units = _Units(scale, moving)
-    modes = [_mode(found[k], s, units) for k, s in sharp]
+    modes = [_mode(one, units) for one in chosen]
     if periods > 1:
-        modes = [dataclasses.replace(mode, flags=(FLAG,)) for mode in modes]
+        modes = [dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes]
     else:
         modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
-    members = [members[k] for k, _ in sharp]
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
     return ModalResult(
         modes=tuple(whole),
-        stabilisation=join_stabilisation(poles, members, places),
+        stabilisation=join_stabilisation(poles, [one.members for one in chosen], places),
         spectrum_hz=frequency,
         singular_values=values,
+        notes=() if selection is None else selection.notes,
     ).within(band_hz)
 
 
@@ -292,8 +305,11 @@ def _spectrum(
 
 def _sharp(
     spectrum: Spectrum, found: list[StablePole], edges: tuple[float, float], highest_hz: float
-) -> list[tuple[int, FittedMode]]:
-    """Choose modes among candidates, then let the spectra say where they are."""
+) -> tuple[list[tuple[int, FittedMode]], list[InitialMode]]:
+    """Choose modes among candidates, then let the spectra say where they are.
+
+    Returns modes, each with its candidate, and what else was modelled.
+    """
     low, starts = edges[0], [InitialMode(c.pole, c.shape) for c in found]
     chosen = select_modes(spectrum, starts, low_hz=low, high_hz=highest_hz)
     chosen = without_duplicates([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
@@ -301,10 +317,13 @@ def _sharp(
     final = fit_modes(spectrum, again, low_hz=low, high_hz=highest_hz)
     known = widen_for_windows(spectrum, [s for _, s in final], low_hz=low, high_hz=highest_hz)
     sharp = [(chosen[k][0], s) for (k, _), s in zip(final, known, strict=True)]
-    return without_duplicates([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
+    kept = without_duplicates([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
+    names = {k for k, _ in kept}
+    return kept, [InitialMode(s.pole, s.shape) for k, s in sharp if k not in names]
 
 
-def _mode(candidate: StablePole, sharp: FittedMode, units: _Units) -> Mode:
+def _mode(one: Chosen, units: _Units) -> Mode:
+    sharp = one.fit
     size = abs(sharp.pole)
     damping = -sharp.pole.real / size
     turning = sharp.pole.imag / size
@@ -325,7 +344,8 @@ def _mode(candidate: StablePole, sharp: FittedMode, units: _Units) -> Mode:
         correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
         shape=shape,
         shape_sd=shape_sd,
-        quality=min(candidate.share, 1.0),
+        quality=min(one.candidate.share, 1.0),
+        flags=one.flags,
     )
 
 

@@ -26,12 +26,15 @@ class ModalResult:
         Poles of all bands and orders, for a diagram.
     spectrum_hz, singular_values
         Singular values of the averaged spectral matrices of channels of unit variance.
+    notes
+        What a person chose, and other remarks on the modes.
     """
 
     modes: tuple[Mode, ...]
     stabilisation: Stabilisation
     spectrum_hz: Float[np.ndarray, " frequency"]
     singular_values: Float[np.ndarray, "frequency value"]
+    notes: tuple[str, ...] = ()
 
     @property
     def structural(self) -> tuple[Mode, ...]:

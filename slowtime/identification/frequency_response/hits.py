@@ -1,11 +1,12 @@
 """Hammer blows in a record of force: where they are, and which are of no use.
 
-A blow is of no use if the hammer bounced (a second pulse within the block), if force or
-response reached the limit of the measuring range, if the block does not fit into the record,
-or if the structure was still ringing strongly from the blow before it.
+A blow is of no use if the hammer bounced (a second pulse within the block), if the next blow
+falls into its block, if force or response reached the limit of the measuring range, or if the
+block does not fit into the record.
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -111,9 +112,9 @@ def find_hits(
     length = _length(starts, len(force), rate_hz, block_s)
     overloaded = _overloads(np.column_stack([force, responses]), limits)
     found = []
-    for start in (int(one) for one in starts):
+    for start, following in itertools.pairwise([*map(int, starts), len(force)]):
         first = start - round(PRE_SHARE * length)
-        hit = _judged(signed, overloaded, first, length, start, rate_hz)
+        hit = _judged(signed, overloaded, (first, first + length), (start, following), rate_hz)
         found.append(dataclasses.replace(hit, ringing=_ringing(responses, hit)))
     return tuple(found)
 
@@ -218,12 +219,13 @@ def _overloads(
 def _judged(
     signed: np.ndarray,
     overloaded: np.ndarray,
-    first: int,
-    length: int,
-    start: int,
+    block: tuple[int, int],
+    starts: tuple[int, int],
     rate_hz: float,
 ) -> Hit:
-    last = first + length
+    """Judge one blow by its block, its start and that of the next blow."""
+    (first, last), (start, following) = block, starts
+    length = last - first
     inside = signed[max(first, 0) : min(last, len(signed))]
     peak_at = start + int(np.argmax(signed[start : min(start + length // 4 + 2, len(signed))]))
     # The first pulse, even where the bounce is the greater.
@@ -231,7 +233,7 @@ def _judged(
     peak_at = start + int(np.argmax(signed[start : max(end_of_first, start + 1)]))
     peak = float(signed[peak_at])
     pulse = _pulse(signed, first, last, peak_at, peak)
-    rest = signed[pulse[1] : min(last, len(signed))]
+    rest = signed[pulse[1] : min(last, following)]
     bounce = float(rest.max(initial=0.0))
     refused = ""
     if first < 0 or last > len(signed):
@@ -242,6 +244,9 @@ def _judged(
         refused = f"overload of {name}"
     elif bounce > max(BOUNCE * peak, NOISE_FACTOR * _noise(inside)):
         refused = f"double hit, the second {100 * bounce / peak:.0f} % of the first"
+    elif following < last and following < len(signed):
+        later_s, block_s = (following - start) / rate_hz, length / rate_hz
+        refused = f"the next blow comes {later_s:.3g} s later, in its block of {block_s:.3g} s"
     return Hit(
         first=first,
         last=last,

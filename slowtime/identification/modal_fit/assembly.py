@@ -15,6 +15,7 @@ from slowtime.identification.subspace.stabilisation import StablePole
 from .basis import POWER, RESIDUAL_POWERS, modal_columns, residual_columns
 from .maximum_likelihood import PoleFit
 from .modal_constants import ModalConstants, modal_constants, modes_of_fit
+from .spectral_data import SpectralData
 
 MISFIT = 1.2
 """[1] Chi-square over its expectation beyond which the model does not explain the responses
@@ -41,6 +42,10 @@ class ModalTest:
         The same by the model; None where no mode was found.
     chi_square_ratio
         Chi-square of the fit over its expectation; 1 if the model holds within the noise.
+    candidates, fit
+        Poles and data that the modes were chosen from, and their fit; None where there is none.
+    driving_points
+        Pairs of output and input that are one place and direction.
     """
 
     result: ModalResult
@@ -48,6 +53,9 @@ class ModalTest:
     response: FrequencyResponse
     fitted: Complex[np.ndarray, "line output input"] | None
     chi_square_ratio: float
+    candidates: "Candidates"
+    fit: PoleFit | None
+    driving_points: Sequence[tuple[int, int]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -55,10 +63,23 @@ class Candidates:
     """Poles of all orders of each source, and the stable pole of each mode.
 
     The members of a stable pole are counted over all sources.
+
+    Parameters
+    ----------
+    poles
+        Poles of all orders of each source.
+    chosen
+        Stable pole of each mode.
+    data
+        Spectra that modes were fitted to.
+    is_noise_fitted
+        Whether their noise is that of the residuals.
     """
 
     poles: Sequence[Poles]
     chosen: Sequence[StablePole]
+    data: SpectralData
+    is_noise_fitted: bool
 
 
 def assemble_test(
@@ -86,7 +107,7 @@ def assemble_test(
     """
     modes: tuple[Mode, ...] = ()
     constants: tuple[ModalConstants, ...] = ()
-    ratio, fitted = float("nan"), None
+    ratio, fitted, given = float("nan"), None, fit
     if fit is not None:
         ratio = fit.chi_square / max(fit.freedom, 1)
         doubtful = ratio > MISFIT
@@ -116,6 +137,9 @@ def assemble_test(
         response=response,
         fitted=fitted,
         chi_square_ratio=ratio,
+        candidates=candidates,
+        fit=given,
+        driving_points=driving_points,
     )
 
 

@@ -76,7 +76,7 @@ def identify_responses(
     of_modes = [] if found is None else [candidates[k] for k in found.candidates]
     return assemble_test(
         response,
-        Candidates([poles], of_modes),
+        Candidates([poles], of_modes, data, not known),
         None if found is None else found.fit,
         driving_points,
     )

@@ -111,9 +111,9 @@ def fit_segments(
     data = _thinned(data, start)
     found = choose_modes(data, start, band_hz)
     if found is not None:
-        _, found = reweighted(data, found, band_hz)
+        data, found = reweighted(data, found, band_hz)
     chosen = [] if found is None else [candidates[k] for k in found.candidates]
-    return Candidates(poles, chosen), None if found is None else found.fit
+    return Candidates(poles, chosen, data, True), None if found is None else found.fit
 
 
 def _data(

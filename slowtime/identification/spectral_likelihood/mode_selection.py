@@ -112,7 +112,12 @@ def select_modes(
 
 
 def fit_modes(
-    spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
+    spectrum: Spectrum,
+    starts: list[InitialMode],
+    *,
+    low_hz: float,
+    high_hz: float,
+    all_of_them: bool = False,
 ) -> list[tuple[int, FittedMode]]:
     """Fit selected modes in wide windows, with the skirts of the modes beyond.
 
@@ -127,12 +132,15 @@ def fit_modes(
         Selected modes.
     low_hz, high_hz
         Limits of the search [Hz].
+    all_of_them
+        Whether modes stay that the spectrum can do without.
 
     Returns
     -------
     Modes, each with the index of its start.
     """
-    return _in_windows(spectrum, starts, (low_hz, high_hz), _FINAL)
+    stage = dataclasses.replace(_FINAL, worth=-np.inf) if all_of_them else _FINAL
+    return _in_windows(spectrum, starts, (low_hz, high_hz), stage)
 
 
 def widen_for_windows(
@@ -205,12 +213,16 @@ def _in_windows(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Stage:
-    """How windows are fitted: half-width, modes beside, choice of modes, and whole shapes."""
+    """How windows are fitted: half-width, modes beside, choice of modes, and whole shapes.
+
+    Modes of less evidence than `worth` [Bayesian penalties] are dropped.
+    """
 
     wide: float
     beside: int
     choose: Callable[[WindowData], tuple[list[int], BandFit]]
     whole: bool
+    worth: float = WORTH
 
 
 def _fitted(
@@ -230,7 +242,7 @@ def _fitted(
             best.log_likelihood - band_log_likelihood(data, r.predicted(data)) for r in rests
         ]
         worst = int(np.argmin(losses))
-        if losses[worst] >= WORTH * case.price:
+        if losses[worst] >= stage.worth * case.price:
             rest = None
             if stage.whole:
                 rest = shape_complement(case.ordinates, frame.directions, data, best.model)

@@ -29,6 +29,7 @@ Examples:
   slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
   slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
   slowtime identify responses.csv --frf-kind acceleration --band-hz 5 200
+  slowtime identify record.csv --rate-hz 200 --select modes.selection.yaml
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
@@ -159,10 +160,17 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "mode; or modes of another program, as a universal file (.uff, .unv).",
 )
 @click.option(
+    "--select",
+    type=EXISTING,
+    help="File of your choice of modes: edits of the automatic choice (keep, drop, merge, "
+    "split). --report writes one beside its page, NAME.selection.yaml, to be edited.",
+)
+@click.option(
     "--report",
     type=OutFile(".html"),
-    help="HTML page to write: table, spectra, stabilisation diagram, shapes; in space with "
-    "--geometry or a --model in space.",
+    help="HTML page to write: table, spectra, stabilisation diagram over the spectrum, shapes "
+    "and their MAC; in space with --geometry or a --model in space. Beside it, a file for "
+    "--select.",
 )
 @click.option(
     "--out",
@@ -182,6 +190,7 @@ def identify(
     gaps: str,
     method: str,
     model: Path | None,
+    select: Path | None,
     report: Path | None,
     out: Path | None,
     geometry: Path | None,
@@ -223,17 +232,22 @@ def identify(
             f"A universal file holds modes with shapes, of a whole record. Give --method "
             f"{', '.join(ALL_CHANNELS)} without --window-s, or write .json or .csv."
         )
-    if window_s is not None and (method in ALL_CHANNELS or model or report):
+    if window_s is not None and (method in ALL_CHANNELS or model or report or select):
         raise click.UsageError(
             f"--window-s follows the first mode. Leave it out for --method "
-            f"{', '.join(ALL_CHANNELS)}, --model and --report."
+            f"{', '.join(ALL_CHANNELS)}, --model, --select and --report."
         )
     one_of_a_stream = method in ("auto", "modes") and gaps == "use"
-    if stream and (window_s or report or second or not one_of_a_stream):
+    if stream and (window_s or report or select or second or not one_of_a_stream):
         raise click.UsageError(
             "--stream finds all modes of a record of any length, and uses all samples. Leave "
-            "out --window-s, --report, --with, --gaps and any --method but modes, or give "
-            "--whole."
+            "out --window-s, --report, --select, --with, --gaps and any --method but modes, or "
+            "give --whole."
+        )
+    if select and method not in ("auto", "modes", "bayes"):
+        raise click.UsageError(
+            f"--select chooses among poles, which --method {method} has none of. Give "
+            "--method modes or bayes."
         )
     if (model or report) and method not in ("auto", *ALL_CHANNELS):
         raise click.UsageError(

@@ -63,3 +63,40 @@ def test_rows_out_of_order_are_neither(refusal):
     said = refusal(times)
     assert "daylight" not in said
     assert "leading zeros" not in said
+
+
+def test_a_clock_that_was_set_back_is_named_with_the_rate_that_goes_on(refusal, tmp_path):
+    times = np.arange(ROWS) / 100.0
+    times[300:] -= 0.25
+    said = refusal([f"{t:.4f}" for t in times])
+    assert (
+        "if the clock was set back by 0.25 s while sampling went on, give --rate-hz 100."
+        in said
+    )
+    assert len(read_record(tmp_path / "file.csv", rate_hz=100).samples) == ROWS
+
+
+@pytest.mark.parametrize(("by", "missing"), [(0.004, 0), (0.503, 50)])
+def test_a_clock_that_was_set_forwards_is_noted(tmp_path, by, missing):
+    times = np.arange(ROWS) / 100.0
+    times[300:] += by
+    path = tmp_path / "set.csv"
+    rows = [f"{t:.4f},{x}" for t, x in zip(times, X, strict=True)]
+    path.write_text("Time [s],ax\n" + "\n".join(rows) + "\n")
+    found = read_record(path)
+    (said,) = [note for note in found.notes if "The clock was set" in note]
+    assert f"at line 302: a step of {0.01 + by:.4g} s is no whole number of samples." in said
+    assert sum(gap.missing for gap in found.gaps) == missing
+    assert found.rate_hz == pytest.approx(100.0, rel=2e-3)
+
+
+def test_late_stamps_and_jitter_are_no_clock_that_was_set(tmp_path):
+    rng = np.random.default_rng(3)
+    late = np.arange(ROWS) / 100.0
+    late[[100, 250]] += 0.004
+    shaken = np.arange(ROWS) / 100.0 + rng.normal(0, 2e-4, ROWS)
+    for name, times in (("late", late), ("shaken", shaken)):
+        path = tmp_path / f"{name}.csv"
+        rows = [f"{t:.5f},{x}" for t, x in zip(times, X, strict=True)]
+        path.write_text("Time [s],ax\n" + "\n".join(rows) + "\n")
+        assert not any("was set" in note for note in read_record(path).notes)

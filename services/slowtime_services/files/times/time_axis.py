@@ -7,7 +7,7 @@ from jaxtyping import Float, Shaped
 
 from slowtime_services.files.record import Gap, RecordError
 
-from .time_faults import cause_of_back_steps, change_of_rate, written_time
+from .time_faults import cause_of_back_steps, change_of_rate, clock_set, written_time
 from .time_units import is_time_name, unit_scale
 
 __all__ = [
@@ -220,6 +220,8 @@ def read_time(
             1 / _mean(seconds),
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
+    said = "" if printed else clock_set(seconds, jumps, first_line)
+    notes += (said,) if said else ()
     rate = _tidy_rate(step, seconds, instants, digit)
     return TimeAxis(rate, origin_ns, gaps, jitter, notes)
 

@@ -16,6 +16,16 @@ PAUSE_STEPS = 4.0
 """Step over the usual ones [1] from which there is a pause between two rates."""
 LEAST_CHANGE = 0.02
 """Relative change of a rate [1] that is told."""
+SET_STEPS = 0.1
+"""Step of a clock [samples] from which it is told that the clock was set."""
+SET_OVER_JITTER = 10.0
+"""The same over the scatter of the other steps [1]."""
+MOST_JITTER = 0.03
+"""Scatter of steps [samples] up to which a step of the clock is told from a late stamp."""
+LATE_ROWS = 4
+"""Rows within which a late stamp is made up for."""
+MOST_SETS = 0.01
+"""Share of the rows [1] at which a clock may be set; more is jitter."""
 _DAY_NS = 86_400_000_000_000
 
 
@@ -41,8 +51,20 @@ def cause_of_back_steps(seconds: Float[np.ndarray, " time"], *, stamped: bool) -
     """Return a sentence on why times run backwards; empty where nothing suggests a cause."""
     steps = np.diff(seconds)
     back = steps[steps < 0]
-    if not back.size or not stamped:
+    if not back.size:
         return ""
+    usual = float(np.median(steps))
+    odd = np.count_nonzero(np.abs(steps / usual - 1) > EVEN_STEP) if usual > 0 else len(steps)
+    set_back = ""
+    # Rows out of order step forwards again, a clock that was set back does not.
+    if odd == back.size <= MOST_SETS * len(steps):
+        by_s = usual - back[0]
+        set_back = (
+            f" All other rows come evenly: if the clock was set back by {by_s:.4g} s while "
+            f"sampling went on, give --rate-hz {1 / usual:.6g}."
+        )
+    if not stamped:
+        return set_back
     if (np.abs(back + HOUR_S) <= NEAR_HOUR_S).all():
         return (
             " A step of one hour back is the end of daylight saving time: write times in UTC, "
@@ -53,7 +75,59 @@ def cause_of_back_steps(seconds: Float[np.ndarray, " time"], *, stamped: bool) -
             " Fractions of a second may lack their leading zeros, as in 15:00:00.5 for "
             "15:00:00.005: write them with as many digits in each row."
         )
-    return ""
+    return set_back
+
+
+def clock_set(
+    seconds: Float[np.ndarray, " time"], missing: Float[np.ndarray, " step"], first_line: int
+) -> str:
+    """Return a sentence on where a clock was set while samples went on; empty for nowhere.
+
+    Parameters
+    ----------
+    seconds
+        Times of the rows [s].
+    missing
+        Samples taken to be missing before each row but the first.
+    first_line
+        Line of the first row; 0 where rows are no lines.
+    """
+    steps = np.diff(seconds)
+    whole = missing == 0
+    if np.count_nonzero(whole) < LEAST_PART_ROWS:
+        return ""
+    usual = float(np.median(steps[whole]))
+    excess = steps / usual - np.round(steps / usual)
+    jitter = 1.4826 * float(np.median(np.abs(excess)))
+    if not 0 < usual or jitter > MOST_JITTER:
+        return ""
+    # A late stamp is followed by a short step, a clock that was set is not.
+    sums = np.concatenate([[0.0], np.cumsum(excess)])
+    rows = np.flatnonzero(np.abs(excess) > max(SET_STEPS, SET_OVER_JITTER * jitter))
+    stays = [
+        row
+        for row in rows.tolist()
+        if all(
+            abs(sums[min(row + 1 + after, len(excess))] - sums[max(row - before, 0)])
+            > abs(excess[row]) / 2
+            for before in range(LATE_ROWS)
+            for after in range(LATE_ROWS)
+        )
+    ]
+    if not stays or len(rows) > MOST_SETS * len(steps):
+        return ""
+    row = int(stays[0]) + 1
+    where = f"line {first_line + row}" if first_line else f"row {row}"
+    more = f", and at {len(stays) - 1} other places" if len(stays) > 1 else ""
+    taken = (
+        f" {int(missing[row - 1])} samples are taken as missing there."
+        if missing[row - 1]
+        else ""
+    )
+    return (
+        f"The clock was set at {where}{more}: a step of {steps[row - 1]:.4g} s is no whole "
+        f"number of samples.{taken} --rate-hz {1 / usual:.6g} takes all rows as evenly spaced."
+    )
 
 
 def change_of_rate(

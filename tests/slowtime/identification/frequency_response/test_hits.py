@@ -70,6 +70,14 @@ def test_a_known_range_tells_an_overload():
     )
 
 
+def test_a_block_that_holds_the_next_blow_says_so_and_not_that_the_hammer_bounced():
+    force, responses = record()
+    hits = find_hits(force, responses, RATE, block_s=7.0)
+    assert [hit.refused for hit in hits[:4]] == [
+        "the next blow comes 6 s later, in its block of 7 s"
+    ] * 4
+
+
 def test_a_block_beyond_the_record_is_refused():
     force, responses = record()
     hits = find_hits(force[: -round(3 * RATE)], responses[: -round(3 * RATE)], RATE)
