@@ -36,7 +36,7 @@ from .file_sheet import open_sheet, pairs_unwrapped, renamed
 from .reading_options import MissingPolicy, ReadingOptions, Repeated, refuse_implausible_options
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
-from .times.even_samples import between_rows, sampled_evenly
+from .times.even_samples import between_rows, chosen_axis, sampled_evenly
 from .times.stamps import DateOrder
 from .times.time_axis import TimeAxis
 
@@ -183,13 +183,17 @@ def _record(
     notes = (*notes_of_codes, *notes)
     if of_a_piece:
         _refuse_wandering(axis)
+    values = [sheet.columns[i].values for i in kept]
+    if axis is not None and axis.stamped is not None and not of_a_piece:
+        told_by = chosen_axis(np.column_stack(values), axis)
+        notes = (*notes, *told_by.notes[len(axis.notes) :])
+        axis = told_by
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
         gaps = tuple(gaps_of(rows))
     if axis is None and not gaps:
         gaps, counted = gaps_of_counter(sheet, why)
         notes += counted
-    values = [sheet.columns[i].values for i in kept]
     measured = _measured(sheet, kept, said, axis, gaps, told)
     verdict = plausibility.judge(file, sheet.facts, measured)
     rate = verdict.rate_hz
