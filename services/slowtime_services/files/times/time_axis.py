@@ -227,14 +227,24 @@ def read_time(
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
     rate = _tidy_rate(step, seconds, instants, digit)
-    if jitter <= TOLD_JITTER_STEPS or printed or not (np.diff(seconds) > 0).all():
-        return TimeAxis(rate, origin_ns, gaps, jitter, notes)
-    notes = (*notes, f"The clock jitters by {100 * jitter:.0f} % of a step (rms).")
+    axis = TimeAxis(rate, origin_ns, gaps, jitter, notes)
+    jitters = jitter > TOLD_JITTER_STEPS and not printed and (np.diff(seconds) > 0).all()
+    return _jittering(axis, seconds, jumps) if jitters else axis
+
+
+def _jittering(
+    axis: TimeAxis, seconds: Float[np.ndarray, " time"], jumps: Float[np.ndarray, " step"]
+) -> TimeAxis:
+    """Axis of stamps that jitter, with that of rows that were sampled at them."""
+    notes = (*axis.notes, f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).")
     said = "Samples jitter as their stamps do: they were interpolated at even times."
-    stamped = TimeAxis(
-        rate, origin_ns, _gaps_between(seconds, jumps, rate), jitter, (*notes, said), seconds
+    stamped = dataclasses.replace(
+        axis,
+        gaps=_gaps_between(seconds, jumps, axis.rate_hz),
+        notes=(*notes, said),
+        seconds=seconds,
     )
-    return TimeAxis(rate, origin_ns, gaps, jitter, notes, stamped=stamped)
+    return dataclasses.replace(axis, notes=notes, stamped=stamped)
 
 
 def _instants(
