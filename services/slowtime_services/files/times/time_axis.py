@@ -29,6 +29,11 @@ has 0.29."""
 BURST_MISSING_SHARE = 0.2
 """Share of instants without a sample [1] from which many short losses are bursts, not
 losses."""
+MOST_MISSING_SHARE = 0.5
+"""Share of instants without a sample [1] up to which losses are plain where all samples lie on
+an even clock, and its digits would show if they did not."""
+FINE_DIGIT_STEPS = 0.1
+"""Last digit [steps] below which stamps show that samples lie on an even clock."""
 LONG_RUN_SAMPLES = 64
 """Median length of runs without a loss [samples] from which any share may be missing: pauses
 between long runs are no bursts."""
@@ -208,10 +213,13 @@ def read_time(
     if not printed and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
         step, instants = _instants(seconds)
     jumps = np.diff(instants) - 1
-    _refuse_bursts(seconds, jumps, name)
     deviation = seconds / step - instants
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
-    scattered = _are_scattered(jumps)
+    plain = jitter <= TOLD_JITTER_STEPS and digit < FINE_DIGIT_STEPS * step
+    scattered = not (plain and count > MOST_MISSING_SHARE * instants[-1])
+    if scattered:
+        _refuse_bursts(seconds, jumps, name)
+        scattered = _are_scattered(jumps)
     wanders = jitter > MAX_JITTER_STEPS and not printed
     if wanders and not scattered and _is_locally_even(seconds, jumps):
         return _wandering(seconds, jumps, origin_ns, name, notes)
