@@ -58,7 +58,7 @@ def _loud(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     level = np.convolve(np.sum(samples**2, axis=1), np.ones(20) / 20, "same")
     there = level < np.quantile(level, 0.95)
     there[[0, -1]] = True
-    return there
+    return np.asarray(there)
 
 
 KINDS: dict[str, Losses] = {

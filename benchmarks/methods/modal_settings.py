@@ -73,6 +73,10 @@ NEIGHBOURS = {
 """Modes [Hz]: two 3 % apart; with the line of a rotor; with a neighbour beyond narrow bands."""
 
 LOSSES = ("complete", "5 %", "20 %", "jitter")
+FACTORS: dict[str, tuple[str, ...]] = {
+    "band": tuple(BANDS), "cycles": tuple(CYCLES), "neighbours": tuple(NEIGHBOURS),
+    "losses": LOSSES,
+}  # fmt: skip
 SIMULATORS = ("slowtime", "SciPy")
 METHODS = ("modes", "bayes", "efdd", "fdd", "ambient")
 USUAL = ("none", "1200", "separate", "complete")
@@ -109,17 +113,17 @@ class Cell:
 
 def main_cells() -> list[Cell]:
     """Return the usual cell, and those that differ from it in one factor."""
-    cells = [Cell(*USUAL)]
-    for at, values in enumerate((BANDS, CYCLES, NEIGHBOURS, LOSSES)):
-        for value in values:
-            if value != USUAL[at]:
-                cells.append(Cell(*USUAL[:at], value, *USUAL[at + 1 :]))
+    usual = Cell(*USUAL)
+    cells = [usual]
+    for factor, values in FACTORS.items():
+        others = [dataclasses.replace(usual, **{factor: value}) for value in values]
+        cells += [one for one in others if one != usual]
     return cells
 
 
 def random_cells(number: int) -> list[Cell]:
     """Cells of which all factors are drawn, none twice."""
-    every = [Cell(*one) for one in itertools.product(BANDS, CYCLES, NEIGHBOURS, LOSSES)]
+    every = [Cell(*one) for one in itertools.product(*FACTORS.values())]
     mains = set(main_cells())
     drawn = [every[k] for k in np.random.default_rng(54).permutation(len(every))]
     return [one for one in drawn if one not in mains][:number]
@@ -141,7 +145,7 @@ def fine_motion(cell: Cell, simulator: str, rng: np.random.Generator) -> tuple[n
     shapes = scipy.linalg.hadamard(4) / 2.0
     top = np.hstack([np.zeros((4, 4)), np.eye(4)])
     low = np.hstack([-np.diag(omega**2), -np.diag(2 * DAMPING * omega)])
-    system = sps.StateSpace(
+    system: Any = sps.StateSpace(
         np.vstack([top, low]),
         np.vstack([np.zeros((4, 4)), shapes.T]),
         np.hstack([np.zeros((4, 4)), shapes]),
@@ -300,11 +304,7 @@ def tables(rows: dict[tuple[str, str, int], dict[str, Any]]) -> Iterator[str]:
     for simulator in SIMULATORS:
         of = tally("modes", lambda _, s, simulator=simulator: s == simulator)
         yield f"| simulator {simulator} | {' | '.join(of.said())} |"
-    for factor, values in zip(
-        ("band", "cycles", "neighbours", "losses"),
-        (BANDS, CYCLES, NEIGHBOURS, LOSSES),
-        strict=True,
-    ):
+    for factor, values in FACTORS.items():
         for value in values:
             of = tally("modes", lambda c, _, f=factor, v=value: getattr(c, f) == v)
             yield f"| {factor} {value} | {' | '.join(of.said())} |"
