@@ -79,6 +79,9 @@ class StreamLosses:
             if held and first - _end(held) > LONGEST_ROWS:
                 yield self._whole(held)
                 held = []
+            if len(held) == 1 and first == _end(held):
+                yield self._whole(held)  # nothing is missing so far: given on at once
+                held = []
             held.append((first, rows))
             if _end(held) - held[0][0] >= PIECE_ROWS:
                 # Cut within a block: the rows on either side of the cut are there.
