@@ -28,6 +28,8 @@ from slowtime_services.files import (
     streams,
 )
 from slowtime_services.modal import read_geometry
+from slowtime_services.modal.losses import wider
+from slowtime_services.modal.stream_losses import StreamLosses
 from slowtime_services.replay import measured_rate, raw_blocks
 
 from . import identify as identifying
@@ -173,23 +175,33 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
     state = recursive.start()
     modes: tuple[Mode, ...] = ()
     clocks: list[tuple[RateCorrection | None, int]] = []
-    first, end, due = None, 0, every_s
+    first, end, due, done = None, 0, every_s, 0.0
+    losses = StreamLosses(head)
     with counting("Identifying") as tell:
-        for block, share in opened.blocks:
-            first = block.first_index if first is None else first
-            end = block.next_index - first
-            clocks.append((block.clock, len(block.samples)))
-            samples = np.asarray(block.samples[:, columns], dtype=float)
-            state, modes = recursive.step(state, samples, first_index=block.first_index - first)
+
+        def rows() -> Iterator[tuple[int, np.ndarray[Any, Any]]]:
+            nonlocal first, done
+            for block, share in opened.blocks:
+                done = share
+                first = block.first_index if first is None else first
+                clocks.append((block.clock, len(block.samples)))
+                values = np.asarray(block.samples[:, columns], dtype=float)
+                yield block.first_index - first, values
+
+        for begin, samples in losses.drawn(rows()):
+            end = begin + len(samples)
+            state, modes = recursive.step(state, samples, first_index=begin)
             if end / rate >= due:
                 due += every_s
                 note(f"{end / rate / 3600:.2f} h read: {_listed(modes)}.")
-            tell(f"{100 * share:.0f} %, {plural(len(modes), 'mode')} so far")
+            tell(f"{100 * done:.0f} %, {plural(len(modes), 'mode')} so far")
         modes = recursive.solved(state)
     true_hz, said = measured_rate(rate, joint_correction(clocks))
     opened.end_notes.extend(said)
     opened = dataclasses.replace(opened, head=dataclasses.replace(head, rate_hz=true_hz))
     modes = _scaled(modes, true_hz / rate)
+    modes = tuple(wider(mode, losses.inflation, losses.flags) for mode in modes)
+    opened.end_notes.extend([losses.note] if losses.note else [])
     _tell(path, opened, channels, end / true_hz, state.lost, modes, flags)
 
 

@@ -36,7 +36,7 @@ from .file_sheet import open_sheet, pairs_unwrapped, renamed
 from .reading_options import MissingPolicy, ReadingOptions, Repeated, refuse_implausible_options
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
-from .times.even_samples import between_rows, sampled_evenly
+from .times.even_samples import between_rows, chosen_axis, sampled_evenly
 from .times.stamps import DateOrder
 from .times.time_axis import TimeAxis
 
@@ -179,6 +179,10 @@ def _record(
     notes = (*found.notes, *notes)
     if of_a_piece:
         _refuse_wandering(axis)
+    elif axis is not None and axis.stamped is not None:
+        stated = axis
+        axis = chosen_axis(np.column_stack([sheet.columns[i].values for i in kept]), stated)
+        notes += axis.notes[len(stated.notes) :]
     gaps, counted = _gaps(found, axis, missing)
     measured = _measured(sheet, kept, said, axis, gaps, told)
     verdict = plausibility.judge(file, sheet.facts, measured)

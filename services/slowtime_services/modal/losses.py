@@ -59,20 +59,35 @@ class Completed:
     flags: tuple[str, ...] = ()
 
     def inflation(self, first: int, last: int) -> float:
-        """Factor of standard deviations of what was identified in some rows.
-
-        A share p of the samples is missing, and a share e of their variance does not follow
-        from the others. What was measured is 1 - p of the information; a single draw adds the
-        error of the mean of p e of the samples [1]_.
-
-        References
-        ----------
-        .. [1] D. B. Rubin, "Multiple Imputation for Nonresponse in Surveys" (1987), section 3.
-        """
+        """Factor of standard deviations of what was identified in some rows [1]."""
         if self.present is None:
             return 1.0
-        missing = float(np.mean(~self.present[first:last]))
-        return float(np.sqrt((1.0 + missing * self.spread) / max(1.0 - missing, 1e-9)))
+        return inflation_of(float(np.mean(~self.present[first:last])), self.spread)
+
+
+def inflation_of(missing: float, spread: float) -> float:
+    """Return the factor of standard deviations by which the loss of samples counts.
+
+    A share p of the samples is missing, and a share e of their variance does not follow
+    from the others. What was measured is 1 - p of the information; a single draw adds the
+    error of the mean of p e of the samples [1]_.
+
+    Parameters
+    ----------
+    missing
+        p [1].
+    spread
+        e [1].
+
+    Returns
+    -------
+    Factor [1].
+
+    References
+    ----------
+    .. [1] D. B. Rubin, "Multiple Imputation for Nonresponse in Surveys" (1987), section 3.
+    """
+    return float(np.sqrt((1.0 + missing * spread) / max(1.0 - missing, 1e-9)))
 
 
 def completed(record: Record, gaps: Gaps) -> Completed:

@@ -66,3 +66,26 @@ def band_from(
         duration_s=duration_s,
         derivatives=derivatives,
     )
+
+
+def coloured(band: Band, exponent: float) -> tuple[Band, float]:
+    """Return a band as under white forces, where their density goes with a power of frequency.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    exponent
+        Of the amplitude of the forces over frequency [1].
+
+    Returns
+    -------
+    Band, and what the scale adds to a log-density of the coefficients as they were.
+    """
+    middle = np.sqrt(band.frequency_hz[0] * band.frequency_hz[-1])
+    log_scale = -2.0 * exponent * np.log(band.frequency_hz / middle)
+    scale = np.exp(log_scale)[:, None, None]
+    background = None if band.background is None else band.background * scale
+    jacobian = band.scatter.shape[1] * float(band.number @ log_scale)
+    scaled = dataclasses.replace(band, scatter=band.scatter * scale, background=background)
+    return scaled, jacobian

@@ -1,5 +1,7 @@
 """Iteration of band layout and fit until the bands no longer change."""
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
@@ -7,7 +9,7 @@ from scipy.special import chdtrc
 from slowtime.identification.estimates import Measured
 
 from .band_layout import BandProblem, ModeLayout, band_problem, band_problems, group_modes
-from .fit import BandPosterior, fit_band, rough_fit
+from .fit import BandPosterior, fit_coloured_band, rough_fit
 from .initial_estimates import InitialEstimate, RecordSpectrum, initial_estimates
 from .likelihood import coherence_score
 from .model import BandModes, add_guests
@@ -43,6 +45,19 @@ def fit_record(
     -------
     Posterior of each band, ascending in frequency.
     """
+    fits = _fitted(record, candidates_hz, lines)
+    # Displacements or velocities taken for accelerations show as forces of that colour, too,
+    # and the tails of modes outside a band are then not what they are taken for.
+    middle = round(float(np.median([fit.colour for fit in fits]))) if fits else 0
+    order = int(np.clip(record.derivatives + middle, 0, 2))
+    if order == record.derivatives:
+        return fits
+    return _fitted(dataclasses.replace(record, derivatives=order), candidates_hz, lines)
+
+
+def _fitted(
+    record: RecordSpectrum, candidates_hz: np.ndarray, lines: tuple[Measured, ...]
+) -> list[BandPosterior]:
     found = initial_estimates(record, candidates_hz)
     first = ModeLayout(found, np.eye(len(found), dtype=complex))
     picture = _seen(record, first, lines, coherent=False)
@@ -50,7 +65,7 @@ def fit_record(
     if coherent:
         picture = _seen(record, first, lines, coherent=True)
     parts = band_problems(record, picture, lines, coherent=coherent)
-    return [fit_band(part.band, part.start) for part in parts]
+    return [fit_coloured_band(part.band, part.start) for part in parts]
 
 
 def common_forces(

@@ -7,11 +7,12 @@ uncertainty laws (`ambient_law`). The posterior is Gaussian about its maximum fo
 shortest records.
 
 What differs from the literature: the predicted matrices hold the leakage of the finite record
-(the debiased Whittle likelihood), the noise is each channel's own, the tails of modes outside a
-band are known from their own bands, and the top is found by Fisher scoring with worked-out
-derivatives in place of expectation-maximisation. Whether the modal forces have anything in
-common is first asked of the whole record, by a score test, for what is known of one mode from
-the tails of others is lost where their coherence has to be found too.
+(the debiased Whittle likelihood), the noise is each channel's own, the density of the forces
+may slope within a band, the tails of modes outside a band are known from their own bands, and
+the top is found by Fisher scoring with worked-out derivatives in place of
+expectation-maximisation. Whether the modal forces have anything in common is first asked of the
+whole record, by a score test, for what is known of one mode from the tails of others is lost
+where their coherence has to be found too.
 
 References
 ----------

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .band import Band
+from .band import Band, coloured
 from .likelihood import gradient, gradient_and_information, log_posterior
 from .model import BandModes, modes_from_vector, parameter_vector
 
@@ -38,6 +38,17 @@ DIFFERENCE = 1e-3
 """Step of the numerical Hessian [standard deviations]."""
 
 
+COLOUR_STEP = 0.5
+"""Step of the exponent of the colour [1], in which the top of the posterior is bracketed."""
+
+COLOUR_SD = 2.0
+"""Prior standard deviation of the exponent of the colour [1]: velocities of a structure under
+white forces, taken for accelerations, have -1, displacements -2."""
+
+COLOUR_ROUNDS = 6
+"""Steps from the exponent 0 to that of the largest posterior, at most."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class BandPosterior:
     """Modes of one band; `covariance` is that of `vector_of(modes)`."""
@@ -47,6 +58,8 @@ class BandPosterior:
     log_posterior: float
     converged: bool
     band_hz: tuple[float, float]
+    colour: float = 0.0
+    """Exponent of the amplitude of the forces over frequency [1]."""
 
 
 def fit_band(band: Band, start: BandModes) -> BandPosterior:
@@ -79,6 +92,56 @@ def fit_band(band: Band, start: BandModes) -> BandPosterior:
         converged=converged,
         band_hz=(float(band.frequency_hz[0]), float(band.frequency_hz[-1])),
     )
+
+
+def fit_coloured_band(band: Band, start: BandModes) -> BandPosterior:
+    r"""Maximise the posterior of a band in which the forces are coloured.
+
+    The density of the forces is taken for :math:`(f / f_0)^{2p}` within the band, because a
+    slope of it moves a resonance more than the errors under a white one allow. What is not
+    known of p is in the covariance. Where modes have forces in common, their interference
+    tells more of a band than a slope does, and forces are taken for white.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Initial modes.
+
+    Returns
+    -------
+    Most probable modes, and the covariance of their parameters.
+    """
+    if start.coherent:
+        return fit_band(band, start)
+    tried: dict[int, tuple[float, np.ndarray]] = {}
+
+    def evaluated(k: int) -> tuple[float, np.ndarray]:
+        if k not in tried:
+            p = k * COLOUR_STEP
+            white, jacobian = coloured(band, p)
+            vector, _ = _climb(white, parameter_vector(start), start, NEAR)
+            height = log_posterior(white, vector, start) + jacobian - 0.5 * (p / COLOUR_SD) ** 2
+            tried[k] = height, vector
+        return tried[k]
+
+    best = 0
+    for _ in range(COLOUR_ROUNDS):
+        at = max((best - 1, best, best + 1), key=lambda k: evaluated(k)[0])
+        if at == best:
+            break
+        best = at
+    (low, before), (top, _), (high, after) = (evaluated(best + k) for k in (-1, 0, 1))
+    curvature = (2 * top - low - high) / COLOUR_STEP**2
+    if not curvature > 0:
+        return fit_band(band, start)
+    away = np.clip((high - low) / (2 * COLOUR_STEP * curvature), -COLOUR_STEP, COLOUR_STEP)
+    colour = best * COLOUR_STEP + float(away)
+    found = fit_band(coloured(band, colour)[0], start)
+    slope = (after - before) / (2 * COLOUR_STEP)
+    whole = found.covariance + np.outer(slope, slope) / curvature
+    return dataclasses.replace(found, covariance=whole, colour=colour)
 
 
 def _by_newton(band: Band, start: BandModes) -> tuple[np.ndarray, np.ndarray, bool]:

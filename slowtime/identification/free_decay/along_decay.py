@@ -12,6 +12,9 @@ from .envelope import decay_envelope
 
 DEPENDS = "depends_on_amplitude"
 """Flag of a mode whose damping or frequency is not one number along its decay."""
+OTHER = 3.0
+"""Distance of a mode from the frequency along the decay, beyond a half-bandwidth, from which it
+was another motion that was fitted [standard deviations]."""
 BEATS = "beats"
 """Flag of a mode whose damping may be the beat with another one."""
 
@@ -47,6 +50,15 @@ def along_decay(
     middle = len(damping) // 2
     if law.one_number:
         told = float(np.mean(law.damping_sd[strong]))
+        hz, sd = float(frequency[middle]), float(law.frequency_sd_hz[strong][middle])
+        if abs(hz - mode.frequency_hz.value) > float(damping[middle]) * hz + OTHER * sd:
+            # A drive that stopped within the record, of which a stretch was fitted.
+            return dataclasses.replace(
+                mode,
+                frequency_hz=Measured(hz, sd),
+                damping_ratio=Measured(float(damping[middle]), told),
+                correlation=0.0,
+            ), law
         return dataclasses.replace(
             mode, damping_ratio=_spanning(mode.damping_ratio, float(damping[middle]), told)
         ), law

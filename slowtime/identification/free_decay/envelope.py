@@ -48,6 +48,19 @@ STANDS_OUT = 4.0
 APART = 1.5
 """[1] Cycles of the beat of two lines in a window that tell them apart. Source: the condition
 of the fit is then below four."""
+RELEASE_PARTS = 128
+"""[1] Windows side by side in a record, over which levels are taken for the release."""
+RELEASE_CYCLES = 2.0
+"""[cycles] Of the strongest line in such a window, at least."""
+STILL = 0.9
+"""[1] Ratio of the levels whose last times are compared."""
+RELEASE_STEPS = 11
+"""[1] Such levels: down to 0.3 of the largest, below which a drive is not looked for."""
+STAYED = 2.0
+"""[1] Time from one level to the next over that to the one after, from which a drive was on.
+Source: dry friction has 1.1, viscous damping 1, quadratic 0.9."""
+DROPPED = 0.1
+"""[1] Least level while a drive is on, over that at its end: between blows it is less."""
 BLOCKS = 64
 """[1] Parts of a record whose levels are compared."""
 STEADY_TAIL = 1.1
@@ -159,8 +172,7 @@ def decay_envelope(
         raise ValueError(_too_few(0))
     columns = columns - np.median(columns[len(columns) // 2 :], axis=0)
     scale = np.where(columns.std(axis=0) > 0, columns.std(axis=0), 1.0)
-    # Before its largest value a structure is not yet free.
-    begun = int(np.argmax(np.sum((columns / scale) ** 2, axis=1)))
+    begun = _release(columns / scale, rate_hz, near_hz)
     moved = _without_tail(columns[begun:], scale)
     if len(moved) < 2 * MIN_POINTS:
         raise ValueError(_too_few(0))
@@ -181,6 +193,35 @@ def decay_envelope(
     beats = bool((unresolved & (strength > BEATS_SHARE)).any())
     flow = _followed(moved, rate_hz, hz, free, window)
     return _envelope(flow, hz, begun / rate_hz + start_s, window, beats)
+
+
+def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
+    """Row from which a structure is free: that of the largest motion, or a later one.
+
+    Along a decay the last times of levels that form a geometric series follow each other
+    evenly. A drive that stops within the record stays at one level long after those above were
+    last reached, and below it the levels follow at once.
+    """
+    power = np.sum(scaled**2, axis=1)
+    largest = int(np.argmax(power))
+    lines = np.sum(np.abs(np.fft.rfft(scaled, axis=0)) ** 2, axis=1)
+    hz = near_hz or int(np.argmax(lines[1:]) + 1) * rate_hz / len(scaled)
+    size = max(len(power) // RELEASE_PARTS, math.ceil(RELEASE_CYCLES * rate_hz / hz))
+    if size > len(power) // MIN_POINTS:
+        return largest
+    level = np.sqrt(np.convolve(power, np.ones(size) / size, "valid"))
+    levels = level.max() * STILL ** np.arange(1, RELEASE_STEPS + 2)
+    last = [largest, *(int(np.flatnonzero(level >= one)[-1]) for one in levels)]
+    begun = largest
+    for k in range(1, RELEASE_STEPS + 1):
+        stayed, after = last[k] - last[k - 1], last[k + 1] - last[k]
+        if last[k] <= largest or stayed < size + STAYED * after:
+            continue
+        if last[k + 1] == len(level) - 1:
+            break  # what follows is not seen to fall
+        if level[max(last[k - 1], largest) : last[k]].min() > DROPPED * levels[k - 1]:
+            begun = last[k] + int(np.argmax(power[last[k] : last[k] + size]))
+    return begun
 
 
 def _too_few(count: int) -> str:

@@ -74,3 +74,37 @@ def test_stamps_that_are_late_at_random_are_refused(late_steps):
     late = late_steps * STEP_S * np.random.default_rng(2).standard_normal(1500)
     with pytest.raises(RecordError, match="too uneven"):
         read_time(np.sort(np.arange(1500) * STEP_S + late))
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+@pytest.mark.parametrize("jitter_steps", [0.1, 0.25])
+def test_samples_that_jitter_as_their_stamps_do_are_read_at_even_times(
+    tmp_path, jitter_steps, lost
+):
+    rng = np.random.default_rng(3)
+    there = np.flatnonzero(rng.random(4000) >= lost)
+    t = 1e-2 * (there + rng.uniform(-jitter_steps, jitter_steps, len(there)))
+    t -= t[0]
+    values = wave(t) + 0.05 * rng.standard_normal(len(t))
+    record = read_record(written(tmp_path / "jitter.csv", t, values))
+    assert any("jitter as their stamps do" in note for note in record.notes)
+    instants = np.arange(len(record.samples))
+    for gap in record.gaps:
+        instants[gap.row :] += gap.missing
+    left = record.samples[:, 0] - wave(instants / record.rate_hz)
+    assert left.std() < 0.08
+    assert len(record.samples) > 0.99 * len(t)
+
+
+def test_samples_taken_evenly_but_stamped_late_stay_as_they_are(tmp_path):
+    rng = np.random.default_rng(3)
+    even = 1e-2 * np.arange(4000)
+    values = np.round(wave(even) + 0.05 * rng.standard_normal(4000), 5)
+    late = even + 1e-2 * rng.uniform(-0.25, 0.25, 4000)
+    record = read_record(written(tmp_path / "late.csv", late - late[0], values))
+    assert np.array_equal(record.samples[:, 0], values)
+    assert any("clock jitters by 14 %" in note for note in record.notes)
+
+
+def wave(t):
+    return np.sin(2 * np.pi * 7.0 * t) + np.sin(2 * np.pi * 23.0 * t + 1.0)

@@ -55,6 +55,34 @@ def test_a_stream_tells_the_modes_of_the_whole_record_within_their_errors(run, t
             assert ours[what]["sd"] == pytest.approx(theirs[what]["sd"], rel=0.4)
 
 
+@pytest.mark.parametrize("how", ["--stream", "--whole"])
+def test_a_stream_with_gaps_tells_the_modes_with_errors_larger_by_the_loss(run, tmp_path, how):
+    samples = np.load(record(tmp_path / "long.npy", 1800))
+    rng = np.random.default_rng(2)
+    there = np.ones(len(samples), dtype=bool)
+    for at in rng.integers(1, len(there) - 41, size=len(there) // 200):
+        there[at : at + rng.integers(1, 41)] = False
+    rows = np.column_stack([np.arange(len(samples)) / RATE, samples])
+    of = {}
+    for name, table in (("whole", rows), ("gaps", rows[there])):
+        path = tmp_path / f"{name}.csv"
+        np.savetxt(path, table, "%.7g", ",", header="time_s,a (m/s^2),b (m/s^2)", comments="")
+        band = ("--method", "modes") if how == "--whole" else ()
+        of[name] = identified_in(
+            run, str(path), tmp_path / f"{name}.json", how, "--band-hz", "1.4", "3.2", *band
+        )
+    lost = 1 - there.mean()
+    assert 0.05 < lost < 0.15
+    said = " ".join(of["gaps"]["assumptions"])
+    assert f"({100 * lost:.1f} %)" in said
+    assert len(of["gaps"]["modes"]) == len(of["whole"]["modes"]) == 2
+    for ours, theirs in zip(of["gaps"]["modes"], of["whole"]["modes"], strict=True):
+        for what in ("frequency_hz", "damping_ratio"):
+            assert abs(ours[what]["value"] - theirs[what]["value"]) < 1.5 * ours[what]["sd"]
+            if how == "--stream":
+                assert ours[what]["sd"] > 0.9 * theirs[what]["sd"]
+
+
 def test_a_stream_says_on_its_way_how_far_it_is_and_what_it_knows(run, tmp_path, monkeypatch):
     monkeypatch.setattr(identify_stream, "MIN_REPORT_S", 200.0)
     path = record(tmp_path / "long.npy", 900)

@@ -88,6 +88,8 @@ def axis_of(
             notes += (f"The clock was not used, since a rate was given: {told.refusal}",)
         return None, notes
     axis, name = told.axis, told.clock.name
+    if said.rate_hz is not None:
+        axis = dataclasses.replace(axis, stamped=None)
     if said.rate_hz is not None and axis.seconds is not None:
         axis = dataclasses.replace(axis, gaps=(), seconds=None, notes=())
         notes += (f"Rows were taken as evenly spaced; the rate of {name!r} wanders.",)
@@ -97,10 +99,7 @@ def axis_of(
             "is used.",
         )
         return dataclasses.replace(axis, rate_hz=said.rate_hz, gaps=()), notes
-    notes += axis.notes
-    if axis.jitter > 0.05:
-        notes += (f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).",)
-    return axis, notes
+    return axis, (*notes, *axis.notes)
 
 
 def start_of(

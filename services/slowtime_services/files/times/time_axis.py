@@ -20,6 +20,8 @@ __all__ = [
     "unwrapped",
 ]
 
+TOLD_JITTER_STEPS = 0.05
+"""Root mean square deviation from a constant step [steps] from which it is told."""
 MAX_JITTER_STEPS = 0.25
 """Root mean square deviation from a constant step [steps] beyond which samples may have
 changed places with their neighbours' instants: a uniform deviation over half a step either way
@@ -27,6 +29,11 @@ has 0.29."""
 BURST_MISSING_SHARE = 0.2
 """Share of instants without a sample [1] from which many short losses are bursts, not
 losses."""
+MOST_MISSING_SHARE = 0.5
+"""Share of instants without a sample [1] up to which losses are plain where all samples lie on
+an even clock, and its digits would show if they did not."""
+FINE_DIGIT_STEPS = 0.1
+"""Last digit [steps] below which stamps show that samples lie on an even clock."""
 LONG_RUN_SAMPLES = 64
 """Median length of runs without a loss [samples] from which any share may be missing: pauses
 between long runs are no bursts."""
@@ -43,6 +50,9 @@ MAX_ROUNDING_DIGITS = 1.05
 MAX_DIGIT_SHARE = 2e-3
 """Last digit over the length of the record [1] that leaves the rate sure enough to be used
 where times repeat."""
+MAX_OFF_STEPS = 0.45
+"""Distance of a row from its instant [steps] up to which its instant is sure. A rate that
+drifts passes through half a step."""
 MAX_SCATTER_STEPS = 0.7
 """Range of deviations from an even clock [steps] without a gap. A sample that is missing in the
 middle of a record makes 1."""
@@ -53,6 +63,9 @@ to step, and samples are interpolated at even times. Source: judgement; it makes
 _STAMPS_IN_SECOND_DIFFERENCE = 6.0**0.5
 """Standard deviation of second differences of independent jitter, in that of the jitter [1]:
 1 - 2 + 1, squared and added."""
+FIRST_ROWS = 64
+"""Rows from which an even clock is first known [1]: their steps are rounded one by one, right
+but once in 700 records where stamps jitter by 0.1 steps."""
 WANDERING_PARTS = 8
 """Parts of a record [1] whose mean rates are told where the rate wanders."""
 _WRAPS = (2.0**32, 2.0**31, 2.0**24, 2.0**16, 2.0**15, 2.0**8)
@@ -74,6 +87,9 @@ class TimeAxis:
     seconds: Float[np.ndarray, " row"] | None = None
     """Times of the rows where their rate wanders, so that samples have to be interpolated at
     even times from the first on [s]; `gaps` are then those of the even times."""
+    stamped: "TimeAxis | None" = None
+    """Where stamps jitter about an even clock: the axis of rows that were sampled at their
+    stamps. Only the samples can tell whether they were."""
 
 
 class UnevenError(RecordError):
@@ -195,17 +211,15 @@ def read_time(
         _refuse_disorder(values, seconds, name, first_line, stamped=quantum is not None)
     step = even
     if not printed and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
-        step = float(np.median(np.diff(seconds)))
-        for _ in range(3):
-            instants = np.concatenate(([0], np.cumsum(np.round(np.diff(seconds) / step))))
-            if instants[-1] == 0:
-                break
-            step = float(seconds @ instants / (instants @ instants))
+        step, instants = _instants(seconds)
     jumps = np.diff(instants) - 1
-    _refuse_bursts(seconds, jumps, name)
     deviation = seconds / step - instants
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
-    scattered = _are_scattered(jumps)
+    plain = jitter <= TOLD_JITTER_STEPS and digit < FINE_DIGIT_STEPS * step
+    scattered = not (plain and count > MOST_MISSING_SHARE * instants[-1])
+    if scattered:
+        _refuse_bursts(seconds, jumps, name)
+        scattered = _are_scattered(jumps)
     wanders = jitter > MAX_JITTER_STEPS and not printed
     if wanders and not scattered and _is_locally_even(seconds, jumps):
         return _wandering(seconds, jumps, origin_ns, name, notes)
@@ -223,7 +237,57 @@ def read_time(
     said = "" if printed else clock_set(seconds, jumps, first_line)
     notes += (said,) if said else ()
     rate = _tidy_rate(step, seconds, instants, digit)
-    return TimeAxis(rate, origin_ns, gaps, jitter, notes)
+    axis = TimeAxis(rate, origin_ns, gaps, jitter, notes)
+    jitters = jitter > TOLD_JITTER_STEPS and not printed and (np.diff(seconds) > 0).all()
+    return _jittering(axis, seconds, jumps) if jitters else axis
+
+
+def _jittering(
+    axis: TimeAxis, seconds: Float[np.ndarray, " time"], jumps: Float[np.ndarray, " step"]
+) -> TimeAxis:
+    """Axis of stamps that jitter, with that of rows that were sampled at them."""
+    notes = (*axis.notes, f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).")
+    said = "Samples jitter as their stamps do: they were interpolated at even times."
+    stamped = dataclasses.replace(
+        axis,
+        gaps=_gaps_between(seconds, jumps, axis.rate_hz),
+        notes=(*notes, said),
+        seconds=seconds,
+    )
+    return dataclasses.replace(axis, notes=notes, stamped=stamped)
+
+
+def _instants(
+    seconds: Float[np.ndarray, " time"],
+) -> tuple[float, Float[np.ndarray, " time"]]:
+    """Step of the clock [s], and the instant of each row by it.
+
+    By an even clock, where all rows are near its instants: known from the first rows, it
+    numbers twice as many, and so on. Else steps are rounded one by one, which follows a rate
+    that drifts, but takes a step that jitter doubles for a loss.
+    """
+    first = float(np.median(np.diff(seconds)))
+    step, start, count = first, float(seconds[0]), min(FIRST_ROWS, len(seconds))
+    instants = np.concatenate(([0.0], np.cumsum(np.round(np.diff(seconds[:count]) / step))))
+    while True:
+        if instants[-1] == 0:
+            break
+        step, start = np.polyfit(instants, seconds[:count], 1)
+        instants = np.round((seconds[:count] - start) / step)
+        if count == len(seconds):
+            break
+        count = min(2 * count, len(seconds))
+        instants = np.round((seconds[:count] - start) / step)
+    off = np.abs((seconds[:count] - start) / step - instants)
+    if (np.diff(instants) > 0).all() and off.max() <= MAX_OFF_STEPS:
+        return float(step), instants - instants[0]
+    step = first
+    for _ in range(3):
+        instants = np.concatenate(([0.0], np.cumsum(np.round(np.diff(seconds) / step))))
+        if instants[-1] == 0:
+            break
+        step = float(seconds @ instants / (instants @ instants))
+    return step, instants
 
 
 def _change(seconds: Float[np.ndarray, " time"], first_line: int) -> str:
@@ -269,13 +333,7 @@ def _wandering(
     """Even times in place of those of a rate that wanders, with the gaps that remain."""
     steps = np.diff(seconds)[jumps == 0]
     rate = 1 / float(np.mean(steps))
-    even = even_times(seconds, rate)
-    gaps: list[Gap] = []
-    for row in np.flatnonzero(jumps > 0):
-        within = (even > seconds[row]) & (even < seconds[row + 1])
-        if within.any():
-            before = int(np.count_nonzero(even <= seconds[row]))
-            gaps.append(Gap(before - sum(g.missing for g in gaps), int(within.sum())))
+    gaps = _gaps_between(seconds, jumps, rate)
     part = max(len(steps) // WANDERING_PARTS, 1)
     means = [1 / float(np.mean(some)) for some in np.array_split(steps, len(steps) // part)]
     said = (
@@ -283,7 +341,23 @@ def _wandering(
         f"samples were interpolated at even times, {rate:.6g} Hz. --rate-hz takes the rows "
         "as evenly spaced instead."
     )
-    return TimeAxis(rate, origin_ns, tuple(gaps), 0.0, (*notes, said), seconds)
+    return TimeAxis(rate, origin_ns, gaps, 0.0, (*notes, said), seconds)
+
+
+def _gaps_between(
+    seconds: Float[np.ndarray, " time"], jumps: Float[np.ndarray, " step"], rate_hz: float
+) -> tuple[Gap, ...]:
+    """Gaps of even times: those half a step from both rows between which rows are missing."""
+    even = even_times(seconds, rate_hz)
+    rows, half = np.flatnonzero(jumps > 0), 0.5 / rate_hz
+    first = np.searchsorted(even, seconds[rows] + half, side="right")
+    missing = np.searchsorted(even, seconds[rows + 1] - half, side="left") - first
+    lost = np.cumsum(missing) - missing
+    return tuple(
+        Gap(int(at - before), int(count))
+        for at, before, count in zip(first, lost, missing, strict=True)
+        if count > 0
+    )
 
 
 def even_times(

@@ -256,6 +256,22 @@ def test_velocities_give_the_modes_that_accelerations_give(short):
         assert mac(other.shape, one.shape * turn) > 0.999
 
 
+def test_a_colour_of_the_forces_moves_no_mode(short):
+    # Velocities taken for accelerations are those under forces of that colour.
+    case, samples, modes = short
+    count = len(samples)
+    omega = 2j * np.pi * np.fft.rfftfreq(count, 1 / case.rate_hz)
+    omega[0] = 1.0
+    spectrum = np.fft.rfft(samples, axis=0) / omega[:, None]
+    other = np.fft.irfft(spectrum, count, axis=0)
+    found = bayesian_modes(other, case.rate_hz, np.array(case.frequency_hz))
+    for one, moved in zip(modes, found, strict=True):
+        for what in ("frequency_hz", "damping_ratio"):
+            told = getattr(one, what)
+            assert getattr(moved, what).value == pytest.approx(told.value, abs=0.6 * told.sd)
+            assert getattr(moved, what).sd == pytest.approx(told.sd, rel=0.25)
+
+
 def test_one_channel_is_enough(short):
     case, samples, _ = short
     first = bayesian_modes(samples[:, 2], case.rate_hz, np.array(case.frequency_hz[:1]))[0]

@@ -218,3 +218,33 @@ def test_measured_decays_are_those_of_piecewise_fits():
     assert not law.one_number
     assert law.stiffness == "softening"
     assert law.trend == "grows with amplitude"
+
+
+def driven(force, seed=1, seconds=120.0, zeta=0.01):
+    """Displacement of a unit mass under a force of time, by SciPy; samples of two channels."""
+    t = np.arange(0, seconds, 1 / RATE)
+    loads = np.array([force(s) for s in t])
+    system = scipy.signal.StateSpace(
+        [[0, 1], [-(OMEGA**2), -2 * zeta * OMEGA]], [[0], [1]], [[1, 0]], [[0]]
+    )
+    motion = scipy.signal.lsim(system, loads, t)[1]
+    both = np.outer(motion / motion.std(), [1.0, -0.5])
+    return both + 0.01 * np.random.default_rng(seed).standard_normal(both.shape)
+
+
+NOISE = np.random.default_rng(4).standard_normal(10_000)
+EXCITED = {
+    "a drive beside resonance stops": lambda t: np.cos(1.15 * OMEGA * t) * (t < 50),
+    "random forces stop": lambda t: NOISE[int(t * RATE)] * (t < 60),
+    "three blows": lambda t: 20.0 * any(at < t < at + 0.05 for at in (5, 45, 85)),
+}
+
+
+@pytest.mark.parametrize("name", list(EXCITED))
+def test_a_decay_begins_where_its_excitation_ends(name):
+    samples = driven(EXCITED[name])
+    law = decay_law(decay_envelope(samples, RATE, near_hz=HZ))
+    assert law.one_number
+    middle = len(law.damping) // 4
+    assert law.damping[middle] == pytest.approx(0.01, abs=4 * law.damping_sd[middle] + 5e-5)
+    assert law.frequency_hz[middle] == pytest.approx(HZ, rel=1e-3)
