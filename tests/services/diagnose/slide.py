@@ -9,11 +9,11 @@ from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
+    GapStep,
     NamedEffect,
     Number,
     Rival,
     Spectra,
-    Step,
     Surface,
     Suspect,
     Traces,
@@ -112,7 +112,7 @@ def told() -> Diagnosis:
         gap=Gap(
             nominal=0.5,
             refitted_nominal=0.2,
-            steps=(Step("cubic_hardening", Place("element", "j"), 0.01),),
+            steps=(GapStep("cubic_hardening", Place("element", "j"), 0.01),),
             augmented=0.01,
             noise_floor=0.009,
             on="holdout",

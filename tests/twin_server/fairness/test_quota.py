@@ -32,7 +32,7 @@ def fill(quota, holder, most=10_000):
     steps=st.lists(st.tuples(HOLDERS, st.booleans(), st.integers(0, 99)), max_size=200),
 )
 def test_no_bound_is_exceeded_whatever_is_taken_and_given_back(most, of_site, of_token, steps):
-    quota = Quota("things", most, setting="s", of_site=of_site, of_token=of_token)
+    quota = Quota("uploads", most, setting="s", of_site=of_site, of_token=of_token)
     held: list[Holding] = []
     for holder, takes, which in steps:
         if takes:
@@ -58,7 +58,7 @@ def test_no_bound_is_exceeded_whatever_is_taken_and_given_back(most, of_site, of
 def test_where_some_take_all_they_can_another_still_finds_its_share_of_the_reserve(
     most, greedy
 ):
-    quota = Quota("things", most, setting="s")
+    quota = Quota("uploads", most, setting="s")
     for site in SITES[:greedy]:
         for token in "tuvw":
             fill(quota, Holder(site, token))
@@ -70,7 +70,7 @@ def test_where_some_take_all_they_can_another_still_finds_its_share_of_the_reser
 
 @given(most=st.integers(2, 100), greedy=st.integers(1, 5))
 def test_sites_that_give_back_and_take_again_come_to_equal_shares(most, greedy):
-    quota = Quota("things", most, setting="s")
+    quota = Quota("uploads", most, setting="s")
     holders = [Holder(site, token) for site in SITES[:greedy] for token in "tuvw"]
     for _ in range(4 * most):
         for holder in holders:
@@ -86,7 +86,7 @@ def test_sites_that_give_back_and_take_again_come_to_equal_shares(most, greedy):
 
 @given(most=st.integers(1, 200))
 def test_one_site_alone_may_have_half_and_one_token_four_fifths_of_that(most):
-    quota, alone = Quota("things", most, setting="s"), -(-most // 2)
+    quota, alone = Quota("uploads", most, setting="s"), -(-most // 2)
     held = fill(quota, Holder("a", "t"))
     assert quota.count == -(-alone * 4 // 5)
     for token in "uvw":
@@ -106,7 +106,7 @@ def test_one_token_leaves_a_place_to_another_of_its_site():
 
 
 def test_everybody_on_a_server_without_tokens_may_have_all():
-    quota = Quota("things", 5, setting="a.setting")
+    quota = Quota("uploads", 5, setting="a.setting")
     assert len(fill(quota, ALONE)) == 5
     with pytest.raises(
         OverQuotaError, match=r"no room for more things\. Allowed: 5.*a\.setting"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from typing import Any
 
 import pytest
 
@@ -25,7 +26,7 @@ FAILING = FailureProspect(3e-4, 4e-4, 1e-4, True, "collapse: 3e-4")
 DOOMED = FailureProspect(0.001, 0.69, 0.9, False, "collapse: 0.001")
 BEGUN = FailureProspect(0.0, 0.2, 0.9, False, "collapse: 0.2")
 RAISED = ("Stiffness change is below −10 %.",)
-SITUATIONS = {
+SITUATIONS: dict[str, tuple[dict[str, Any], str, list[str]]] = {
     "well": ({}, "no", []),
     "not begun": ({"reasons": None}, "cannot_say", ["no_readings"]),
     "never begun, no agent": (
