@@ -41,7 +41,7 @@ from .spectral_lines import TrialLines
 
 Pair = tuple[str, str]
 ORDERS = 3
-"""Spring, damper, mass."""
+"""[derivatives] Spring, damper, mass. Source: the terms of an equation of motion."""
 MOST_PROFILES = 60
 """[pairs] Likeliest by small changes that are ranked by changes of any size. Source: a bound
 on computing time."""

@@ -86,7 +86,7 @@ def bayesian_modes(
     --------
     >>> from slowtime.dynamics.sdof.oscillator import Oscillator
     >>> from slowtime.dynamics.sdof.simulation import ambient_acceleration
-    >>> rng = np.random.default_rng(1)
+    >>> rng = np.random.default_rng(2)
     >>> ringing = ambient_acceleration(Oscillator.from_modal(5.0, 0.01), 20_000, 50.0, rng)
     >>> both = ringing[:, None] * [1.0, -0.5] + 0.1 * rng.standard_normal((20_000, 2))
     >>> mode, = bayesian_modes(both, 50.0, np.array([5.1]))

@@ -24,7 +24,7 @@ def blows(seed=0, averages=12):
     below = np.hstack([-np.diag(omega**2), -np.diag(0.02 * omega)])
     a = np.vstack([np.hstack([np.zeros((3, 3)), np.eye(3)]), below])
     b = np.concatenate([np.zeros(3), SHAPES[2]])[:, None]
-    system = scipy.signal.StateSpace(a, b, SHAPES @ below, (SHAPES @ SHAPES[2])[:, None])
+    system = (a, b, SHAPES @ below, (SHAPES @ SHAPES[2])[:, None])
     fine = np.arange(8 * COUNT) / (8 * RATE)
     pulse = np.where(fine < 0.01, np.sin(np.pi * fine / 0.01), 0.0)
     _, y, _ = scipy.signal.lsim(system, pulse, fine)

@@ -109,7 +109,7 @@ def test_everybody_on_a_server_without_tokens_may_have_all():
     quota = Quota("uploads", 5, setting="a.setting")
     assert len(fill(quota, ALONE)) == 5
     with pytest.raises(
-        OverQuotaError, match=r"no room for more things\. Allowed: 5.*a\.setting"
+        OverQuotaError, match=r"no room for more uploads\. Allowed: 5.*a\.setting"
     ):
         quota.take(ALONE, "one more")
 

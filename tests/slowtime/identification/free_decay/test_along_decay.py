@@ -224,9 +224,8 @@ def driven(force, seed=1, seconds=120.0, zeta=0.01):
     """Displacement of a unit mass under a force of time, by SciPy; samples of two channels."""
     t = np.arange(0, seconds, 1 / RATE)
     loads = np.array([force(s) for s in t])
-    system = scipy.signal.StateSpace(
-        [[0, 1], [-(OMEGA**2), -2 * zeta * OMEGA]], [[0], [1]], [[1, 0]], [[0]]
-    )
+    a = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * zeta * OMEGA]])
+    system = (a, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
     motion = scipy.signal.lsim(system, loads, t)[1]
     both = np.outer(motion / motion.std(), [1.0, -0.5])
     return both + 0.01 * np.random.default_rng(seed).standard_normal(both.shape)

@@ -58,11 +58,11 @@ def test_windows_that_agree_leave_errors_and_windows_that_do_not_widen_them():
     shapes = np.array([[1.0, 0.5], [1.0, 0.8]])
     spectrum = Spectrum(moved @ shapes + 0.1 * noise, spacing, np.zeros(count, dtype=bool))
     both = [InitialMode(pole, shape + 0j) for pole, shape in zip(poles, shapes, strict=True)]
-    limits = {"low_hz": 0.1, "high_hz": 6.0}
+    low_hz, high_hz = 0.1, 6.0
 
     def growth(starts):
-        fitted = [one for _, one in fit_modes(spectrum, starts, **limits)]
-        widened = widen_for_windows(spectrum, fitted, **limits)
+        fitted = [one for _, one in fit_modes(spectrum, starts, low_hz=low_hz, high_hz=high_hz)]
+        widened = widen_for_windows(spectrum, fitted, low_hz=low_hz, high_hz=high_hz)
         return np.diag(widened[0].covariance) / np.diag(fitted[0].covariance)
 
     assert growth(both).max() < 1.5
