@@ -38,9 +38,7 @@ def hardened(campaign, wrong):
         11, wrong(element=0, force=cubic), masses=1, levels=(1.0, 2.0, 1.5), seconds=8.0
     )
     stages = []
-    found = answered(
-        rig, trials, options=QUICK, progress=lambda stage, share: stages.append((stage, share))
-    )
+    found = answered(rig, trials, progress=lambda stage, share: stages.append((stage, share)))
     return found, stages
 
 
