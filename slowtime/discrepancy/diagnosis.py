@@ -158,8 +158,6 @@ class Experiment:
 
     Parameters
     ----------
-    sentence
-        For people.
     level
         Factor on the excitation of the strongest record, or on the initial state of a release;
         1 as it was.
@@ -169,12 +167,8 @@ class Experiment:
         Its form; None as it was.
     start_s
         Campaign time at which to begin [s]; None at any.
-    add_sensors
-        What should be measured too.
     add_inputs
         Measured forces that drive the structure instead of what did; the others rest.
-    separation
-        Expected gain of log evidence between the rivals.
     """
 
     sentence: str
@@ -265,10 +259,6 @@ class MeasuredForce:
 
     Parameters
     ----------
-    place
-        Element that the force acts in.
-    over_e, over_v
-        Cuts along the elongation and along its rate.
     low, high, most
         Measured range: least and largest elongation [m], largest rate [m/s].
     e, v

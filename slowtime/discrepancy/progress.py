@@ -30,16 +30,12 @@ class Monitor:
     ----------
     progress
         Called with the stage in words and the share done, from 0 to 1.
-    stop
-        Request to end.
     late
         Whether only the likeliest candidates should still be tried.
     over
         Whether nothing more should be tried at all; as `late` where not given.
     enough
         Request to answer with what was found so far.
-    share_done
-        Largest share that was reported.
     so_far
         What is likely missing by now, in words; told with each stage from then on.
     """
@@ -57,8 +53,6 @@ class Monitor:
 
         Parameters
         ----------
-        stage
-            What is being done, in words.
         share
             Share done, from 0 to 1; a smaller one than before is not reported.
 

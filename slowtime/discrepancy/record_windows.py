@@ -47,8 +47,6 @@ def record_windows(
 
     Parameters
     ----------
-    trials
-        Records.
     description
         The model, whose lowest mode decides how short a window may be.
     """
@@ -71,13 +69,6 @@ def with_whole_records(
     found: Hypothesis, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
 ) -> Hypothesis | None:
     """Fit what was found in windows to whole records.
-
-    Parameters
-    ----------
-    found
-        The hypothesis about windows of the records.
-    trials
-        The records.
 
     Returns
     -------

@@ -43,10 +43,6 @@ class Rewiring:
     ----------
     description
         With the sensors where they sit.
-    moves
-        Their numbers, and their nodes.
-    given
-        Fit of the model as given.
     """
 
     description: Description
@@ -61,10 +57,6 @@ def find_rewiring(
 
     Parameters
     ----------
-    description
-        Model as given.
-    trials
-        Screened records.
     kinds
         Catalogue of effects by name.
     """
@@ -105,12 +97,6 @@ def with_rewiring(
     ----------
     answer
         Diagnosis of the model with the sensors where they sit.
-    found
-        Which these are.
-    given
-        Model as given.
-    tests
-        Records that errors are those of.
     """
     named = tuple(_named(given, i, node) for i, node in found.moves.items())
     as_given = dataclasses.replace(found.given, values=found.given.plant.values)

@@ -76,8 +76,6 @@ class _Found:
 
     Parameters
     ----------
-    compared
-        Fits and candidates.
     named
         The most probable effect; None where none is probable enough.
     explained
@@ -144,16 +142,8 @@ def diagnose_ambient(
 
     Parameters
     ----------
-    campaign
-        Model and records.
-    trials
-        Screened records.
-    findings
-        Faults of channels.
     kinds
         Catalogue of effects by name.
-    monitor
-        Receives the stage of the work.
     """
     held_out = tuple(screen(trial).trial for trial in campaign.holdout)
     learnt = trials if held_out else tuple(_part(trial, 0.0, 2 / 3) for trial in trials)

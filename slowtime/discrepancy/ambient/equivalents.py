@@ -52,8 +52,6 @@ class ElementMotion:
 
     Parameters
     ----------
-    motion
-        Elongation, its rates and times.
     static_m_per_n
         Elongation for each unit of a constant force of the element [m/N].
     records
@@ -155,12 +153,8 @@ class Equivalents:
 
     Parameters
     ----------
-    place
-        The element or node.
     values
         Stiffness of each record [N/m], then damping of each [N s/m]; of a node, masses [kg].
-    covariance
-        Of the values.
     motions
         Of the element in each record.
     """
@@ -188,15 +182,7 @@ class Equivalents:
 
 
 def changes_of(problem: SpectralProblem, place: Place) -> tuple[Change, ...]:
-    """Give an element or a node constants of its own in each record.
-
-    Parameters
-    ----------
-    problem
-        Records and model.
-    place
-        A spring or a node of the model.
-    """
+    """Give an element or a node constants of its own in each record."""
     if place.kind == "element":
         return element_changes(problem, place.id)
     mass = problem.plant.entries["mass", place.id].value
@@ -207,15 +193,7 @@ def changes_of(problem: SpectralProblem, place: Place) -> tuple[Change, ...]:
 
 
 def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...]:
-    """Give an element a stiffness and a damping of its own in each record.
-
-    Parameters
-    ----------
-    problem
-        Records and model.
-    element
-        A spring of the model.
-    """
+    """Give an element a stiffness and a damping of its own in each record."""
     linear = LinearModel.of(problem.plant.description)
     structure = linear.structure
     part = next(one for one in problem.plant.description.elements if one.id == element)
@@ -248,14 +226,6 @@ def equivalents_of(
 
     Parameters
     ----------
-    problem
-        Records, model and changes.
-    fit
-        Of that problem.
-    place
-        A spring or a node of the model.
-    seed
-        Of the simulated motion.
     spans
         Begin in campaign time and duration of each record [s]; where not given, laws see the
         time of the simulated motion.
@@ -272,21 +242,7 @@ def equivalents_of(
 def element_motion(
     problem: SpectralProblem, fit: AmbientFit, record: int, place: Place, seed: int
 ) -> ElementMotion:
-    """Draw a normal motion of an element, with the spectrum that a fit gives it.
-
-    Parameters
-    ----------
-    problem
-        Records, model and changes.
-    fit
-        Of that problem.
-    record
-        Number of the record.
-    place
-        The element.
-    seed
-        Of the motion.
-    """
+    """Draw a normal motion of an element, with the spectrum that a fit gives it."""
     at = np.zeros(problem.unknowns)
     at[: problem.free] = fit.values / problem.prior.mean - 1
     scale = np.array([change.scale for change in problem.changes])

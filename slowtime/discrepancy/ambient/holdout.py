@@ -25,24 +25,12 @@ change by less than a per cent after."""
 
 
 def spectral_error(fit: AmbientFit) -> float:
-    """Root of the deviance for each degree of freedom beyond that of noise [1].
-
-    Parameters
-    ----------
-    fit
-        Of spectra.
-    """
+    """Root of the deviance for each degree of freedom beyond that of noise [1]."""
     return float(np.sqrt(max(fit.misfit - 1.0, 0.0)))
 
 
 def error_of_chance(fit: AmbientFit) -> float:
-    """Spectral error that chance makes where nothing is missing, one standard deviation [1].
-
-    Parameters
-    ----------
-    fit
-        Of spectra.
-    """
+    """Spectral error that chance makes where nothing is missing, one standard deviation [1]."""
     return float((2.0 / fit.degrees) ** 0.25)
 
 
@@ -60,12 +48,8 @@ def fit_unseen(
 
     Parameters
     ----------
-    plant
-        The model without effects.
     trials
         Records that were not fitted.
-    values, sds
-        Of the free constants.
     effect
         That was found; its equivalents follow the level of each record.
     kinds

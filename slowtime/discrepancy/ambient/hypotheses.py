@@ -45,8 +45,6 @@ class Candidate:
 
     Parameters
     ----------
-    effect
-        With its parameters.
     sds
         Their standard deviations, by name.
     gain
@@ -67,8 +65,6 @@ class Compared:
 
     Parameters
     ----------
-    bare
-        The fit of the model without an effect.
     candidates
         The most probable first.
     equivalents
@@ -93,14 +89,8 @@ def compare_effects(
 
     Parameters
     ----------
-    problem
-        Records and model.
-    bare
-        The fit of the model without an effect.
     kinds
         Catalogue of effects by name.
-    monitor
-        Receives the stage of the work.
     """
     changes = _changes(problem, kinds)
     begins = {

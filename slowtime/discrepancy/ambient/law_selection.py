@@ -61,14 +61,10 @@ class FittedLaw:
 
     Parameters
     ----------
-    effect
-        With its parameters.
     sds
         Standard deviations of the fitted parameters, by name.
     log_evidence
         Relative to other laws and places of the same records [nats].
-    chi2
-        What it leaves of the equivalents.
     """
 
     effect: Effect
@@ -86,10 +82,6 @@ def laws_of_elements(
     ----------
     kinds
         Catalogue of effects by name.
-    place, description
-        The element, and the model.
-    equivalents
-        Number of equivalents that are known.
     """
     return [
         kind
@@ -109,15 +101,6 @@ def _depends_on_time(kind: Kind) -> bool:
 
 def fit_laws(found: Equivalents, fit: AmbientFit, kinds: Sequence[Kind]) -> list[FittedLaw]:
     """Fit each law to the equivalents of an element.
-
-    Parameters
-    ----------
-    found
-        The equivalents.
-    fit
-        From which they come.
-    kinds
-        Laws to fit.
 
     Returns
     -------

@@ -32,8 +32,6 @@ class RecordLines:
 
     Parameters
     ----------
-    frequency_hz
-        Of the lines.
     lines
         Complex spectrum of each sensor, of which the mean square is the one-sided density.
     """
@@ -70,11 +68,6 @@ def sensors_of_different_nodes(description: Description) -> list[int]:
     A second sensor of a node repeats the first but for the leakage of the taper, which grows
     with the range of a spectrum.
 
-    Parameters
-    ----------
-    description
-        Model, with its sensors.
-
     Returns
     -------
     Numbers of the sensors, ascending.
@@ -100,8 +93,6 @@ def driven_lines(
 
     Parameters
     ----------
-    linear
-        Model as given.
     frequency_hz, lines
         Complex spectrum of each sensor, shapes (frequency,) [Hz] and (frequency, sensor).
     """
@@ -139,13 +130,7 @@ def _first_fall(ratio: Float[np.ndarray, " band"], usual: float) -> int:
 
 
 def natural_frequencies_hz(linear: LinearModel) -> Float[np.ndarray, " mode"]:
-    """Undamped natural frequencies of a linear model [Hz], ascending.
-
-    Parameters
-    ----------
-    linear
-        The model.
-    """
+    """Undamped natural frequencies of a linear model [Hz], ascending."""
     structure = linear.structure
     squares = scipy.linalg.eigvals(structure.stiffness, structure.mass).real
     return np.asarray(np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2 * np.pi))

@@ -115,12 +115,8 @@ class AmbientFit:
 
     Parameters
     ----------
-    prior
-        Of the constants that were free.
     values, covariance
         Of the constants that were free, in the order of `prior`.
-    changes
-        That were fitted beside the constants.
     change_values, change_covariance
         Of the changes, each in the unit of its constant.
     force_density
@@ -363,8 +359,6 @@ def fit_spectra(
 
     Parameters
     ----------
-    problem
-        Records, model and changes.
     start
         A fit of the same records without changes, to start from.
     begin
@@ -397,10 +391,6 @@ def expected_gains(
 
     Parameters
     ----------
-    problem
-        Records and model.
-    start
-        The fit without changes.
     places
         Changes of each place.
 
@@ -430,10 +420,6 @@ def best_begin(
 
     Parameters
     ----------
-    problem
-        With one change.
-    start
-        The fit without it.
     sizes
         To choose from, in units of the scale of the change.
     """
@@ -546,13 +532,6 @@ def score_and_information(
     problem: SpectralProblem, at: Unknowns
 ) -> tuple[float, Unknowns, Float[np.ndarray, "unknown unknown"]]:
     """Cost, its negative gradient and Fisher information.
-
-    Parameters
-    ----------
-    problem
-        Records, model and changes.
-    at
-        Unknowns.
 
     Returns
     -------

@@ -33,10 +33,6 @@ def with_time_variation(
     ----------
     candidates
         The most probable first.
-    plant
-        The model.
-    trials
-        The records.
     kinds
         Catalogue of effects by name.
 

@@ -51,10 +51,6 @@ def augmented_start(
 
     Parameters
     ----------
-    before
-        Fit of the model without the effect.
-    effect
-        To add, with the parameters to start from.
     kinds
         Catalogue of effects by name.
     start
@@ -119,10 +115,6 @@ def simulated_chi2(
         Model, and values of all its constants.
     states
         Initial state of each trial.
-    noise
-        Of the sensors.
-    trials
-        Records.
     numbers
         Trials to run; all where not given.
 
@@ -184,12 +176,6 @@ def refit_without(
 
     Parameters
     ----------
-    fit
-        Of the whole model.
-    number
-        Of the effect to leave out.
-    trials
-        Records.
     kinds
         Catalogue of effects by name.
 

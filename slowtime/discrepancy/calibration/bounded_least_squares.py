@@ -27,10 +27,6 @@ def solve_within(
 
     Parameters
     ----------
-    matrix
-        A, symmetric and positive definite.
-    right
-        b.
     low, high
         Bounds; infinite where there are none.
 

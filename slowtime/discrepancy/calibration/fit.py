@@ -53,12 +53,8 @@ class Fit:
 
     Parameters
     ----------
-    plant
-        The model.
     values
         Of all constants of the plant, in its order and units.
-    prior
-        Of the free constants, with their names.
     covariance
         Of the free constants, if the model is right and the noise as given.
     states
@@ -66,12 +62,8 @@ class Fit:
     outputs, residual
         Of each trial (time, sensor), in the sensors' units; the residual is zero where a sample
         is not used.
-    noise
-        Of the sensors.
     cost
         :math:`\chi^2` of residuals and priors together.
-    data
-        Number of samples that are used.
     chi2_per_datum, chi2_sd
         Mean square of the whitened residual over the degrees of freedom, and its standard
         deviation if nothing is missing: 1 ± `chi2_sd` is expected.
@@ -362,15 +354,7 @@ def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
 
 
 def referred_to(fit: Fit, trials: Sequence[Trial]) -> tuple[object, ...]:
-    """List what fits to the same records refer to, and need not be copied.
-
-    Parameters
-    ----------
-    fit
-        One of them.
-    trials
-        The records.
-    """
+    """List what fits to the same records refer to, and need not be copied."""
     plant = fit.plant
     return (fit, fit.noise, plant, plant.kinds, *plant.kinds.values(), *trials)
 

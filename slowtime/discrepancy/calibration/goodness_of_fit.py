@@ -8,11 +8,6 @@ from .fit import Fit
 def chi2_p_value(fit: Fit) -> float:
     """Probability of so large a chi squared in band, if the residual is noise.
 
-    Parameters
-    ----------
-    fit
-        Of any model.
-
     Returns
     -------
     The upper tail of the normal distribution at the standardised mean square.

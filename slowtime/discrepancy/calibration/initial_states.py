@@ -47,16 +47,8 @@ def multistart_initial_state(
 
     Parameters
     ----------
-    plant
-        The model.
-    trial
-        A short record.
-    noise
-        Of this record alone.
     values
         Of all constants.
-    known
-        Initial state to improve on.
     size
         Amplitude of the motion in each coordinate, by which random states are scaled.
 
@@ -97,12 +89,8 @@ def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
 
     Parameters
     ----------
-    plant
-        The model, whose sensors are read.
     trial
         Record whose first sample is used.
-    known
-        State for coordinates without a sensor.
     """
     described = plant.description
     moves = any(entry.kind in BASE_KINDS for entry in described.inputs)
@@ -127,16 +115,8 @@ def best_initial_state(
 
     Parameters
     ----------
-    plant
-        The model.
-    trial
-        The record.
-    noise
-        Of this record alone.
     values
         Of all constants.
-    states
-        To choose from.
     """
     weights = spectral_weights(trial, noise, 0)
 
@@ -157,8 +137,6 @@ def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
 
     Parameters
     ----------
-    before
-        The fit.
     heads
         First parts of its records.
     """

@@ -145,12 +145,6 @@ class LeastSquaresProblem:
 
     Parameters
     ----------
-    plant
-        The model.
-    prior
-        Of its free constants.
-    trials
-        Records.
     weights
         Of each trial's residual.
     samples
@@ -188,12 +182,6 @@ class NormalEquations:
     ----------
     cost
         Chi squared of the residuals and of the priors.
-    matrix
-        Gauss-Newton matrix, half the Hessian of the cost.
-    gradient
-        Half the downward gradient of the cost.
-    states
-        Length of one initial state.
     """
 
     cost: float
@@ -260,8 +248,6 @@ def normal_equations(
 
     Parameters
     ----------
-    problem
-        Records, weights, plant and priors.
     point
         Where to linearise.
     spread
@@ -333,12 +319,8 @@ def minimise(
 
     Parameters
     ----------
-    problem
-        Records, weights, plant and priors.
     start
         Values and initial states to begin with; the result is never above its cost.
-    control
-        When to end.
 
     Returns
     -------

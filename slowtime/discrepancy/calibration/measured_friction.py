@@ -60,10 +60,6 @@ class MeasuredFrictionPlant:
 
     Parameters
     ----------
-    plant
-        The whole model.
-    trial
-        The record.
     noise
         Of all trials.
     number
@@ -152,12 +148,6 @@ class _FrictionlessPlant:
 
     Parameters
     ----------
-    plant
-        The model without friction.
-    friction
-        Effects that were taken out.
-    nodes
-        On which these act.
     renamed
         Names of the whole plant's parameters here; those of friction are left out.
     """

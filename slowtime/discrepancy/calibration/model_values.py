@@ -26,8 +26,6 @@ def with_values(description: Description, values: Mapping[Name, float]) -> Descr
 
     Parameters
     ----------
-    description
-        To copy.
     values
         New values by the name of the plant's constant, in its unit.
 

@@ -62,12 +62,6 @@ def shooting_fit(
 
     Parameters
     ----------
-    plant
-        The model.
-    trials
-        Records to cut.
-    noise
-        Of the records.
     values
         Of all constants, to start from.
     control
@@ -168,10 +162,6 @@ def strongest_segments(
     ----------
     plant
         The model, whose slowest mode sets the length of a segment.
-    trials
-        Records.
-    count
-        Length of the part, in segments.
     share
         Share of the greatest power that the part has; 1 for the strongest part.
     """

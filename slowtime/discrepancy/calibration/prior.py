@@ -19,8 +19,6 @@ class Prior:
 
     Parameters
     ----------
-    names
-        Of the free constants.
     index
         Their places among all values of the plant.
     mean, sd
@@ -49,8 +47,6 @@ def prior_of(plant: Plant, free: Sequence[Name] | None = None, within: float = n
 
     Parameters
     ----------
-    plant
-        The model.
     free
         Names of the constants that may move; where not given, all that are claimed with a
         tolerance above zero, and all fitted parameters of effects. What the model claims

@@ -116,8 +116,6 @@ def spectral_weights(
 
     Parameters
     ----------
-    trial
-        The record.
     noise
         Of all trials.
     number

@@ -22,13 +22,6 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     Chi squared of a wrong model outweighs every prior, and moves constants so far that nothing
     can be linearised about them. What is missing is then located from the claimed constants.
 
-    Parameters
-    ----------
-    fit
-        Of a model that may lack something.
-    trials
-        Its records.
-
     Returns
     -------
     The fit within tolerances, or the given one where no constant is bent.

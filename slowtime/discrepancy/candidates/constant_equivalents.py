@@ -62,10 +62,6 @@ def equivalent_laws(
 
     Parameters
     ----------
-    bent
-        Fit whose constants left their tolerances.
-    trials
-        Its records.
     kinds
         Catalogue of effects by name.
     """
@@ -119,12 +115,6 @@ def instead_of_constants(
 
     Parameters
     ----------
-    bent
-        Fit whose constants left their tolerances.
-    labels
-        Candidates there are already.
-    trials
-        Its records.
     kinds
         Catalogue of effects by name.
     """

@@ -37,10 +37,6 @@ class ForceSpace:
 
     Parameters
     ----------
-    fit
-        Of the reference.
-    located
-        Its ranking of places.
     place
         Where forces act.
 

@@ -87,14 +87,6 @@ def law_pairs(
 
     Parameters
     ----------
-    fit
-        Of the reference.
-    located
-        Its ranking of places.
-    tried
-        Candidates of one law.
-    reached
-        Chi squared of those that were refitted.
     kinds
         Catalogue of effects by name.
 

@@ -73,17 +73,11 @@ class Candidate:
 
     Parameters
     ----------
-    effect
-        The law with these parameters.
     cost
         Chi squared that it leaves, deviations of the constants included.
     score
         Schwarz's criterion: minus half of that, minus half the log of the data for each
         parameter [nats].
-    cost_without
-        Chi squared without the law.
-    start
-        Start of its fit.
 
     References
     ----------
@@ -107,10 +101,6 @@ def library_candidates(
 
     Parameters
     ----------
-    fit
-        Of the reference.
-    located
-        Its ranking of places.
     kinds
         Catalogue of effects by name.
     among

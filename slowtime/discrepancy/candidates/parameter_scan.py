@@ -87,8 +87,6 @@ def best_effect(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
 
     Parameters
     ----------
-    kind
-        Of effect.
     space
         Least squares at the place.
 
@@ -161,8 +159,6 @@ def effects_of_strength(
 
     Parameters
     ----------
-    motion, force
-        At its place.
     most
         Shapes.
     """

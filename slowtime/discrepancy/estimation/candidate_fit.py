@@ -166,12 +166,6 @@ def fit_candidate(
 
     Parameters
     ----------
-    before
-        Fit of the model without the effect.
-    effect
-        To add, with the parameters to start from.
-    trials
-        Records.
     kinds
         Catalogue of effects by name.
     noise
@@ -253,8 +247,6 @@ class Fitting:
         what sets them apart, and all.
     noise
         Of the first fit, by which all are compared.
-    count
-        How many candidates were seen.
     stopped
         Whether there was no budget for the next.
     give_up, reached
@@ -447,10 +439,6 @@ def fit_candidates(
 
     Parameters
     ----------
-    before
-        Fit of the model without them.
-    candidates
-        In the order in which they are fitted.
     trials, kinds
         Records, and the catalogue of effects by name.
     tick

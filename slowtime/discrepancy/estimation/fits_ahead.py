@@ -63,17 +63,7 @@ class FitsAhead(Generic[Result]):
     def begin(
         self, number: int, cost_to_beat: float | None, fit: Callable[[], Attempt[Result]]
     ) -> None:
-        """Begin a fit that is not begun yet.
-
-        Parameters
-        ----------
-        number
-            Of the candidate.
-        cost_to_beat
-            Known now.
-        fit
-            What fits it with that.
-        """
+        """Begin a fit that is not begun yet."""
         if self._workers is not None and number not in self._begun:
             pending = self._workers.begin(lambda: counted(fit), self._shared)
             self._begun[number] = pending, cost_to_beat
@@ -85,10 +75,6 @@ class FitsAhead(Generic[Result]):
 
         Parameters
         ----------
-        number
-            Of the candidate.
-        cost_to_beat
-            Known now.
         is_late
             Whether there is no budget left.
 

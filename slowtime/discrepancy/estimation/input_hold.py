@@ -71,11 +71,6 @@ def found_holds(
     Holds are compared where something else may be missing, too: by what is left with any force
     at the likeliest place, of the record of which the model explains most.
 
-    Parameters
-    ----------
-    fit
-        Of the nominal model.
-
     Notes
     -----
     Inputs that state their hold keep it. A step looks late, and a straight line weak: where a
@@ -283,8 +278,6 @@ def with_holds(
 
     Parameters
     ----------
-    fit
-        Its values and initial states are the start.
     holds
         One for each input.
     trials, kinds

@@ -161,12 +161,8 @@ def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
 
     Parameters
     ----------
-    fit
-        Whose residuals are weighted.
     noise
         Of the same trials.
-    trials
-        Records that were fitted.
 
     Returns
     -------
@@ -191,8 +187,6 @@ def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
 
     Parameters
     ----------
-    fit, trials
-        The fit, and the records that were fitted.
     noise
         Of the same trials.
 

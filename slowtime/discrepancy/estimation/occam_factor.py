@@ -39,8 +39,6 @@ def leniency(
 
     Parameters
     ----------
-    named
-        The refitted candidate.
     kinds
         Catalogue of effects by name.
     bare

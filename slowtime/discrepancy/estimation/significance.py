@@ -73,10 +73,6 @@ def sds_of(fit: Fit, name: Name, nothing: float) -> float:
 
     Parameters
     ----------
-    fit
-        Of the model.
-    name
-        Of the parameter in its plant.
     nothing
         The other value, in the unit of the parameter.
 

@@ -47,8 +47,6 @@ def refine_switching_instant(
 
     Parameters
     ----------
-    fit
-        Of the model with the law.
     trials, kinds
         Records, and the catalogue of effects by name.
     beat
@@ -88,13 +86,7 @@ def _moved(
     most: float,
     late: Callable[[], bool] | None,
 ) -> Fit:
-    """Refit from the best instant there is; the fit itself, where it is at that, or no worse.
-
-    Parameters
-    ----------
-    at
-        Number of the instant among the plant's parameters.
-    """
+    """Refit from the best instant there is; the fit itself, where it is at that, or no worse."""
     ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
 
     @functools.cache

@@ -148,8 +148,6 @@ def characterise(located: Localization, place: Place) -> Character:
     ----------
     located
         Result of `locate`.
-    place
-        One of its places.
 
     References
     ----------

@@ -81,8 +81,6 @@ class WhitenedColumns:
     ----------
     columns
         Constants first, then free decays, the residual last (frequency, sensor, column).
-    inner
-        Real parts of their inner products.
     """
 
     columns: Columns
@@ -101,10 +99,6 @@ class WhitenedColumns:
 
         Parameters
         ----------
-        tuned
-            Responses of the perturbed reference.
-        known
-            The constants.
         motion, base
             Motion of the coordinates, and acceleration of the base [m/s^2].
         residual
@@ -145,16 +139,8 @@ class TrialForce:
         :math:`s` at each line.
     mean, posterior_variance
         Posterior mean and variance of the force at each line.
-    linear
-        Readings that changed constants explain, without initial states.
-    left
-        Residual that neither constants nor initial states explain.
-    transfer
-        Response of the sensors to a unit force.
     signal
         :math:`g^H N^{-1} g`: the force's signal-to-noise ratio per unit of variance.
-    state
-        Initial state added to the reference's.
     """
 
     variance: PerLine
@@ -211,10 +197,6 @@ class LatentForceSolver:
 
     Parameters
     ----------
-    linear
-        The reference.
-    known
-        Constants that may change.
     trials
         Spectra and noise of all trials.
     """
@@ -299,12 +281,8 @@ class LatentForceSolver:
             Whitened columns of each trial.
         alongs
             Products of the columns with a unit force, line by line.
-        signals
-            Signal-to-noise ratio of a unit force.
         variances
             Of the force, line by line.
-        change
-            Relative change of the constants so far.
 
         Returns
         -------
@@ -524,12 +502,8 @@ def _band_variances(
 
     Parameters
     ----------
-    trial
-        Lines and bands.
     seen
         Product of the residual with a unit force, line by line.
-    signal
-        Signal-to-noise ratio of a unit force.
     """
     heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
     if not heard.any():

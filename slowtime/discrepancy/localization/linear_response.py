@@ -51,8 +51,6 @@ class ForceSource:
 
     Parameters
     ----------
-    place
-        Element, node, base, input or sensor.
     force
         On each degree of freedom, per unit force [N], or per acceleration of the base [m/s^2].
     base
@@ -75,12 +73,8 @@ class LinearModel:
     ----------
     rows
         Coordinate that each sensor reads, relative to the base.
-    orders
-        How often the coordinate is differentiated.
     absolute
         1 for sensors in space, 0 for those relative to the base.
-    scale
-        From SI to the sensor's unit.
     """
 
     description: Description
@@ -104,8 +98,6 @@ class LinearModel:
 
         Parameters
         ----------
-        plant
-            The model.
         values
             Of all its constants.
         """
@@ -243,12 +235,8 @@ class LinearModel:
 
         Parameters
         ----------
-        samples
-            Length.
         rate_hz
             Sampling rate [Hz].
-        state
-            Initial displacements and velocities.
 
         Returns
         -------
@@ -273,8 +261,6 @@ class LinearModel:
         ----------
         frequency_hz
             Frequencies of the lines [Hz].
-        samples, rate_hz
-            Length and rate of the record.
         modes
             Of this model, by `state_modes`; None to solve line by line.
         """

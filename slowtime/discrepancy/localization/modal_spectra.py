@@ -25,10 +25,6 @@ class StateModes:
     ----------
     poles
         [rad/s].
-    shapes
-        Modal matrix.
-    back
-        Its inverse.
     pushed
         Modal coordinates that a unit force on each coordinate pushes.
     """
@@ -98,8 +94,6 @@ class ModalDecays:
     to_motion, to_readings
         Displacements, velocities and accelerations of all coordinates, and readings of the
         sensors, from a state.
-    shapes
-        Modal matrix of the state.
     gains
         Spectrum of each mode of unit amplitude.
     starts

@@ -30,14 +30,8 @@ def update_noise(
 
     Parameters
     ----------
-    fit
-        Of the reference.
-    records
-        Its trials.
     trials
         Their lines in the band where the force was estimated.
-    found
-        The force.
 
     Returns
     -------

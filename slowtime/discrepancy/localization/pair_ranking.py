@@ -66,14 +66,8 @@ def likely_pairs(
 
     Parameters
     ----------
-    fit
-        Of the reference, its constants within their tolerances.
-    trials
-        That it was fitted to.
     pairs
         Names of points: nodes, moved supports, or the base.
-    most
-        Pairs that are chosen.
 
     Returns
     -------
@@ -94,15 +88,7 @@ def _falling(gains: Float[np.ndarray, " pair"]) -> list[int]:
 
 
 class PairScreening:
-    """Products of what pairs of points may add with each other and with the residual.
-
-    Parameters
-    ----------
-    solver
-        The linearised reference, with its records.
-    pairs
-        Names of points.
-    """
+    """Products of what pairs of points may add with each other and with the residual."""
 
     def __init__(self, solver: LatentForceSolver, pairs: Sequence[Pair]) -> None:
         names = sorted({end for pair in pairs for end in pair})

@@ -30,8 +30,6 @@ class LinearConstants:
         0 for stiffness, 1 for damping, 2 for mass.
     reference_change
         Difference of the reference from nominal, relative to the reference.
-    sd
-        Prior standard deviation, relative to the reference.
     """
 
     matrices: Float[np.ndarray, "constant dof all"]
@@ -191,8 +189,6 @@ def absolute_motion(
 
     Parameters
     ----------
-    linear
-        The reference.
     motion
         Against the base (order, frequency, dof).
     base

@@ -53,8 +53,6 @@ class PlaceGroup:
 
     Parameters
     ----------
-    places
-        In the order element, node, base, input, sensor.
     score
         Gain of log likelihood by one unknown force there, over none.
     p_value
@@ -65,8 +63,6 @@ class PlaceGroup:
         Mean square that it leaves, over the noise; 1 is expected of the right place.
     constants
         Relative change of the free linear constants against nominal that goes with it.
-    explained
-        Force, constants and initial states.
     twins
         Places whose transfer is parallel at every line: another force there explains the same,
         and only its spectrum can decide.
@@ -90,16 +86,12 @@ class Localization:
     ----------
     groups
         The likeliest first.
-    linear
-        Linear part of the reference.
     trials, lines
         Records, and their spectra with the last estimate of the noise.
     runs
         Displacement, velocity, acceleration of the reference in each trial.
     outer
         Motion of base and supports in each trial.
-    outputs
-        Readings of the sensors in the reference's runs.
     nominal, tolerance
         Prior mean and standard deviation of the free linear constants, in their units.
     log_likelihood
@@ -170,15 +162,7 @@ class Localization:
         )
 
     def latent(self, place: Place, number: int) -> LatentForce:
-        """Posterior mean of force and motion at a place in one trial.
-
-        Parameters
-        ----------
-        place
-            One of the places tried.
-        number
-            Of the trial.
-        """
+        """Posterior mean of force and motion at a place in one trial."""
         explained, lines = self.group(place).explained, self.lines[number]
         found = explained.forces[number]
         assert explained.source is not None

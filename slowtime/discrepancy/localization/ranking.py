@@ -69,8 +69,6 @@ def locate(
     fit
         Of the reference: a linear model, or an augmented one. Linear effects take part in the
         responses; others are kept as in the reference's run.
-    trials
-        That it was fitted to.
     among
         Places to try; all where not given.
 

@@ -115,10 +115,6 @@ def trial_lines(
 
     Parameters
     ----------
-    linear
-        The reference.
-    trial
-        The record.
     residual
         Of the reference (time, sensor); zero where a sample is not used.
     motion

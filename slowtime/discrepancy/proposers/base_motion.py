@@ -190,17 +190,7 @@ def by_a_law(
 
 
 def follows(law: Fit, before: Fit, trials: tuple[Trial, ...]) -> bool:
-    """Whether a law explains much in a free run, which it could not if the base moved.
-
-    Parameters
-    ----------
-    law
-        Fit of the model with the law.
-    before
-        Fit without it.
-    trials
-        Records.
-    """
+    """Whether a law explains much in a free run, which it could not if the base moved."""
     bar = refit(
         before.plant, trials, noise=law.noise, values=before.values,
         states=before.states, horizons=(1.0,),

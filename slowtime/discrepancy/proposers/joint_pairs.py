@@ -59,8 +59,6 @@ class JointPairs:
     ----------
     stated
         What the model says of its inputs between samples; as it stands where not given.
-    asked
-        Holds under which effects were looked for already.
     """
 
     stated: tuple[Hold, ...] | None
@@ -70,11 +68,6 @@ class JointPairs:
         """Give pairs of one force first, then those of which each explains something alone.
 
         None while what was fitted explains all.
-
-        Parameters
-        ----------
-        done
-            Pairs that were fitted already.
         """
         fitted = sorted(given.fitted, key=lambda one: -one.score)
         best = fitted[0].fit if fitted else given.before

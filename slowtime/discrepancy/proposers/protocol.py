@@ -110,8 +110,6 @@ class Round:
 
         Parameters
         ----------
-        stage
-            In words.
         further
             Share of the whole diagnosis [1] done since the round began.
         """

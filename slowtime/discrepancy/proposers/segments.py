@@ -329,8 +329,6 @@ class _Shots:
 
         Parameters
         ----------
-        count
-            Number of effects.
         least
             The least cost so far; near it, fits go on to their end.
         """

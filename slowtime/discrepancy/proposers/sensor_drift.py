@@ -74,10 +74,6 @@ def drifting(
     ----------
     before
         Fit whose residual is the error of the sensor, in its unit.
-    trials
-        Records.
-    place
-        The sensor.
     kinds
         Catalogue of effects by name.
 

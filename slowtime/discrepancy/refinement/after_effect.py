@@ -23,10 +23,6 @@ class Refiner:
 
     Parameters
     ----------
-    name
-        Unique among refiners.
-    refine
-        The step.
     while_late
         Whether it is taken though the budget is nearly used up.
     """

@@ -41,8 +41,6 @@ def spanning(fit: Fit, own: int, end_s: float) -> Fit:
 
     Parameters
     ----------
-    fit
-        Of a model with drifts.
     own
         Effects that the model had as it was given; they keep their span.
     end_s

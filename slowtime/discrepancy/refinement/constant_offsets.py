@@ -57,8 +57,6 @@ def with_offsets(
 
     Parameters
     ----------
-    description
-        Model of the structure.
     kinds
         Catalogue of effects by name.
     decays
@@ -89,10 +87,6 @@ def refit_with_offsets(
 
     Parameters
     ----------
-    description
-        Model of the structure.
-    trials
-        Records.
     kinds
         Catalogue of effects by name.
     decays
@@ -117,13 +111,6 @@ def differing_sensors(fit: Fit, trials: Sequence[Trial]) -> tuple[str, ...]:
     """List sensors of displacement that are off by constants of either sign.
 
     A law that is missing and not symmetric shifts all records the same way.
-
-    Parameters
-    ----------
-    fit
-        Of the model to the records.
-    trials
-        The records.
     """
     given = fit.plant.description
     found = []
@@ -181,12 +168,6 @@ def offsets(
 
     Parameters
     ----------
-    fit
-        Of the model with its offsets.
-    trials
-        Records that it was fitted to.
-    given
-        The model as given.
     kinds
         Catalogue of effects by name.
     """

@@ -47,13 +47,6 @@ def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
 
     These few refits do not take from the budget of work of the search.
 
-    Parameters
-    ----------
-    fit
-        Of the model as given.
-    trials
-        Its records.
-
     Returns
     -------
     The fit of the lowest minimum within the tolerances, if that is much lower; the given one

@@ -67,8 +67,6 @@ def eliminate(
     answers
         One for each effect, in order.
 
-    A constant that would be far off by itself is no needless effect, whatever the two fits
-    leave: of friction, each may be stuck in another minimum.
     """
     chain, kept = list(fits), list(answers)
     if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):

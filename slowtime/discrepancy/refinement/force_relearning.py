@@ -56,8 +56,6 @@ def relearn_force(
     ----------
     before
         The last fit, its constants held to their tolerances.
-    located
-        What that leaves.
 
     Returns
     -------
@@ -142,8 +140,6 @@ def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[st
 
     Parameters
     ----------
-    kind
-        Of the law.
     effect
         The law, with the parameters to start from; those at 0 stay there.
     force

@@ -78,10 +78,6 @@ def refit_to_free_runs(
 
     Parameters
     ----------
-    fit
-        Of the final model to whole records.
-    trials
-        These records.
     tell
         Called before each step; may raise to end the diagnosis.
 
@@ -166,15 +162,7 @@ def refit_plainly_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def plain_weights(fit: Fit, records: Sequence[Trial]) -> Noise:
-    """Give the white noise, the same in every record, that weighs errors as they are judged.
-
-    Parameters
-    ----------
-    fit
-        Whose residuals are weighed.
-    records
-        That it was fitted to.
-    """
+    """Give the white noise, the same in every record, that weighs errors as they are judged."""
     sizes = []
     for sensor in range(records[0].outputs.shape[1]):
         told = np.concatenate([t.outputs[t.used[:, sensor], sensor] for t in records])

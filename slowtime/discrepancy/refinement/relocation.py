@@ -99,8 +99,6 @@ def _with(
     ----------
     fit
         What it has to be better than.
-    number
-        Of the effect among those of the hypothesis.
     """
     last, trials = hypothesis.last, hypothesis.trials
     description = last.plant.description

@@ -202,8 +202,6 @@ class _Fits:
     ----------
     given
         The round, with all proposals and fits.
-    turn
-        Knows for which candidates there was no budget.
     step
         Of two effects at once, where they explain what none does alone.
     """

@@ -51,16 +51,12 @@ class SearchSettings:
 
     Parameters
     ----------
-    kinds
-        Effects that may be named.
     monitor
         Told the stage; says whether the budget is used up.
     options
         How thoroughly, and by which steps.
     stated
         What the model says of its inputs between samples; as it stands where not given.
-    asked
-        Holds under which effects were searched for already.
     decays
         Whether the records are free decays, in which displacement sensors have offsets.
     """

@@ -89,8 +89,6 @@ def accept(
 
     Parameters
     ----------
-    before
-        The fit that they were added to.
     fitted
         Candidates, the best first.
 

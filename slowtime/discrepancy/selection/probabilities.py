@@ -71,8 +71,6 @@ def shares_of(
         Catalogue of effects by name.
     besides
         Log evidence [nats] of other answers without an effect, which take their share.
-    bare
-        The fit without any of them.
 
     Returns
     -------

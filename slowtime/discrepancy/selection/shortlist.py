@@ -49,8 +49,6 @@ def shortlist(
     ----------
     tried
         Laws with what they explain of the force, the best first.
-    number
-        How many effects were found.
     """
     # Twice at one place: what no single law explains there is more likely a law unknown.
     again = any(a.effect.place in located.groups[0].places for a in hypothesis.effects)

@@ -29,10 +29,6 @@ def surface_band(
 
     Parameters
     ----------
-    fit
-        Of a model with the surface.
-    motion
-        Along the element.
     number
         Of the surface among the effects; the last where not given.
     instantaneous

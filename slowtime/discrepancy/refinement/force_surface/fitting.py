@@ -58,12 +58,6 @@ class SurfaceFit:
 
     Parameters
     ----------
-    place
-        Element that the force acts in.
-    fit
-        Of the model, to whole records.
-    free
-        Names of the constants that were fitted.
     finished
         Whether the fit came to its end within the budget.
     shaped
@@ -102,12 +96,8 @@ def fit_force_surface(
 
     Parameters
     ----------
-    before
-        Fit that the surface is added to.
     localized
         Where a force explains what that leaves.
-    trials
-        Records to fit.
     kinds
         Catalogue of effects by name.
     max_work
@@ -310,12 +300,8 @@ def fit_stages(
     ----------
     plant, free
         The model, and the names of the constants that may move.
-    trials
-        Records to fit.
     noise
         Of the parts; that of the whole is estimated from what the surface leaves.
-    values, states
-        To start from.
     late
         Whether the budget is used up.
 

@@ -47,10 +47,6 @@ class Regression:
 
     Parameters
     ----------
-    kind
-        Of the surface.
-    blocks
-        Those that were chosen.
     scales
         All scales of the surface, by name.
     coefficients
@@ -127,12 +123,8 @@ def choose_terms(
 
     Parameters
     ----------
-    kind
-        Of the surface.
     scales
         Range and knots, and scales where no block says another.
-    blocks
-        Groups at the scales that are tried.
     space
         Least squares at the place.
     excess
@@ -274,12 +266,8 @@ def equations_of(
 
     Parameters
     ----------
-    kind
-        Of the surface.
     scales
         Range and knots, and scales where no block says another.
-    blocks
-        Groups of columns.
     space
         Least squares at the place.
     """

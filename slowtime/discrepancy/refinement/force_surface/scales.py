@@ -45,10 +45,6 @@ class Block:
     ----------
     group
         Name of the group of coefficients; of several blocks of one group one is chosen.
-    names
-        Names of the coefficients.
-    scales
-        Values of the scales that the columns need.
     """
 
     group: str

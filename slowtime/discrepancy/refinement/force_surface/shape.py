@@ -125,8 +125,6 @@ def scales_of(scales: Mapping[str, float], shape: SurfaceShape) -> dict[str, flo
     ----------
     scales
         Of a surface of any shape, by name, in their units.
-    shape
-        That it is to have.
     """
     if shape.parity == NEITHER:
         return dict(scales) | shape.parameters

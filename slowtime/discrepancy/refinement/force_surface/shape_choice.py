@@ -40,8 +40,6 @@ class ShapedRegression:
     ----------
     terms
         That explain the recovered force; their scales hold the options of the shape.
-    shape
-        Of the surface.
     gain
         Log evidence over that of a surface of any shape [nats].
     refused
@@ -65,16 +63,12 @@ def choose_shape(
 
     Parameters
     ----------
-    kind
-        Of the surface.
     scales
         Of a surface of any shape, by name, in their units.
     groups
         Names of the coefficients of each group.
     space
         Least squares at the place.
-    demand
-        Of the user.
 
     Returns
     -------

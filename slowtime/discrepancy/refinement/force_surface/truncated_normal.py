@@ -30,12 +30,8 @@ def truncated_normal(
 
     Parameters
     ----------
-    covariance
-        Of the distribution without bounds, positive definite.
     low, high
         Bounds, at most and at least zero; infinite where there are none.
-    count
-        Number of samples.
 
     Returns
     -------
