@@ -86,7 +86,7 @@ def _moved(
     most: float,
     late: Callable[[], bool] | None,
 ) -> Fit:
-    """Refit from the best instant there is; the fit itself, where it is at that, or no worse."""
+    """Refit from the best instant there is; the fit itself where none is better."""
     ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
 
     @functools.cache
