@@ -78,9 +78,6 @@ def scored(folder: Path) -> dict[str, Any]:
     own = _own(folder)
     named = [(one["effect"], _where(one["where"], own)) for one in found["effects"]]
     numbers = {n: one["parameters"] for n, one in zip(named, found["effects"], strict=True)}
-    # Such a spring is told as its yielding, and the linear force that it has where none was.
-    yields = {place for kind, place in named if kind.startswith("bouc_wen")}
-    named = [n for n in named if n[0] != "missing_spring" or n[1] not in yields]
     sought = [
         (one["kinds"], _set(one["where"]), one["parameter"], one["value"])
         for one in case["truth"]

@@ -140,7 +140,8 @@ def add_law(draft: Draft, name: str, pair: tuple[int, int], size: float) -> None
     if name == "bouc_wen":
         one = Hysteresis(pair, force / e, 0.7 * e)
         draft.add("hysteresis", one)
-        kinds = ("bouc_wen", "bouc_wen_general", "friction_in_series_with_spring", "dahl")
+        own = "yielding_link" if off else "bouc_wen"
+        kinds = (own, "bouc_wen_general", "friction_in_series_with_spring", "dahl")
         change = Change(name, pair, one.stiffness)
         draft.truth.append(Truth(kinds, where, "kh_n_per_m", one.stiffness, off, change))
         return

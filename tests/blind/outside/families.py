@@ -25,6 +25,7 @@ FAMILIES: dict[str, str] = {
     "friction_with_play": "friction",
     "lugre": "friction",
     "bouc_wen": "hysteresis",
+    "yielding_link": "hysteresis",
     "bouc_wen_general": "hysteresis",
     "bouc_wen_degrading": "hysteresis",
     "bouc_wen_pinching": "hysteresis",

@@ -31,6 +31,11 @@ def bouc_wen(e: float, v: float, t: float, z: Any, p: Any) -> float:
     return float(p[0] * (z[0] - e))
 
 
+def yielding_force(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of a Bouc-Wen spring that the model lacks as a whole [N]."""
+    return float(p[0] * z[0])
+
+
 def yielding(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of the internal elongation of a Bouc-Wen spring.
 
@@ -160,6 +165,22 @@ KINDS = (
         action=Law(force=bouc_wen, rates=(yielding,)),
         strength="kh_n_per_m",
         shapes=yields,
+        joins=False,
+    ),
+    Kind(
+        name="yielding_link",
+        title="Yielding link",
+        family="hysteresis",
+        where="element",
+        parameters=(_YIELDING, _YIELD, _SHARPNESS),
+        equation="kh z, ż = v (1 − |z/zy|ⁿ (1 + sign(v z))/2)",
+        source="Bouc 1967; Wen 1976",
+        sentence="A spring that yields joins two points that the model does not join.",
+        action=Law(force=yielding_force, rates=(yielding,)),
+        strength="kh_n_per_m",
+        shapes=yields,
+        similar=("dahl", "friction_in_series_with_spring"),
+        joins=True,
     ),
     Kind(
         name="bouc_wen_general",

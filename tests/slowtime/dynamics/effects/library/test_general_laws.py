@@ -58,6 +58,13 @@ def test_hysteresis_of_one_sign_is_the_general_one_with_equal_factors():
     assert close(general, simple, 1e-6)
 
 
+def test_a_link_that_yields_is_hysteresis_with_the_line_that_the_model_lacks():
+    known = {"kh_n_per_m": 900.0, "zy_m": 1e-3, "n": 2.0}
+    whole = force("bouc_wen", **known) + 900.0 * SEEN.e
+    assert close(force("yielding_link", **known), whole, 1e-9)
+    assert (KINDS["yielding_link"].joins, KINDS["bouc_wen"].joins) == (True, False)
+
+
 def test_hysteresis_that_does_not_wear_and_is_not_slack_is_the_simple_one():
     simple = force("bouc_wen", kh_n_per_m=900.0, zy_m=1e-3, n=2.0)
     known = {"kh_n_per_m": 900.0, "zy_m": 1e-3, "n": 2.0}
