@@ -1,5 +1,5 @@
 // Whether anything is wrong: the server's conclusion of each twin, and of a fleet the most urgent of them, in words.
-import { t } from "./language.js";
+import { language, t } from "./language.js";
 import { digits, english, make, suspected, titleOf } from "./words.js";
 
 const MOODS = { act: "bad", watch: "waiting", cannot_say: "waiting", no: "good" };
@@ -58,7 +58,7 @@ export function showConclusion(element, state, at) {
   element.dataset.answer = answer;
   const said = kindsOf(state).flatMap(([kind, words]) => {
     const details = WHOLE.includes(kind) ? [] : findings.filter((one) => one.kind === kind).flatMap(({ text }) => [" ", english(make("span", text))]);
-    return [` ${words}.`, ...details];
+    return [` ${words[0].toLocaleUpperCase(language)}${words.slice(1)}.`, ...details];
   });
   const next = findings.length ? [" ", make("em", t("conclusion.next", { act: t(`next.${findings[0].kind}`) }))] : [];
   element.replaceChildren(make("strong", `${SIGNS[answer]} ${t("fleet.is_anything_wrong", { answer: t(`conclusion.${answer}`) })}`), ...said, ...next);

@@ -89,7 +89,7 @@ def test_what_is_shown_is_saved_as_picture_and_table(beam):
     assert given.value.suggested_filename == "lab.beam Natural frequency.png"
     assert given.value.path().read_bytes().startswith(b"\x89PNG")
     with page.expect_download() as given:
-        page.get_by_role("link", name="readings shown (CSV)").click()
+        page.get_by_role("link", name="Readings shown (CSV)").click()
     with given.value.path().open(newline="") as file:
         rows = list(csv.DictReader(file))
     told = server.get("/api/v1/twins/lab.beam/history").json()["points"]
