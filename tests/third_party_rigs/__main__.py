@@ -6,8 +6,8 @@ Of each 30 seeds 6 lack something on an element, 12 something elsewhere, 6 both,
 From seed 1000 on there are gyroscopic couplings, wrongly wired sensors, bases that rock (no
 name is right) and frames of beams, in turn; from seed 2000 on masses that jump, and neighbours
 that stand still while the base moves. What is there already is not done again.
-With `--lengths`, each case is also diagnosed by the first 25 and 50 % of its two records; no
-answer may be worse by longer ones.
+With `--lengths`, each case is also diagnosed by the first quarter and half of its two records;
+no answer may be worse by longer ones.
 """
 
 import argparse
@@ -34,8 +34,13 @@ def plan(seed: int) -> tuple[str, str]:
 
 def main() -> int:
     """Run the cases; print a line for each, and the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 150))
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.third_party_rigs", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument(
+        "--seeds", type=int, nargs=2, default=(0, 150), metavar=("FIRST", "END")
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, default=Path("var/third_party_rigs"))
     parser.add_argument(
         "--what", nargs="+", choices=(*WHAT, *FURTHER, *LATEST),
@@ -44,7 +49,7 @@ def main() -> int:
     parser.add_argument("--how", nargs="+", choices=HOW, default=HOW)
     parser.add_argument("--patience")
     parser.add_argument(
-        "--lengths", action="store_true", help="also cut to 25 and 50 % of their length"
+        "--lengths", action="store_true", help="also cut to a quarter and half of their length"
     )
     asked = parser.parse_args()
     rows, worse, shares = [], [], SHARES if asked.lengths else SHARES[-1:]
