@@ -17,7 +17,7 @@ from twin_server.settings import ServeSettings
 from . import composites, exports, ledger
 from .composite_service import CompositeService
 from .exports.files import Files
-from .http import problems
+from .http import packing, problems
 from .http.body_limit import BodyLimit
 from .http.body_queue import BodyQueue
 from .http.bounded_threads import BoundedThreads
@@ -151,6 +151,7 @@ def create_app(
         ),
     )
     app.add_middleware(CountedForHolder)
+    packing.install(app)
     known = registered_in(knowledge)
     changing = BoundedThreads(2)
     app.include_router(

@@ -18,7 +18,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve.api import SEE_LOG, health, larger_bodies
 from twin_server.serve.composites import routes as composite_routes
 from twin_server.serve.exports import graph_routes
-from twin_server.serve.http import problems
+from twin_server.serve.http import packing, problems
 from twin_server.serve.http.body_limit import BodyLimit
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
@@ -65,6 +65,7 @@ def create_front(shards: Shards, settings: TwinSettings) -> FastAPI:
     largest = larger_bodies(settings.serve, settings.recordings.max_bytes)
     app.add_middleware(BodyLimit, max_bytes=settings.serve.max_body_bytes, larger=largest)
     app.add_middleware(CountedForHolder)
+    packing.install(app)
     app.include_router(page.routes())
     app.include_router(session())
     calls = Calls(shards, settings.shards.key, settings.shards.answer_timeout_s)

@@ -1,6 +1,5 @@
 // One view at a time: the fleet, a twin, recordings. The list of twins is asked for again and again and
 // tells whether the server is there; the twin on screen follows its live stream, unless the tab is hidden.
-import { loadPlotly, plotly } from "./charts.js";
 import { Fleet } from "./fleet.js";
 import { language, locale, offerLanguages, parts, t, translate } from "./language.js";
 import { ask } from "./link.js";
@@ -99,7 +98,6 @@ async function refresh() {
   } finally { asking = false; }
   $("lost").hidden = !lostAt;
   enter();
-  requestAnimationFrame(() => setTimeout(loadPlotly));
 }
 
 /** A server with many twins takes a while to list them, and is left in peace for longer. */
@@ -124,7 +122,6 @@ document.documentElement.lang = language;
 translate(document.body);
 offerLanguages($("language"));
 $("view").append(fleet.root, recordings.root, underWay.root);
-plotly.catch((error) => { $("undrawn").textContent = error.message; $("undrawn").hidden = false; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => panel?.twin.touch());
 document.addEventListener("visibilitychange", () => { document.hidden ? follow() : refresh(); });
 addEventListener("hashchange", () => { enter(true); scrollTo(0, 0); });

@@ -1,6 +1,8 @@
 // The axis of time: in the unit of the structure with the calendar below it, or the calendar alone where that is the unit.
 import { localized, locale, t } from "./language.js";
-import { colour, placeOf, spanOf } from "./traces.js";
+import { roundStep } from "./scale.js";
+import { colour } from "./svg.js";
+import { placeOf, spanOf } from "./traces.js";
 import { atTime, isClock, unitOf } from "./words.js";
 
 const PX_A_TICK = 95, DAY_MS = 86400e3, MOST_NOTES = 4;
@@ -27,12 +29,6 @@ function calendarOf(points) {
   };
 }
 
-/** A step of 1, 2, 2.5 or 5 times a power of ten, such that about `ticks` fit. */
-function stepOf(span, ticks) {
-  const rough = span / ticks, power = 10 ** Math.floor(Math.log10(rough));
-  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= 0.8 * rough);
-}
-
 function dateOf(ms, span, isFirst) {
   const date = new Date(ms), year = isFirst || span > 2 * 365 * DAY_MS ? { year: "numeric" } : {};
   if (span > 4 * DAY_MS) return date.toLocaleDateString(locale, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
@@ -40,16 +36,16 @@ function dateOf(ms, span, isFirst) {
   return isFirst ? `${date.toLocaleDateString(locale, { day: "numeric", month: "short" })}, ${time}` : time;
 }
 
-/** What Plotly is told of the axis; `shown` is the range that somebody zoomed to. */
+/** The axis of time of a chart; `shown` is the range that somebody zoomed to. */
 export function timeAxis(twin, shown, width) {
   const last = twin.points.at(-1), range = shown ?? spanOf(twin);
-  if (!last || isClock(last)) return { nticks: 7, range, title: { text: t("axis.date_and_time"), standoff: 6 } };
-  const title = { text: t("axis.time", { unit: unitOf(last) }), standoff: 6 }, at = calendarOf(twin.points), [from, to] = range ?? [];
+  if (!last || isClock(last)) return { nticks: 7, range, title: { text: t("axis.date_and_time") } };
+  const title = { text: t("axis.time", { unit: unitOf(last) }) }, at = calendarOf(twin.points), [from, to] = range ?? [];
   if (!at || !(to > from)) return { nticks: 7, range, title };
-  const step = stepOf(to - from, Math.max(2, Math.min(6, width / PX_A_TICK))), values = [], span = at(to) - at(from);
+  const step = roundStep(to - from, Math.max(2, Math.min(6, width / PX_A_TICK))), values = [], span = at(to) - at(from);
   for (let i = Math.ceil(from / step); i * step <= to; i += 1) values.push(+(i * step).toPrecision(12));
-  const texts = values.map((value, i) => `${localized(`${value}`)}<br>${dateOf(at(value), span, i === 0)}`);
-  return { range, title, tickmode: "array", tickangle: 0, tickvals: values, ticktext: texts };
+  const texts = values.map((value, i) => `${localized(`${value}`)}\n${dateOf(at(value), span, i === 0)}`);
+  return { range, title, tickvals: values, ticktext: texts };
 }
 
 export const MARKS = {
@@ -68,7 +64,7 @@ export function marksOf({ points, marks = [] }) {
     line: { color: colour(MARKS[kind].tint), width: 1.6, dash: MARKS[kind].dash },
   }));
   const notes = shown.length > MOST_NOTES ? [] : shown.map(({ kind, slow_time, text }) => ({
-    text: text ?? MARKS[kind].text, x: place(slow_time), xanchor: "left", xshift: 2, yref: "paper", y: 1, yanchor: "top", showarrow: false,
+    text: text ?? MARKS[kind].text, x: place(slow_time), xanchor: "left", xshift: 2, yref: "paper", y: 1, yanchor: "top",
     font: { color: colour(MARKS[kind].tint), size: 10.5 }, bgcolor: `${colour("card")}cc`,
   }));
   return { shapes, notes, found: Object.fromEntries(Object.keys(MARKS).map((kind) => [kind, shown.some((mark) => mark.kind === kind)])) };

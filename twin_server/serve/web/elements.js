@@ -1,9 +1,11 @@
 // A twin of many elements: which of them has changed, said first, then listed and drawn.
 import { marksOf, timeAxis } from "./axis.js";
-import { HEIGHT_PX, MARGIN, WIDE_PX, followZoom, instantOf, pictureOf, plotly, quiet, zoomOf } from "./charts.js";
+import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, pictureOf, zoomOf } from "./charts.js";
 import { t } from "./language.js";
 import { Modes } from "./modes.js";
-import { bucketTraces, colour, faded, linesOf, placeOf, truthTraces } from "./traces.js";
+import { drawPlot } from "./plot.js";
+import { colour, faded } from "./svg.js";
+import { bucketTraces, linesOf, placeOf, truthTraces } from "./traces.js";
 import { atTime, interval95, make, number, range, slowTime, suspected, valued } from "./words.js";
 
 const MOST_LINES = 8, NARROW = "\u202f";
@@ -70,7 +72,7 @@ export class Elements {
     return figure;
   }
 
-  /** What is known in words; it needs no drawing library. */
+  /** What is known in words. */
   tell(latest) {
     const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
     const said = suspects.map((word) => sentence(word, elements));
@@ -116,22 +118,17 @@ export class Elements {
   }
 
   async draw(twin, wide) {
-    const Plotly = await plotly, latest = twin.latest, elements = latest?.elements ?? {};
+    const latest = twin.latest, elements = latest?.elements ?? {};
     const known = twin.points.filter((point) => Object.keys(point.elements ?? {}).length);
     const accused = [...new Set((latest?.suspects ?? []).flatMap((word) => namesIn(word, elements)))];
-    const base = (plot) => ({
-      width: plot.clientWidth, height: wide ? WIDE_PX : HEIGHT_PX, showlegend: false, hovermode: "closest",
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: twin.id,
-      font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-    });
+    const base = (plot) => ({ width: plot.clientWidth, height: wide ? WIDE_PX : HEIGHT_PX });
     const note = {
-      text: t("chart.note_empty"), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85, font: { color: colour("faint") },
+      text: t("chart.note_empty"), xref: "paper", yref: "paper", x: 0.5, y: 0.85, font: { color: colour("faint") },
     };
     const [bars, below] = drawnNow(elements, accused, base(this.elements));
-    await Plotly.react(this.elements, bars, Object.keys(elements).length ? below : { ...below, annotations: [note] }, quiet);
+    drawPlot(this.elements, bars, Object.keys(elements).length ? below : { ...below, annotations: [note] });
     const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]), zoomOf(this["elements-history"], twin));
-    await Plotly.react(this["elements-history"], traces, known.length ? layout : { ...layout, annotations: [note] }, quiet);
-    followZoom(this["elements-history"], twin);
+    drawPlot(this["elements-history"], traces, known.length ? layout : { ...layout, annotations: [note] });
     this.describe(elements, accused, known, shown);
     await this.modes.refresh(twin);
     const has = (end) => traces.some((trace) => trace.name.endsWith(end));
@@ -164,31 +161,25 @@ const surely = ({ value, sd }) => sd > 0 ? Math.abs(value) / sd : 0;
 /** Names, the most surely changed one first. */
 const ranked = (elements) => Object.keys(elements).sort((a, b) => surely(elements[b]) - surely(elements[a]));
 
-const axisOf = () => ({
-  gridcolor: colour("line"), linecolor: colour("line"), tickcolor: colour("line"), showline: true, ticks: "outside",
-  ticklen: 4, zeroline: true, zerolinecolor: colour("faint"),
-});
-
 /** One interval each, lowest element at the bottom as in the structure. */
 function drawnNow(elements, accused, base) {
   const rows = Object.entries(elements), tint = (name) => colour(accused.includes(name) ? "inseparable" : "estimate");
   const trace = {
-    name: "change", x: rows.map(([, e]) => 100 * e.value), y: rows.map(([name]) => name), mode: "markers", type: "scatter",
+    name: "change", x: rows.map(([, e]) => 100 * e.value), y: rows.map(([name]) => name), mode: "markers",
     marker: {
       color: rows.map(([name]) => tint(name)), size: 9,
       symbol: rows.map(([name]) => accused.includes(name) ? "diamond" : "circle"),
     },
-    text: rows.map(([name, e]) => `${name}: ${valued(changeOf(e))}`), hovertemplate: "%{text}<extra></extra>",
+    hover: (i) => `${rows[i][0]}: ${valued(changeOf(rows[i][1]))}`,
   };
-  // Plotly has one colour for all error bars of a trace, and these are the point of the chart.
   const bars = rows.map(([name, e]) => ({
     type: "line", x0: 100 * e.lo, x1: 100 * e.hi, y0: name, y1: name, line: { color: tint(name), width: 3 },
   }));
   const reach = Math.max(1, ...rows.flatMap(([, e]) => [Math.abs(100 * e.lo), Math.abs(100 * e.hi)]));
   const layout = {
     ...base, height: Math.max(base.height, ROW_PX * rows.length + BELOW_PX), margin: { l: 8, r: 10, t: 8, b: BELOW_PX }, shapes: bars,
-    xaxis: { ...axisOf(), title: { text: t("axis.change"), standoff: 6 }, range: [-1.1 * reach, 1.1 * reach] },
-    yaxis: { ...axisOf(), zeroline: false, automargin: true, type: "category", dtick: 1 },
+    xaxis: { zeroline: true, title: { text: t("axis.change") }, range: [-1.1 * reach, 1.1 * reach] },
+    yaxis: { automargin: true, type: "category" },
   };
   return [[trace], layout];
 }
@@ -212,12 +203,12 @@ function ahead({ forecast }, last, name, tint) {
   if (coming.length < 2) return [];
   const run = coming.map((point) => ({ ...atTime(last, point.slow_time), ...point })), around = [...run, ...run.slice().reverse()];
   const band = {
-    name: `${name} forecast band`, x: around.map(placeOf), mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
+    name: `${name} forecast band`, x: around.map(placeOf), mode: "lines", fill: "toself", line: { width: 0 },
     y: around.map((point, i) => 100 * point.elements[name][i < run.length ? "lo" : "hi"]), fillcolor: faded(tint, 0.18),
   };
   const line = {
     name: `${name} forecast`, x: run.map(placeOf), y: run.map((point) => 100 * point.elements[name].value), mode: "lines",
-    line: { color: tint, width: 1.6 }, hovertemplate: `${t("chart.forecast_of", { name })}: %{y:.2f} %<extra></extra>`,
+    line: { color: tint, width: 1.6 }, hover: (i) => `${t("chart.forecast_of", { name })}: ${percent(run[i].elements[name].value, 2)} %`,
   };
   return [band, line];
 }
@@ -246,7 +237,7 @@ function reachOf(known, shown, accused, forecast) {
 function afterwards({ later }, shown) {
   return later.length < 2 ? [] : shown.map((name) => ({
     name: `${name}, what came after`, x: later.map(placeOf), y: later.map((point) => point.elements?.[name] ? 100 * point.elements[name].value : null),
-    mode: "lines", hoverinfo: "skip", line: { color: faded(colour("invalid"), 0.6), width: 1 },
+    mode: "lines", line: { color: faded(colour("invalid"), 0.6), width: 1 },
   }));
 }
 
@@ -260,16 +251,17 @@ function lineOf(twin, points, name, { width, tint, dash, thick, banded }) {
   const around = fine.map((run) => [...run.map((point) => [point, "lo"]), ...run.toReversed().map((point) => [point, "hi"])]);
   const band = {
     name: `${name} band`, x: joined(around, ([point]) => placeOf(point)), y: joined(around, ([point, end]) => 100 * point.elements[name][end]),
-    mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 }, fillcolor: faded(tint, 0.22),
+    mode: "lines", fill: "toself", line: { width: 0 }, fillcolor: faded(tint, 0.22),
   };
+  const read = joined(fine, (point) => point);
   const line = {
     name, x: joined(fine, placeOf), y: joined(fine, (point) => 100 * point.elements[name].value), mode: "lines",
-    line: { color: tint, width: thick, dash }, hovertemplate: `${name}: %{y:.2f} %<extra></extra>`,
+    line: { color: tint, width: thick, dash }, hover: (i) => `${name}: ${percent(read[i].elements[name].value, 2)} %`,
   };
   return [...(banded ? [band] : []), line];
 }
 
-function drawnPast(twin, known, elements, accused, base, zoomed) {
+function drawnPast(twin, known, elements, accused, base, zoom) {
   const shown = [...accused, ...ranked(elements).filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
   const traces = shown.slice().reverse().flatMap((name) => {
     const points = known.filter((point) => name in point.elements), place = accused.indexOf(name);
@@ -283,15 +275,15 @@ function drawnPast(twin, known, elements, accused, base, zoomed) {
   });
   traces.unshift(...afterwards(twin, shown));
   const notes = shown.filter((name) => accused.includes(name)).map((name) => ({
-    text: name, showarrow: false, xanchor: "left", x: 0.02, xref: "paper", yanchor: "bottom", bgcolor: colour("card"),
+    text: name, xanchor: "left", x: 0.02, xref: "paper", yanchor: "bottom", bgcolor: colour("card"),
     y: 100 * elements[name].value, font: { color: colour(TINTS[accused.indexOf(name) % TINTS.length]) },
   }));
   const marks = marksOf(twin);
   const layout = {
     ...base, margin: MARGIN, annotations: [...marks.notes, ...notes],
     shapes: [...marks.shapes, ...limitsOf(twin.latest ?? {}), ...instantOf(twin)],
-    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed.x, base.width) },
-    yaxis: { ...axisOf(), nticks: 6, range: zoomed.y ?? reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: t("axis.change"), standoff: 4 } },
+    xaxis: timeAxis(twin, zoom.x, base.width), zoom,
+    yaxis: { zeroline: true, nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: t("axis.change") } },
   };
   return [traces, layout, shown];
 }

@@ -1,8 +1,7 @@
 // The charts of a diagnosis: model and measurement one over the other, and what is left between them.
-import { plotly, quiet } from "./charts.js";
-import { parts, t } from "./language.js";
+import { language, locale, parts, t } from "./language.js";
 import { ask } from "./link.js";
-import { colour, faded } from "./traces.js";
+import { colour, faded } from "./svg.js";
 import { english, make } from "./words.js";
 
 const HEIGHT_PX = 270, TIMES = "campaign time [s]", DRAWN_ALREADY = "The gap";
@@ -35,6 +34,30 @@ function themed(layout, when, width) {
   };
 }
 
+/** Charts of a report are Plotly's own, which is large: it is loaded when the first of them is opened. */
+let loaded = null;
+function plotly() {
+  loaded ??= new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = "/assets/plotly.min.js";
+    script.onload = () => resolve(localizedPlotly(window.Plotly));
+    script.onerror = () => {
+      loaded = null;
+      reject(new Error(t("error.no_plotly")));
+    };
+    document.head.append(script);
+  });
+  return loaded;
+}
+
+/** Signs of numbers as the browser writes them: the charts have no dates. */
+function localizedPlotly(Plotly) {
+  if (language === "en") return Plotly;
+  const sign = (type) => new Intl.NumberFormat(locale).formatToParts(12345.6).find((part) => part.type === type)?.value ?? "";
+  Plotly.register({ moduleType: "locale", name: language, dictionary: {}, format: { decimal: sign("decimal"), thousands: sign("group") } });
+  return Plotly;
+}
+
 export class Overlay {
   constructor(path, when) {
     Object.assign(this, { path, when, figures: [] });
@@ -42,7 +65,7 @@ export class Overlay {
     this.room = make("div", undefined, "charts");
     this.root.append(make("summary", t("overlay.title")), this.room);
     this.root.addEventListener("toggle", () => { if (this.root.open) this.show(); });
-    this.watcher = new ResizeObserver(() => this.draw());
+    this.watcher = new ResizeObserver(() => this.draw().catch(() => {}));
     this.watcher.observe(this.room);
   }
 
@@ -75,12 +98,15 @@ export class Overlay {
   }
 
   async draw() {
-    const Plotly = await plotly.catch(() => null);
-    if (!Plotly || !this.root.open) return;
+    if (!this.figures.length || !this.root.open) return;
+    const Plotly = await plotly();
     for (const { plot, chart } of this.figures) {
-      await Plotly.react(plot, chart.data.map(dressed), themed(chart.layout, this.when, plot.clientWidth), quiet);
+      await Plotly.react(plot, chart.data.map(dressed), themed(chart.layout, this.when, plot.clientWidth), { displayModeBar: false, locale: language });
     }
   }
 
-  close() { this.watcher.disconnect(); }
+  close() {
+    this.watcher.disconnect();
+    for (const { plot } of this.figures) window.Plotly?.purge(plot);
+  }
 }

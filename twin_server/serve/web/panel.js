@@ -1,6 +1,6 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
 import { Assessed } from "./assessed.js";
-import { draw, pictureOf, plotly } from "./charts.js";
+import { draw, pictureOf } from "./charts.js";
 import { showConclusion } from "./conclusion.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
@@ -166,7 +166,7 @@ export class Panel {
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
 
-  /** Words first: they need no drawing library. */
+  /** Words first: charts follow. */
   tell() {
     const { twin } = this, scene = twin.scene, { latest } = scene;
     if (!latest) return;
@@ -241,7 +241,7 @@ export class Panel {
     }
     const wide = this.root.classList.contains("wide"), found = {}, { scene } = this.twin;
     for (const quantity of this.quantities) {
-      const drawn = await draw(this.figures[quantity].plot, scene, quantity, wide);
+      const drawn = draw(this.figures[quantity].plot, scene, quantity, wide);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
     await this.shapes.refresh(scene);
@@ -251,7 +251,7 @@ export class Panel {
   }
 
   /** Nothing of it goes on, and nothing of it is held. */
-  async close() {
+  close() {
     this.twin.unwatch();
     this.watcher.disconnect();
     this.timeline.close();
@@ -259,7 +259,5 @@ export class Panel {
     this.elements?.modes.close();
     this.shapes.close();
     this.root.remove();
-    const Plotly = await plotly.catch(() => null);
-    for (const plot of this.root.querySelectorAll(".plot")) Plotly?.purge(plot);
   }
 }

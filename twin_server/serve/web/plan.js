@@ -1,8 +1,8 @@
 // What to do with the structure: the sentence, the cost of each option over time, and a table of them.
-import { plotly, quiet } from "./charts.js";
-import { locale, parts, t } from "./language.js";
+import { counted, locale, parts, t } from "./language.js";
 import { ask } from "./link.js";
-import { colour } from "./traces.js";
+import { drawPlot } from "./plot.js";
+import { colour } from "./svg.js";
 import { digits, english, make, range, unitOf } from "./words.js";
 
 const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
@@ -91,25 +91,22 @@ export class Plan {
     this.draw();
   }
 
-  async draw() {
-    const Plotly = await plotly, { plan } = this, grid = colour("line");
+  draw() {
+    const { plan } = this;
     const dated = plan.times.every(({ t }) => t) && plan.seconds > 3600, x = plan.times.map(({ t, ahead }) => (dated ? t : ahead));
     const width = this.plot.clientWidth || 640, narrow = width < NARROW_PX;
     const shown = drawnOf(plan), tints = ["estimate", "ahead", "bad", "good", "inseparable", "ink"].map(colour);
     const traces = shown.map((option, i) => ({
       name: narrow ? broken(option.words) : option.words, x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
-      hovertemplate: `%{y:.3s} ${plan.currency}<extra>${option.words}</extra>`,
+      hover: (i) => `${option.words}: ${counted(+option.curve[i].toPrecision(3))} ${plan.currency}`,
     }));
-    const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
     const inSlowTime = plan.time_unit === "slow_time", named = inSlowTime ? plan.slow_time_unit && unitOf(plan) : t(`unit.plan.${plan.time_unit}`);
     const unit = named ? t("axis.time_from_now", { unit: named }) : t("axis.slow_time_from_now");
-    await Plotly.react(this.plot, traces, {
-      width, height: HEIGHT_PX + (narrow ? LINES_PX * shown.length : 0), margin: { l: 64, r: 16, t: 8, b: 44 }, hovermode: "x",
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, ticklabeloverflow: "allow", title: { text: dated ? t("axis.date") : unit, standoff: 6 } },
-      yaxis: { ...axis, rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }), standoff: 4 } },
-      legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
-    }, quiet);
+    drawPlot(this.plot, traces, {
+      width, height: HEIGHT_PX + (narrow ? LINES_PX * shown.length : 0), margin: { l: 64, r: 16, t: 8, b: 44 }, across: true, showlegend: true,
+      xaxis: { title: { text: dated ? t("axis.date") : unit } },
+      yaxis: { rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }) } },
+    });
     this.plot.dataset.drawn = traces.length;
     this.plot.setAttribute("aria-label", t("plan.chart", { n: traces.length, best: shown[0].words }));
   }

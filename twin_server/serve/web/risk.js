@@ -1,8 +1,8 @@
 // How probable failure is: each limit state with its probability now, up to the horizon, and over time.
-import { plotly, quiet } from "./charts.js";
 import { t } from "./language.js";
 import { ask } from "./link.js";
-import { colour } from "./traces.js";
+import { drawPlot } from "./plot.js";
+import { colour } from "./svg.js";
 import { atTime, describeRow, digits, english, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
 
 const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000;
@@ -100,31 +100,27 @@ export class Risk {
     else if (!this.plot.hidden) this.draw();
   }
 
-  async draw() {
-    const Plotly = await plotly, grid = colour("line");
+  draw() {
     const tints = ["estimate", "bad", "good", "inseparable", "ahead"].map(colour);
     const states = this.risk.limit_states.filter(({ now }) => now);
     const traces = states.flatMap((state, i) => {
       const tint = tints[i % tints.length];
       const all = [...state.past, ...state.points];
       const x = all.map(({ slow_time }) => slow_time), part = (name) => all.map(({ probability: p }) => Math.max(p[name], LEAST));
-      const edge = { x, mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false };
+      const edge = { x, mode: "lines", line: { width: 0 }, showlegend: false };
       return [
         { ...edge, y: part("lo") },
         { ...edge, y: part("hi"), fill: "tonexty", fillcolor: `${tint}22` },
-        { name: state.name, x, y: part("value"), mode: "lines", line: { color: tint, width: 2 }, hovertemplate: `%{y:.2e}<extra>${state.name}</extra>` },
+        { name: state.name, x, y: part("value"), mode: "lines", line: { color: tint, width: 2 }, hover: (i) => `${state.name}: ${powered(all[i].probability.value)}` },
       ];
     });
-    const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
     const since = this.risk.since;
-    await Plotly.react(this.plot, traces, {
-      width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: t("axis.time", { unit: unitOf(this.risk) }), standoff: 6 } },
-      yaxis: { ...axis, type: "log", exponentformat: "power", title: { text: t("axis.failure_probability"), standoff: 4 } },
-      shapes: [{ type: "line", x0: since, x1: since, yref: "paper", y0: 0, y1: 1, line: { color: grid, dash: "dot" } }],
-      legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
-    }, quiet);
+    drawPlot(this.plot, traces, {
+      width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, across: true, showlegend: true,
+      xaxis: { title: { text: t("axis.time", { unit: unitOf(this.risk) }) } },
+      yaxis: { type: "log", title: { text: t("axis.failure_probability") } },
+      shapes: [{ type: "line", x0: since, x1: since, yref: "paper", y0: 0, y1: 1, line: { color: colour("faint"), dash: "dot" } }],
+    });
     this.plot.dataset.drawn = states.length;
     this.plot.setAttribute("aria-label", t("risk.chart", { names: states.map(({ name }) => name).join(", ") }));
   }

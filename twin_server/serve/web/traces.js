@@ -1,12 +1,8 @@
-// History of one quantity → what Plotly draws: estimate, 95 % band, forecast, what is not valid, truth.
+// History of one quantity → what a chart draws: estimate, 95 % band, forecast, what is not valid, truth.
 import { bucketed, corners, fineFor, merged, roomFor, served, stretches } from "./buckets.js";
 import { t } from "./language.js";
+import { colour, faded } from "./svg.js";
 import { QUANTITIES, atTime, digits, isClock, spoken, standing, valued } from "./words.js";
-
-export function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-}
-export function faded(hex, alpha) { return hex + Math.round(255 * alpha).toString(16).padStart(2, "0"); }
 
 /** Where a reading is on the axis of slow time. */
 export const placeOf = (point) => isClock(point) ? new Date(1000 * point.slow_time) : point.slow_time;
@@ -76,21 +72,18 @@ function band(name, runs, quantity, tint) {
     ...backwards(run).map((point) => [placeOf(point), scale * point[quantity].hi]),
   ]);
   return {
-    name, x: joined(around, ([x]) => x), y: joined(around, ([, y]) => y), mode: "lines", hoverinfo: "skip",
+    name, x: joined(around, ([x]) => x), y: joined(around, ([, y]) => y), mode: "lines",
     fill: "toself", fillcolor: faded(tint, 0.28), line: { width: 0 },
   };
 }
 
 function line(name, runs, quantity, tint, width) {
-  const { scale } = QUANTITIES[quantity];
+  const { scale } = QUANTITIES[quantity], points = joined(runs, (point) => point);
   return {
     name, x: joined(runs, placeOf), y: joined(runs, (point) => scale * point[quantity].value), mode: "lines",
-    line: { color: tint, width }, text: joined(runs, (point) => told(point, quantity)),
-    hovertemplate: `${saidOf(name)}: %{text}<extra></extra>`,
+    line: { color: tint, width }, hover: (i) => `${saidOf(name)}: ${told(points[i], quantity)}`,
   };
 }
-
-const HOVER = "%{text}<extra></extra>";
 
 /** Each stretch of buckets as a closed shape between two of their ends. */
 function ribbon(name, buckets, [low, high], { place, scale, tint }) {
@@ -99,7 +92,7 @@ function ribbon(name, buckets, [low, high], { place, scale, tint }) {
     return [...at.map(([x, bucket]) => [x, bucket[low]]), ...at.toReversed().map(([x, bucket]) => [x, bucket[high]])];
   });
   return {
-    name, x: joined(around, ([x]) => place(x)), y: joined(around, ([, y]) => scale * y), mode: "lines", hoverinfo: "skip",
+    name, x: joined(around, ([x]) => place(x)), y: joined(around, ([, y]) => scale * y), mode: "lines",
     fill: "toself", fillcolor: tint, line: { width: 0 },
   };
 }
@@ -107,14 +100,14 @@ function ribbon(name, buckets, [low, high], { place, scale, tint }) {
 /** Buckets: the widest interval pale, the least and greatest value darker, the mean as a line. */
 export function bucketTraces(name, buckets, look, speak) {
   if (!buckets.length) return [];
-  const { place, scale, tint } = look, at = buckets.map(corners);
+  const { place, scale, tint } = look, at = buckets.map(corners), places = joined(at, (corner) => corner);
   const say = ([, { count, mean, min, max }]) => count === 1 ? speak(mean) : t("chart.bucket", { n: count, mean: speak(mean), least: speak(min), greatest: speak(max) });
   return [
     ribbon(`${name} band`, buckets, ["lo", "hi"], { ...look, tint: faded(tint, 0.2) }),
     ribbon(`${name} spread`, buckets, ["min", "max"], { ...look, tint: faded(tint, 0.35) }),
     {
       name, x: joined(at, ([x]) => place(x)), y: joined(at, ([, { mean }]) => scale * mean), mode: "lines",
-      line: { color: tint, width: look.width ?? 1.4, dash: look.dash }, text: joined(at, say), hovertemplate: `${saidOf(name)}: ${HOVER}`,
+      line: { color: tint, width: look.width ?? 1.4, dash: look.dash }, hover: (i) => `${saidOf(name)}: ${say(places[i])}`,
     },
   ];
 }
@@ -128,10 +121,10 @@ function markers(name, points, quantity, symbol, tint, [low, high]) {
     name, x: points.map(placeOf), y: values.map((v) => Math.min(high, Math.max(low, v))), mode: "markers",
     marker: { color: tint, size: 7, symbol: off.map((sign) => sign ?? symbol), line: { width: 1.4 } }, cliponaxis: false,
     error_y: {
-      type: "data", symmetric: false, array: reach("hi"), arrayminus: reach("lo"),
-      color: faded(tint, 0.45), width: 0, thickness: 1,
+      array: reach("hi"), arrayminus: reach("lo"),
+      color: faded(tint, 0.45), thickness: 1,
     },
-    text: points.map((point) => told(point, quantity)), hovertemplate: `${saidOf(name)}: ${HOVER}`,
+    hover: (i) => `${saidOf(name)}: ${told(points[i], quantity)}`,
   };
 }
 
@@ -148,7 +141,7 @@ export function truthTraces(name, twin, key, width, look) {
   ];
   return runs.length ? [{
     name, x: joined(runs, ([x]) => x), y: joined(runs, ([, y]) => y), mode: "lines",
-    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: `${t("chart.truth")}: %{y:.5g}<extra></extra>`,
+    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hover: (i) => `${t("chart.truth")}: ${digits(joined(runs, ([, y]) => y)[i], 5)}`,
   }] : [];
 }
 
@@ -173,7 +166,7 @@ function reached({ points, forecast }, quantity) {
     return {
       name: "time to threshold", x: at, y: at.map(() => scale * threshold), mode: "lines+markers",
       line: { color: tint, width: 3 }, marker: { color: tint, size: 9, symbol, line: { width: 2, color: tint } },
-      text: at.map(() => sentence), hovertemplate: "%{text}<extra></extra>",
+      hover: () => sentence,
     };
   });
 }

@@ -1,9 +1,9 @@
 // What would the twin do under a load? A form, and the response with its bands.
-import { plotly, quiet } from "./charts.js";
 import { parts, t } from "./language.js";
 import { send } from "./link.js";
-import { colour, faded } from "./traces.js";
-import { english, explain, interval95, make, number, range } from "./words.js";
+import { drawPlot } from "./plot.js";
+import { colour, faded } from "./svg.js";
+import { digits, english, explain, interval95, make, number, range } from "./words.js";
 
 const HEIGHT_PX = 240, NARROW = "\u202f";
 const LOADS = {
@@ -110,14 +110,14 @@ export class WhatIf {
       offer(this.node, names.map((name) => [name, name]));
       if (begins) this.node.value = names.at(-1);
       this.result.hidden = false;
-      await this.draw();
+      this.draw();
     } catch (error) {
       explain(this.problem, error);
       this.problem.hidden = false;
     } finally { [this.run.disabled, this.run.textContent] = [false, t("load.simulate")]; }
   }
 
-  async draw() {
+  draw() {
     const { answer } = this, response = answer.outputs[this.node.value], unit = UNITS[answer.quantity];
     const [peak, around] = figure(response.peak), [rms] = figure(response.rms);
     this.told.replaceChildren(
@@ -129,18 +129,16 @@ export class WhatIf {
     const closed = [...answer.reasons, ...answer.assumed].map((each) => each.endsWith(".") ? " " : ". ");
     this.assumed.replaceChildren(...said.flatMap((words, i) => [...words, i < said.length - 1 ? closed[i] : closed[i].trimEnd()]));
     this.plot.setAttribute("aria-label", t("load.chart", { quantity: t(`response.${answer.quantity}`), node: this.node.value, n: answer.t_s.at(-1), peak: `${peak} ${unit}`, interval: around }));
-    const times = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
-    const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };
+    const times = answer.t_s, tint = colour("estimate");
     const band = {
       name: "95 % band", x: [...times, ...times.toReversed()], y: [...response.lo, ...response.hi.toReversed()], mode: "lines",
-      fill: "toself", fillcolor: faded(tint, 0.28), line: { width: 0 }, hoverinfo: "skip",
+      fill: "toself", fillcolor: faded(tint, 0.28), line: { width: 0 },
     };
-    const line = { name: "response", x: times, y: response.value, mode: "lines", line: { color: tint, width: 1.4 } };
-    await Plotly.react(this.plot, [band, line], {
-      width: this.plot.clientWidth, height: HEIGHT_PX, margin: { l: 60, r: 10, t: 8, b: 42 }, showlegend: false,
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-      xaxis: { ...axis, title: { text: t("axis.time", { unit: "s" }), standoff: 6 } }, yaxis: { ...axis, automargin: true, title: { text: `${t(`response.${answer.quantity}`)} [${unit}]`, standoff: 4 } },
-    }, quiet);
+    const line = { name: "response", x: times, y: response.value, mode: "lines", line: { color: tint, width: 1.4 }, hover: (i) => `${digits(times[i], 4)} s: ${digits(response.value[i], 4)} ${unit}` };
+    drawPlot(this.plot, [band, line], {
+      width: this.plot.clientWidth, height: HEIGHT_PX, margin: { l: 60, r: 10, t: 8, b: 42 },
+      xaxis: { title: { text: t("axis.time", { unit: "s" }) } }, yaxis: { zeroline: true, automargin: true, title: { text: `${t(`response.${answer.quantity}`)} [${unit}]` } },
+    });
     this.plot.dataset.samples = times.length;
   }
 }

@@ -19,7 +19,7 @@ FELL = 40
 PHONE, DESK = {"width": 375, "height": 800}, {"width": 1200, "height": 900}
 VIEWS = {
     "fleet": ("#", '.card[data-twin="lab.frame"] .spark'),
-    "state": ("#lab.frame", 'table.modes .moving, [data-quantity="elements"] .main-svg'),
+    "state": ("#lab.frame", 'table.modes .moving, [data-quantity="elements"] svg.drawing'),
     "diagnosis": ("#lab.frame/diagnosis", ".diagnosis .orders"),
     "recordings": ("#recordings", '[data-recording="kept.mcap"]'),
 }

@@ -20,7 +20,7 @@ def ranges(page, quantity):
     """What a chart shows, in slow time and in height, and its ticks."""
     found = plot(page, quantity).evaluate(
         "plot => [plot.layout.xaxis.range, plot.layout.yaxis.range, "
-        "[...plot.querySelectorAll('.xtick')].length]"
+        "[...plot.querySelectorAll('.x-tick')].length]"
     )
     return found[0], found[1], found[2]
 
@@ -51,7 +51,7 @@ def beam(serving, ageing, visit, eventually):
 def drag(page, quantity, start=0.4, end=0.7):
     """Draw a horizontal line over a part of a chart, which zooms to it."""
     plot(page, quantity).scroll_into_view_if_needed()
-    area = plot(page, quantity).locator(".nsewdrag").bounding_box()
+    area = plot(page, quantity).locator(".area").bounding_box()
     y = area["y"] + area["height"] / 2
     page.mouse.move(area["x"] + start * area["width"], y)
     page.mouse.down()
@@ -71,7 +71,7 @@ def test_a_zoom_holds_on_all_charts_while_readings_come_until_a_double_click(bea
     expect(plot(page, "frequency_hz")).to_have_attribute("data-points", "48")
     assert ranges(page, "frequency_hz")[:2] == (zoomed, height)
     assert 2 <= ranges(page, "frequency_hz")[2] <= 12
-    area = plot(page, "frequency_hz").locator(".nsewdrag").bounding_box()
+    area = plot(page, "frequency_hz").locator(".area").bounding_box()
     page.mouse.dblclick(area["x"] + area["width"] / 2, area["y"] + area["height"] / 2)
     begins_at(page, "damping_ratio", whole[0], whole[0])
     assert begins_at(page, "frequency_hz", whole[0], whole[0])[1] > whole[1]
