@@ -3,6 +3,9 @@
     python -m benchmarks.processes.page                       10 twins for 30 minutes
     python -m benchmarks.processes.page --twins 10 --seconds 120 --rate 20
 
+First, with an empty cache and a line of 1.6 Mbit/s and 150 ms: seconds, bytes and requests until
+the first picture of the fleet and of a twin.
+
 A real server in this process is fed `--rate` features a second of each twin. Two tabs of one
 Chromium look on, the fleet and one twin. Paint is that of an empty cache, from the navigation
 on. The delay is the time from the moment a feature is published to the moment its words stand
@@ -57,11 +60,24 @@ HEAR = """() => {
 }"""
 PAINTED = """() => new Promise((tell) => {
   const paint = performance.getEntriesByName('first-contentful-paint')[0];
-  const drawn = () => document.querySelector('.spark, .main-svg')
+  const drawn = () => document.querySelector('.spark, .drawing')
     ? tell({ first: paint && paint.startTime, drawn: performance.now() })
     : requestAnimationFrame(drawn);
   drawn();
 })"""
+
+
+SLOW_LINE = {
+    "offline": False,
+    "latency": 150.0,  # [ms]
+    "downloadThroughput": 1.6e6 / 8,  # [bytes/s]
+    "uploadThroughput": 0.75e6 / 8,
+}
+"""A slow mobile connection, as Chromium calls its parts."""
+PICTURES = {
+    "fleet": ("", ".spark"),
+    "twin": ("#live.t00", '[data-quantity="frequency_hz"] .drawing'),
+}
 
 
 class Feeder:
@@ -199,13 +215,41 @@ def watch(
                 browser = playwright.chromium.launch(
                     executable_path=found, args=["--no-sandbox"]
                 )
-                seen = _look(browser, urls[0], feeder, seconds, every_s, say)
+                first = _first_pictures(browser, urls[0])
+                say(json.dumps(first))
+                seen = {"first_picture": first} | _look(
+                    browser, urls[0], feeder, seconds, every_s, say
+                )
                 browser.close()
         finally:
             feeder.stop()
             stop.set()
             server.join(20)
     return {"twins": twins, "seconds": seconds, "rate": rate} | seen
+
+
+def _first_pictures(browser: Browser, url: str) -> dict[str, Any]:
+    """Open the page over a slow line; what comes before its first picture."""
+    seen = {}
+    for name, (place, picture) in PICTURES.items():
+        page = browser.new_context().new_page()
+        wire = page.context.new_cdp_session(page)
+        sizes: list[float] = []
+        wire.on(
+            "Network.loadingFinished", lambda e, to=sizes: to.append(e["encodedDataLength"])
+        )
+        wire.send("Network.enable")
+        wire.send("Network.emulateNetworkConditions", SLOW_LINE)
+        began = time.monotonic()
+        page.goto(f"{url}/{place}", wait_until="commit")
+        page.locator(picture).first.wait_for(timeout=PATIENCE_MS)
+        seen[name] = {
+            "seconds": round(time.monotonic() - began, 2),
+            "kB": round(sum(sizes) / 1e3, 1),
+            "requests": len(sizes),
+        }
+        page.context.close()
+    return seen
 
 
 def _look(

@@ -18,8 +18,8 @@ export function zoomOf(plot, twin) {
   return {
     x: zoom.zoomed, y: plot.zoomed ?? null,
     to({ x, y }) {
-      if (x !== undefined) zoom.zoomed = x;
       if (y !== undefined) plot.zoomed = y;
+      if (x !== undefined) zoom.to(x);
       drawPlot(plot, plot.data, { ...plot.asked, zoom: zoomOf(plot, twin) });
       touch();
     },

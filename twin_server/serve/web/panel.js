@@ -15,9 +15,15 @@ import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { placeOf } from "./traces.js";
 import { WhatIf } from "./whatif.js";
+import { ALL, LATEST } from "./window.js";
 import { LEARNING, QUANTITIES, ago, atTime, english, interval95, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
 
 const CHARTS = Object.keys(QUANTITIES);
+const HOUR_MS = 3600e3, DAY_MS = 24 * HOUR_MS;
+const PARTS = [
+  [HOUR_MS, t("twin.last_hour")], [DAY_MS, t("twin.last_day")], [7 * DAY_MS, t("twin.last_week")],
+  [30 * DAY_MS, t("twin.last_month")], [365 * DAY_MS, t("twin.last_year")],
+];
 const STANDING = {
   valid: ["good", t("standing.valid")],
   inseparable: ["waiting", t("standing.inseparable_long")],
@@ -94,12 +100,12 @@ export class Panel {
     this.size.addEventListener("click", () => this.resize());
     const history = make("a", t("twin.history_json"));
     history.href = `${this.twin.base}/history`;
-    this.span = make("button", "", "quiet");
-    this.span.type = "button";
-    this.span.hidden = true;
-    this.span.addEventListener("click", () => twin.showAll(!twin.all));
+    this.part = make("select");
+    this.part.setAttribute("aria-label", t("twin.shown_time"));
+    this.part.hidden = true;
+    this.part.addEventListener("change", () => twin.show(+this.part.value || this.part.value));
     this.tables = ["csv", "parquet"].map((form) => this.table(form));
-    tools.append(this.span, this.size, history, ...this.tables);
+    tools.append(this.part, this.size, history, ...this.tables);
     rooms.setAttribute("aria-label", t("twin.views"));
     this.rooms = ["state", "diagnosis"].map((room) => {
       const link = make("a", room === "state" ? t("twin.state") : t("twin.diagnosis"));
@@ -110,6 +116,17 @@ export class Panel {
     rooms.append(...this.rooms);
     heading.append(this.name, this.validity, this.edge, rooms, tools);
     return heading;
+  }
+
+  /** Parts of the history that can be looked at: none where it is short. */
+  offerParts({ longer, begin, latest, part }) {
+    const spans = begin === null ? [] : PARTS.filter(([span]) => 1e6 * span < latest.t_ns - begin);
+    const offered = [...(longer ? [[LATEST, t("twin.latest_readings")]] : []), ...spans, [ALL, t("twin.whole_history")]];
+    const key = offered.join();
+    this.part.hidden = offered.length < 2;
+    if (this.offered !== key) this.part.replaceChildren(...offered.map(([value, text]) => new Option(text, value)));
+    this.offered = key;
+    this.part.value = `${longer || part !== LATEST ? part : ALL}`;
   }
 
   /** A link to the readings that the charts show, as a table. */
@@ -201,8 +218,7 @@ export class Panel {
     this.become(latest.registration.changes === "elements");
     for (const quantity of this.quantities) this.number(quantity, latest);
     if (this.elements) this.elements.tell(latest);
-    this.span.hidden = !twin.longer;
-    this.span.textContent = twin.all ? t("twin.latest_readings") : t("twin.whole_history");
+    this.offerParts(twin);
     this.timeline.tell();
     this.outlook.tell(scene);
     this.recorded.tell(scene);

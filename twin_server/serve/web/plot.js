@@ -5,7 +5,7 @@ import { colour, draw } from "./svg.js";
 import { make } from "./words.js";
 
 const DASHES = { dot: "2 3", dash: "7 4", longdash: "11 4", dashdot: "7 3 2 3" };
-const FONT_PX = 11.5, LINE_PX = 14, TICK_PX = 4, SAMPLE_PX = 22;
+const FONT = "system-ui, sans-serif", FONT_PX = 11.5, LINE_PX = 14, TICK_PX = 4, SAMPLE_PX = 22;
 const PX_A_TICK = { x: 85, y: 34 };
 /** [px] How near the pointer has to be to what it is told of. Source: about the width of a fingertip. */
 const REACH_PX = 30;
@@ -17,7 +17,7 @@ const ROOM = { x: 0, y: 0.06 };
 const touched = matchMedia("(pointer: coarse)");
 
 const ruler = document.createElement("canvas").getContext("2d");
-const widthOf = (text) => { ruler.font = `${FONT_PX}px system-ui, sans-serif`; return ruler.measureText(text).width; };
+const widthOf = (text) => { ruler.font = `${FONT_PX}px ${FONT}`; return ruler.measureText(text).width; };
 const linesIn = (text) => `${text}`.split(/<br>|\n/);
 const widest = (texts) => Math.max(0, ...texts.flatMap(linesIn).map(widthOf));
 
@@ -174,7 +174,7 @@ export function drawPlot(plot, traces, layout) {
   };
   const at = { x: scales.x.at, y: scales.y.at }, id = `clip-${drawn += 1}`;
   const { width, height, shapes = [], annotations = [] } = layout;
-  const svg = draw("svg", { width, height, viewBox: `0 0 ${width} ${height}`, class: "drawing", "font-family": "system-ui, sans-serif", "font-size": FONT_PX });
+  const svg = draw("svg", { width, height, viewBox: `0 0 ${width} ${height}`, class: "drawing", "font-family": FONT, "aria-hidden": true, "font-size": FONT_PX });
   const clip = draw("clipPath", { id }), inside = draw("g", { "clip-path": `url(#${id})` }), over = draw("g", {});
   clip.append(draw("rect", { x: left, y: top, width: right - left, height: bottom - top }));
   svg.append(clip);
@@ -288,7 +288,7 @@ function listen(plot) {
 
 /** Save what a chart shows as a picture, on the ground of its card. */
 export async function savePicture(plot, name) {
-  const source = plot.querySelector("svg.drawing").cloneNode(true), { width, height } = plot.layout, scale = 2;
+  const source = plot.querySelector(".drawing").cloneNode(true), { width, height } = plot.layout, scale = 2;
   source.prepend(draw("rect", { width, height, fill: colour("card") }));
   const address = URL.createObjectURL(new Blob([new XMLSerializer().serializeToString(source)], { type: "image/svg+xml" }));
   const picture = new Image();

@@ -1,6 +1,7 @@
 // Time travel: a slider over the readings of a twin. All the way to the right is now.
 import { t } from "./language.js";
 import { remember } from "./route.js";
+import { ALL } from "./window.js";
 import { button, make, slowTime } from "./words.js";
 
 const SETTLED_MS = 250, PAGE = 20;
@@ -58,7 +59,7 @@ export class Timeline {
     this.root.hidden = points.length < 2;
     if (this.root.hidden) return;
     if (this.wanted !== null && twin.known) {
-      if (twin.longer && this.wanted < points[0].slow_time) return twin.showAll(true);
+      if (twin.longer && this.wanted < points[0].slow_time) return twin.show(ALL);
       const found = points.findLastIndex((point) => point.slow_time <= this.wanted);
       this.wanted = null;
       this.go(found);

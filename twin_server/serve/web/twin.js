@@ -2,10 +2,12 @@
 import { isNear, stepOf } from "./buckets.js";
 import { t } from "./language.js";
 import { ask } from "./link.js";
-import { historyOf } from "./window.js";
+import { ALL, LATEST, historyOf, partOf } from "./window.js";
 import { QUANTITIES, sensorOf } from "./words.js";
 
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
+/** [ms] How long a zoom rests before it is asked for more finely. Source: longer than from one step of a drag to the next. */
+const REST_MS = 250;
 
 /** All by which two states that look alike on the page are alike. */
 const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor, aside }) => (
@@ -52,9 +54,9 @@ export class Twin {
     Object.assign(this, { id, changed, latest: null, points: [], events: [], forecast: null });
     Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
     Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null, unforeseen: null });
-    Object.assign(this, { all: false, longer: false, thinned: false, bands: null, recorded: { events: [], questions: [] } });
+    Object.assign(this, { part: LATEST, longer: false, thinned: false, bands: null, begin: null, detail: null, recorded: { events: [], questions: [] } });
     // Held by the charts, which are given a new scene each time.
-    this.zoom = { zoomed: null };
+    this.zoom = { zoomed: null, to: (range) => this.zoomTo(range) };
     this.reload = () => this.load();
     this.touch = this.touch.bind(this);
   }
@@ -63,9 +65,10 @@ export class Twin {
 
   /** What is to be seen: all until now, or until the instant that is looked at, and apart what came after it. */
   get scene() {
-    const { id, base, latest, events, forecast, at, bands, unforeseen, touch, recorded, reload, zoom } = this, points = this.shown;
+    const { id, base, latest, events, forecast, at, unforeseen, touch, recorded, reload, zoom } = this;
+    const { points, bands, thinned } = (!at && this.detail) || { points: this.shown, bands: this.bands, thinned: this.thinned };
     const marks = marksOf(events, points, recorded), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
-    const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !this.thinned, unforeseen, touch, zoom };
+    const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !thinned, unforeseen, touch, zoom };
     // What was foretold of the structure as it was says nothing of the renewed one.
     const old = forecast && [...renewed].some((time) => time > forecast.since);
     const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
@@ -79,13 +82,30 @@ export class Twin {
   }
 
   /** The readings that are looked at: the latest, or of the whole history those that were not thinned away. */
-  get shown() { return this.all || this.at ? this.points : this.points.slice(-MAX_POINTS); }
+  get shown() { return this.part !== LATEST || this.at ? this.points : this.points.slice(-MAX_POINTS); }
 
-  /** Look at the whole history, or at its latest part. */
-  showAll(all) {
-    if (this.all === all) return;
-    this.all = all;
+  /** Look at another part of the history. */
+  show(part) {
+    if (this.part === part) return;
+    this.part = part;
+    this.zoomTo(null);
     this.load();
+  }
+
+  /** Show a range of slow time on all charts, and more finely if readings were left out of it; null shows all. */
+  zoomTo(range) {
+    this.zoom.zoomed = range;
+    clearTimeout(this.resting);
+    if (!range) this.detail = null;
+    else if (this.thinned) this.resting = setTimeout(() => this.fetchDetail(range), REST_MS);
+    this.touch();
+  }
+
+  async fetchDetail(range) {
+    const found = await partOf(this.base, range, MAX_POINTS).catch(() => null);
+    if (this.zoom.zoomed !== range) return;
+    this.detail = found?.points.length ? found : null;
+    this.touch();
   }
 
   /** The latest state, from the list or the stream, whichever is newer. */
@@ -126,8 +146,8 @@ export class Twin {
     if (last && point.boot === last.boot && point.sequence <= last.sequence) return;
     this.points.push(point);
     if (this.points.length <= 2 * MAX_POINTS) return;
-    if (this.all) this.load();
-    else if (this.at) this.showAll(true);
+    if (this.part !== LATEST) this.load();
+    else if (this.at) this.show(ALL);
     else [this.points, this.longer, this.thinned, this.bands] = [this.points.slice(-MAX_POINTS), true, false, null];
   }
 
@@ -156,17 +176,17 @@ export class Twin {
     this.arrived = [];
     this.stale = false;
     const [history, events, recorded] = await Promise.all([
-      historyOf(this.base, { all: this.all, most: MAX_POINTS }),
+      historyOf(this.base, { part: this.part, most: MAX_POINTS }),
       ask(`${this.base}/events?limit=${EVENTS}`, PATIENCE_MS),
       ask(`${this.base}/events/recorded`, PATIENCE_MS),
     ]);
     const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
     this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
-    [this.bands, this.longer, this.thinned] = [history.bands, history.longer, history.thinned];
+    [this.bands, this.longer, this.thinned, this.begin] = [history.bands, history.longer, history.thinned, history.begin];
     [this.events, this.recorded] = [events.events, recorded];
     [this.known, this.problem] = [true, null];
     // Who looks at the past goes on to see it when the latest readings have left it behind.
-    if (this.at && this.longer && this.points[0]?.slow_time > this.at.slow_time) this.showAll(true);
+    if (this.at && this.longer && this.points[0]?.slow_time > this.at.slow_time) this.show(ALL);
   }
 
   /** What is foretold now; at an instant of the past what was foretold then, which is asked for once. */

@@ -31,13 +31,31 @@ function beginOf({ points }, most) {
   return null;
 }
 
-/** `{ points, bands, longer }`; `longer` says that the whole history has more than `most` readings. */
-export async function historyOf(base, { all, most, points = most }) {
+/** Which part of a history is looked at: its latest readings, all of it, or the last milliseconds of sensor time. */
+export const LATEST = "latest", ALL = "all";
+
+const told = (history) => ({ points: history.points, bands: history.bands ?? null, thinned: isThinned(history) });
+
+/**
+ * `{ points, bands, thinned, longer, begin }`: `longer` says that the whole history has more than `most` readings, and
+ * `begin` when it begins, in sensor time [ns].
+ */
+export async function historyOf(base, { part = LATEST, most, points = most }) {
   const get = (count, start) => ask(`${base}/history?max_points=${count}${start}`, PATIENCE_MS);
   const whole = await get(points, ""), longer = isThinned(whole) && countOf(whole) > most;
-  const begin = longer && !all ? beginOf(whole, most) : null;
-  if (begin === null) return { points: whole.points, bands: whole.bands ?? null, longer, thinned: isThinned(whole) };
+  const known = { longer, begin: whole.points[0]?.t_ns ?? null };
+  if (typeof part === "number" && whole.points.length) {
+    const since = whole.points.at(-1).t_ns - 1e6 * part;
+    return since <= known.begin ? { ...known, ...told(whole) } : { ...known, ...told(await get(points, `&start=${Math.floor(since)}`)) };
+  }
+  const begin = longer && part === LATEST ? beginOf(whole, most) : null;
+  if (begin === null) return { ...known, ...told(whole) };
   const latest = await get(points === most ? SURPLUS * most : points, `&start=${begin}`);
-  const thinned = isThinned(latest);
-  return { points: latest.points.slice(-most), bands: latest.bands ?? null, longer, thinned };
+  return { ...known, ...told(latest), points: latest.points.slice(-most) };
+}
+
+/** The part of a history between two slow times or dates, as finely as `most` points show it. */
+export async function partOf(base, ends, most) {
+  const [start, end] = ends.map((end) => (end instanceof Date ? end.toISOString() : `slow:${end}`));
+  return told(await ask(`${base}/history?${new URLSearchParams({ max_points: most, start, end })}`, PATIENCE_MS));
 }

@@ -37,10 +37,8 @@ NO_KEYS = {
     "report.json",
     "augmented.yaml",
     "slowtime.language",
-    "xaxis.range",
-    "xaxis.autorange",
 }
-"""Files of a diagnosis, the browser's name of the language chosen, and names of Plotly."""
+"""Files of a diagnosis, and the browser's name of the language chosen."""
 
 NO_WORDS = {
     "Bearer {}", "Escape", "Hz", "({})²/Hz", "{}/shapes{}", "{}cc",
@@ -52,7 +50,7 @@ NO_WORDS = {
     " or ", " and ", "No repair: it is a real change.", "The gap",
     "campaign time [s]",
     # Style sheets: fonts, selectors and classes.
-    "system-ui, sans-serif", "header nav a", "thead th", "facts summary",
+    "{}px {}", "{}px", "system-ui, sans-serif", "header nav a", "thead th", "facts summary",
     "facts sensor", "facts worth",
 }  # fmt: skip
 """Literals that look like words and are none that a reader sees."""
@@ -193,8 +191,11 @@ NAMES = {
     "col", "row", "td", "th", "polygon", "polyline", "title", "facts", "limit", "line",
     "line {}",
     "interval", "severity", "band", "rest", "shape", "card", "off", "faint",
-    # What Plotly and the REST interface call things.
-    "left", "top", "bottom", "paper", "%{text}<extra></extra>", "damping_ratio", "frequency_hz",
+    "path", "rect", "tspan", "start", "end", "none", "round", "stroke-linejoin", "mark",
+    "translate({},{})", "ink", "x-tick", "y-tick", "x-title",
+    # Styles of dates, kinds of axes, and what the REST interface calls things.
+    "numeric", "short",
+    "left", "top", "bottom", "paper", "damping_ratio", "frequency_hz",
     "amplitude", "psd", "{}/{}.json: {} {}",
 }  # fmt: skip
 """Literals within what is shown that are not themselves shown, or are names."""

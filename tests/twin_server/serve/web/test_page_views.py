@@ -232,7 +232,7 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     response = told["outputs"][nodes[-1]]
     assert drawn[1] == ["response", response["value"]]
     assert drawn[0] == ["95 % band", response["lo"] + response["hi"][::-1]]
-    assert answer.locator(".ytitle").text_content() == "displacement [m]"
+    assert answer.locator(".y-title").text_content() == "displacement [m]"
     assumed = answer.locator("p").last
     expect(assumed).to_have_text(re.compile(r"^(Assumed: [^.]+\. ?)+$"))
     form.get_by_label("duration").fill("100000")
@@ -316,11 +316,12 @@ def test_the_keyboard_reaches_everything(house, visit):
     page.keyboard.press("Enter")
     expect(part(page, ".timeline", "lab.calm")).to_be_visible()
     page.locator("h1 a").focus()
-    reached = tab(9)
+    reached = tab(10)
     assert reached[3:] == [
-        "State", "Diagnosis", "Larger charts", "History as JSON", "Selected time",
-        "Simulate a load",
+        "State", "Diagnosis", "Larger charts", "History as JSON", "Readings shown (CSV)",
+        "as Parquet", "Selected time",
     ]  # fmt: skip
+    assert tab(5) == [*["PNG"] * 4, "Simulate a load"]
     assert tab(1) == ["Repairs and inspections: none recorded"]
     assert tab(1)[0].startswith("1 event")
 
@@ -453,7 +454,7 @@ def test_the_plan_speaks_german_and_marks_what_the_server_says(
     expect(plan.locator("thead th").nth(2)).to_contain_text("erwartete Kosten")
     expect(plan.locator(".sentence [lang=en]")).to_have_count(1)
     expect(plan.locator("tbody th").first).to_have_attribute("lang", "en")
-    expect(plan.locator(".ytitle")).to_contain_text("Kosten bis dahin")
+    expect(plan.locator(".y-title")).to_contain_text("Kosten bis dahin")
     value = part(page, "figcaption strong", "lab.plan").first
     expect(value).to_contain_text(re.compile(r"^\d,\d+\u202fHz$"))
     assert keeps_out(page) == []

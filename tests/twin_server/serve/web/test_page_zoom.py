@@ -1,6 +1,7 @@
 """A chart is zoomed, stays so while readings come, and is saved as a picture or a table."""
 
 import csv
+import math
 
 import pytest
 from playwright.sync_api import expect
@@ -96,3 +97,31 @@ def test_what_is_shown_is_saved_as_picture_and_table(beam):
     shown = [one["sequence"] for one in told if start <= one["slow_time"] <= end]
     assert 5 < len(shown) < 20
     assert [int(row["sequence"]) for row in rows] == shown
+
+
+@pytest.mark.long
+def test_a_part_of_a_long_history_is_chosen_and_a_zoom_shows_each_reading_of_it(
+    serving, ageing, visit, eventually
+):
+    server = serving()
+    assert server.client.put("/api/v1/twins/lab.beam", json=BODY).status_code == 201
+    server.feed(ageing(4000))
+    assert eventually(lambda: server.count() == 4000)
+    page = visit(server, "#lab.beam")
+    shown = page.get_by_label("Time shown")
+    expect(shown.locator("option")).to_have_text(
+        ["Latest readings", "Last hour", "Whole history"]
+    )
+    expect(plot(page, "frequency_hz")).to_have_attribute("data-points", "1000")
+    shown.select_option("Last hour")
+    expect(plot(page, "frequency_hz")).to_have_attribute("data-points", "3601")
+    shown.select_option("Whole history")
+    expect(plot(page, "frequency_hz")).to_have_attribute("data-points", "4000")
+    assert int(plot(page, "frequency_hz").get_attribute("data-buckets")) > 0
+    drag(page, "frequency_hz", 0.2, 0.26)
+    expect(plot(page, "frequency_hz")).to_have_attribute("data-buckets", "0")
+    start, end = ranges(page, "frequency_hz")[0]
+    count = math.floor(end) - math.ceil(start) + 1  # one reading a second
+    assert 100 < count < 400
+    expect(plot(page, "frequency_hz")).to_have_attribute("data-points", str(count))
+    assert page.complaints == []
