@@ -15,11 +15,15 @@ const $ = (id) => document.getElementById(id);
 const fleet = new Fleet(), recordings = new Recordings(), underWay = new UnderWay();
 let place = where(location.hash), panel = null, known = null, lostAt = null, asking = false, drawing = false, telling = false;
 
-/** Words as soon as they are known, once a frame; drawings follow in their own time. */
+/** Words as soon as they are known, once a frame; drawings follow in their own time, the first ones at once. */
 function changed() {
   if (telling) return;
   telling = true;
-  requestAnimationFrame(() => { telling = false; panel?.tell(); });
+  requestAnimationFrame(() => {
+    telling = false;
+    panel?.tell();
+    if (panel?.twin.known && !panel.isDrawn) draw();
+  });
 }
 
 /** Only an address that is new moves the instant: while somebody travels, the address still says the last halt. */
@@ -113,6 +117,7 @@ async function draw() {
   if (drawing || document.hidden || !panel?.twin.dirty) return;
   drawing = true;
   panel.twin.dirty = false;
+  panel.isDrawn ||= panel.twin.known;
   const found = await panel.draw().catch(() => ({}));
   for (const key of document.querySelectorAll("#legend [data-key]")) key.hidden = !found[key.dataset.key];
   drawing = false;

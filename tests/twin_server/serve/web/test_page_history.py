@@ -105,7 +105,7 @@ def test_the_axis_has_a_calendar_below_the_time_of_the_structure(house, visit):
     page = visit(house, "#lab.beam", locale="en-GB", timezone_id="UTC")
     ticks = chart(page, points=50).locator(".x-tick")
     expect(ticks.first).to_contain_text("1 Jan, 00:00:00")
-    expect(part(page, '[data-quantity="frequency_hz"] .xtitle')).to_have_text("time [s]")
+    expect(part(page, '[data-quantity="frequency_hz"] .x-title')).to_have_text("time [s]")
 
 
 @pytest.mark.long
