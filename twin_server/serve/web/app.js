@@ -22,7 +22,7 @@ function changed() {
   requestAnimationFrame(() => {
     telling = false;
     panel?.tell();
-    if (panel?.twin.known && !panel.isDrawn) draw();
+    if (panel?.twin.points.length && !panel.isDrawn) draw();
   });
 }
 
@@ -117,7 +117,7 @@ async function draw() {
   if (drawing || document.hidden || !panel?.twin.dirty) return;
   drawing = true;
   panel.twin.dirty = false;
-  panel.isDrawn ||= panel.twin.known;
+  panel.isDrawn ||= panel.twin.points.length > 0;
   const found = await panel.draw().catch(() => ({}));
   for (const key of document.querySelectorAll("#legend [data-key]")) key.hidden = !found[key.dataset.key];
   drawing = false;

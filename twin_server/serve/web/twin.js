@@ -5,7 +5,7 @@ import { ask } from "./link.js";
 import { ALL, LATEST, historyOf, partOf } from "./window.js";
 import { QUANTITIES, sensorOf } from "./words.js";
 
-const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
+const MAX_POINTS = 1000, FIRST_POINTS = 200, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 /** [ms] How long a zoom rests before it is asked for more finely. Source: longer than from one step of a drag to the next. */
 const REST_MS = 250;
 
@@ -13,6 +13,9 @@ const REST_MS = 250;
 const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor, aside }) => (
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration, sensorOf({ sensor }), aside])
 );
+
+/** The next frame: what is known by now has been drawn then, unless nobody looks. */
+const framed = () => document.hidden ? null : new Promise(requestAnimationFrame);
 
 /** Events that change what is recorded of the asset, and so its forecast. */
 const RECORDED = ["asset_event", "repair_suspected"];
@@ -175,18 +178,28 @@ export class Twin {
   async fetchAll() {
     this.arrived = [];
     this.stale = false;
+    if (!this.known) {
+      this.take(await historyOf(this.base, { part: this.part, most: MAX_POINTS, points: FIRST_POINTS }));
+      await framed();
+    }
     const [history, events, recorded] = await Promise.all([
       historyOf(this.base, { part: this.part, most: MAX_POINTS }),
       ask(`${this.base}/events?limit=${EVENTS}`, PATIENCE_MS),
       ask(`${this.base}/events/recorded`, PATIENCE_MS),
     ]);
-    const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
-    this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
-    [this.bands, this.longer, this.thinned, this.begin] = [history.bands, history.longer, history.thinned, history.begin];
+    this.take(history);
     [this.events, this.recorded] = [events.events, recorded];
     [this.known, this.problem] = [true, null];
     // Who looks at the past goes on to see it when the latest readings have left it behind.
     if (this.at && this.longer && this.points[0]?.slow_time > this.at.slow_time) this.show(ALL);
+  }
+
+  /** A history, and what has arrived since it was asked for. The first one is thinned: over a slow line it is drawn much sooner. */
+  take(history) {
+    const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
+    this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
+    [this.bands, this.longer, this.thinned, this.begin] = [history.bands, history.longer, history.thinned, history.begin];
+    this.touch();
   }
 
   /** What is foretold now; at an instant of the past what was foretold then, which is asked for once. */
