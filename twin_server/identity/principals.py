@@ -115,7 +115,7 @@ class Principal:
         }
 
 
-EVERYBODY = Principal("everybody on this machine", Scope.ADMIN, None)
+EVERYBODY = Principal("a local user", Scope.ADMIN, None)
 """Who asks a server that listens to its own machine and knows no tokens."""
 
 NOBODY = Principal("nobody in particular", Scope.VIEWER, frozenset())

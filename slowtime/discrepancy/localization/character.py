@@ -367,39 +367,38 @@ class _ForceSurface:
         v = np.concatenate([m.motion.v for m in latents])
         force = np.concatenate([m.force for m in latents])
         scales = (_rms_or_one(e), _rms_or_one(v))
-        basis = _surface_functions(e / scales[0], v / scales[1])
-        weights = np.linalg.lstsq(basis, force, rcond=1e-8)[0]
+        functions = _surface_functions(e / scales[0], v / scales[1])
+        weights = np.linalg.lstsq(np.hstack(functions), force, rcond=1e-8)[0]
+        first_even = functions[0].shape[1]
         odd, even = (
-            basis[:, :ODD_FUNCTIONS] @ weights[:ODD_FUNCTIONS],
-            basis[:, ODD_FUNCTIONS:] @ weights[ODD_FUNCTIONS:],
+            basis @ part
+            for basis, part in zip(functions, np.split(weights, [first_even]), strict=True)
         )
         total = float(np.sum(force**2))
         left = float(np.sum((force - odd - even) ** 2))
-        even = even - weights[ODD_FUNCTIONS]
+        even = even - weights[first_even]
         parts = float(np.sum(odd**2)), float(np.sum(even**2))
         return cls(
             scales=scales,
             weights=weights,
             share=max(0.0, 1 - left / total) if total > 0 else 0.0,
             odd=parts[0] / sum(parts) if sum(parts) > 0 else 1.0,
-            offset=float(weights[ODD_FUNCTIONS]),
+            offset=float(weights[first_even]),
         )
 
     def at(self, latent: LatentForce) -> Series:
         e, v = latent.motion.e / self.scales[0], latent.motion.v / self.scales[1]
-        return np.asarray(_surface_functions(e, v) @ self.weights - self.offset)
+        return np.asarray(np.hstack(_surface_functions(e, v)) @ self.weights - self.offset)
 
 
-ODD_FUNCTIONS = 10
-"""[1] Surface functions that change sign with the motion. Source: `_surface_functions`."""
-
-
-def _surface_functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
-    """Ten odd functions of the motion, then seven even ones."""
+def _surface_functions(
+    e: Series, v: Series
+) -> tuple[Float[np.ndarray, "time odd"], Float[np.ndarray, "time even"]]:
+    """Functions that change sign with the motion, and those that do not, the constant first."""
     sign = np.tanh(10 * v)
     odd = [e, v, e**3, v**3, e**2 * v, e * v**2, sign, v * np.abs(v), e * np.abs(e), e**5]
     even = [np.ones_like(e), e**2, v**2, e * v, np.abs(e), np.abs(v), e**4]
-    return np.stack(odd + even, axis=1)
+    return np.stack(odd, axis=1), np.stack(even, axis=1)
 
 
 def _rms_or_one(series: Series) -> float:
