@@ -19,13 +19,13 @@ from .child_processes import Children, children
 
 WHOLE = {"max_points": 100_000}
 LOOK_AT = """
-  Simulated structures age in front of you, {rate:g} epochs a second:
+  Simulated structures age in front of you, {rate:g} days of their calendar a second:
     demo.tower   loses stiffness (eq. 5.12), heard under ambient excitation
     demo.tank    is filled and emptied (eq. 5.13): its mass changes
     demo.wing    both at once, from hammer tests: frequency and damping tell them apart
 {more}  The bands are 95 % intervals; the dashed line is the true value (simulation only).
   To the right is the forecast, and below the charts when a threshold will be reached.
-  Below -30 % an alarm is raised. After 1,000 epochs tower and wing are renewed: an event
+  Below -30 % an alarm is raised. After 1,000 days tower and wing are renewed: an event
   says so, and the charts mark it.
 
   The same in numbers:
@@ -36,13 +36,13 @@ LOOK_AT = """
 LEDGER_S = 5.0
 """Interval between signed heads [s]. Source: a recording of half a minute has some."""
 FRAME = """\
-    demo.frame   three sensors on three storeys, one of which weakens after epoch 30: the
-                 twin names it, from frequencies and shapes of all modes ({frame:g} a second)
+    demo.frame   three sensors on three storeys, one of which weakens after day 30: the
+                 twin names it, from frequencies and shapes of all modes ({frame:g} days a second)
 """
 
 
 BRIDGE = """\
-    demo.bridge  in the weather: for a year of 365 epochs its twin learns what temperature
+    demo.bridge  in the weather: for a year its twin learns what temperature
                  does, and takes it out; on day 400 it cracks, and loses 3 % of its stiffness
 """
 
@@ -159,7 +159,7 @@ def _look_at(url: str, names: Sequence[str], epochs_per_s: float) -> str:
 
 
 def _pace(name: str, epochs_per_s: float) -> float:
-    """Epochs per second of one structure, when the usual ones have `epochs_per_s`."""
+    """Days per second of one structure, when the usual ones have `epochs_per_s`."""
     return epochs_per_s * EPOCHS_PER_S[name] / max(EPOCHS_PER_S.values())
 
 

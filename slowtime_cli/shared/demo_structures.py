@@ -1,16 +1,17 @@
 """The simulated structures of the demo, and the registrations of their twins.
 
-Slow time runs in periods of the structure, T0, as in chapter 5 of the book; an epoch of half a
-minute or more of vibration is heard after every period, so that a life of a thousand periods
-passes in a few minutes. The bridge is heard once a day instead, since it stands in the weather.
+Each is heard once a day of its own calendar, for some minutes or for a blow of a hammer, and a
+second of the demo is some days of that calendar (`EPOCHS_PER_S`): a life of three years passes in
+a few minutes.
 """
 
 import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-AMBIENT = {"excitation": "ambient", "seconds": 60.0, "rate_hz": 50.0}
-HAMMER = {"excitation": "hammer", "seconds": 20.0, "rate_hz": 50.0}
+DAILY = {"slow_time_unit": "d", "interval_s": 86400.0}
+AMBIENT = {**DAILY, "excitation": "ambient", "seconds": 60.0, "rate_hz": 50.0}
+HAMMER = {**DAILY, "excitation": "hammer", "seconds": 20.0, "rate_hz": 50.0}
 FATIGUE = {"kind": "fatigue", "renewed_after": 1000.0}
 FILLING = {"kind": "filling"}
 WEATHER = {
@@ -57,6 +58,7 @@ STRUCTURES: Mapping[str, Mapping[str, Any]] = {
         "sensor": {"noise": 0.02},
     },
     "frame": {
+        **DAILY,
         "kind": "frame",
         "seconds": 120.0,
         "rate_hz": 50.0,
@@ -75,8 +77,6 @@ STRUCTURES: Mapping[str, Mapping[str, Any]] = {
         "mass_kg": 40000.0,
         "stiffness": CRACKING,
         "temperature": WEATHER,
-        "slow_time_unit": "d",
-        "interval_s": 86400.0,
         "sensor": {"noise": 0.1},
     },
 }
@@ -117,7 +117,7 @@ REPEATING = ("tank", "wing")
 """Known to come again: what is filled is emptied, and that is no change of the model."""
 
 EPOCHS_PER_S = {"tower": 5.0, "tank": 5.0, "wing": 5.0, "frame": 1.0, "bridge": 5.0}
-"""How fast each grows old; all modes of three channels take most of a second to identify."""
+"""[days/s] How fast each grows old; all modes of three channels take most of a second to identify."""
 
 
 def structure(name: str) -> dict[str, Any]:

@@ -28,8 +28,8 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 @click.option(
     "--horizon",
     type=POSITIVE,
-    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, natural "
-    "periods T0 (bridge: days) for a simulated structure. The command prints the unit.",
+    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, days "
+    "for a simulated structure. The command prints the unit.",
 )
 @click.option(
     "--points",

@@ -25,8 +25,8 @@ Limit states stand in the registration (`limit_states`): docs/risk.md.
 @click.option(
     "--horizon",
     type=POSITIVE,
-    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, natural "
-    "periods T0 (bridge: days) for a simulated structure. `slowtime forecast` prints the unit.",
+    help="Horizon, in the unit of slow time: seconds for a file of modes or a sensor, days "
+    "for a simulated structure. `slowtime forecast` prints the unit.",
 )
 @click.option(
     "--out",

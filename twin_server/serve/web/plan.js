@@ -56,7 +56,7 @@ export class Plan {
     this.table.append(make("caption", t("plan.options")), headOf(HEADS), this.body);
     this.worth = make("p", "", "facts worth");
     this.root.append(this.title, this.sentence, this.changes, this.plot, this.table, this.worth);
-    this.root.hidden = true;
+    this.root.hidden = this.plot.hidden = this.table.hidden = true;
   }
 
   /** Ask anew when a reading has come, at most every half minute; only where something is to be decided. */
