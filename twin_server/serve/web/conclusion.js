@@ -1,6 +1,6 @@
 // Whether anything is wrong: the server's conclusion of each twin, and of a fleet the most urgent of them, in words.
 import { language, t } from "./language.js";
-import { digits, english, make, suspected, titleOf } from "./words.js";
+import { digits, english, make, suspected, titleOf, whenOf } from "./words.js";
 
 const MOODS = { act: "bad", watch: "waiting", cannot_say: "waiting", no: "good" };
 const SIGNS = { act: "\u25b2", watch: "\u25b3", cannot_say: "\u25cb", no: "\u2713" };
@@ -15,20 +15,27 @@ const conclusionOf = (state) => state.conclusion ?? NONE;
 export const answerOf = (state) => conclusionOf(state).answer;
 export const moodOf = (state) => MOODS[answerOf(state)];
 
-/** Which limits of alarms are passed, in a few words; nothing where none is. */
-function limitsPassed({ raised = [] }) {
-  const said = raised.map(({ quantity, side, limit }) => {
+/** The event that raised an alarm, if the latest events have it. */
+const raisedBy = (events, { quantity, side, limit }) => events.findLast(({ kind, details }) => (
+  kind === "alarm" && details.quantity === quantity && details.side === side && details.limit === limit
+));
+
+/** Which limits of alarms are passed, and since when as far as the events tell, in a few words; nothing where none is. */
+function limitsPassed(state, events = []) {
+  const said = (state.raised ?? []).map((alarm) => {
+    const { quantity, side, limit } = alarm, event = raisedBy(events, alarm);
     const [size, unit] = quantity === "frequency_hz" ? [limit, "Hz"] : [100 * limit, "%"];
-    return t(`alarm.${side}`, { quantity: titleOf(quantity), limit: `${digits(size, 3)}\u202f${unit}` });
+    const words = t(`alarm.${side}`, { quantity: titleOf(quantity), limit: `${digits(size, 3)}\u202f${unit}` });
+    return event ? t("conclusion.since", { finding: words, time: whenOf(event, state) }) : words;
   });
   return said.join("; ");
 }
 
 /** Words for each kind of finding of a twin, the most urgent first. */
-function kindsOf(state) {
+function kindsOf(state, events) {
   const kinds = [...new Set(conclusionOf(state).findings.map(({ kind }) => kind))];
   return kinds.map((kind) => {
-    if (kind === "limit_passed") return [kind, limitsPassed(state) || t(`finding.${kind}`)];
+    if (kind === "limit_passed") return [kind, limitsPassed(state, events) || t(`finding.${kind}`)];
     if (kind === "changed") return [kind, state.suspects.map((word) => t("fleet.has_changed", { element: suspected(word) })).join("; ")];
     return [kind, t(`finding.${kind}`)];
   });
@@ -41,8 +48,8 @@ export function summaryOf(state) {
 }
 
 /** Fill an element with the answer for one twin: why, and what to do next; of a past instant, with the alarms of it. */
-export function showConclusion(element, state, at) {
-  const passed = at ? limitsPassed(state) : "";
+export function showConclusion(element, state, at, events) {
+  const passed = at ? limitsPassed(state, events) : "";
   element.hidden = at ? !passed : !state.conclusion;
   if (element.hidden) return;
   if (at) {
@@ -51,12 +58,12 @@ export function showConclusion(element, state, at) {
     element.replaceChildren(`${SIGNS.act} ${passed}`);
     return;
   }
-  const { answer, findings } = state.conclusion, key = JSON.stringify([state.conclusion, state.raised, state.suspects]);
+  const { answer, findings } = state.conclusion, key = JSON.stringify([state.conclusion, state.raised, state.suspects, events.at(-1)?.number]);
   if (element.told === key) return;
   element.told = key;
   element.dataset.state = MOODS[answer];
   element.dataset.answer = answer;
-  const said = kindsOf(state).flatMap(([kind, words]) => {
+  const said = kindsOf(state, events).flatMap(([kind, words]) => {
     const details = WHOLE.includes(kind) ? [] : findings.filter((one) => one.kind === kind).flatMap(({ text }) => [" ", english(make("span", text))]);
     return [` ${words[0].toLocaleUpperCase(language)}${words.slice(1)}.`, ...details];
   });

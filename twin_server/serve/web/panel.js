@@ -197,7 +197,7 @@ export class Panel {
     if (sensor) say(this.sensor, sensor.state, sensor.text);
     this.aside.hidden = !latest.aside;
     if (latest.aside) say(this.aside, "bad", t("aside.count", { n: latest.aside }));
-    showConclusion(this.answer, latest, scene.at);
+    showConclusion(this.answer, latest, scene.at, scene.events);
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");
     const facts = [
       named !== twin.id && twin.id,
