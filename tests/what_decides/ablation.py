@@ -66,13 +66,12 @@ class Ablation:
 
     def _find_thresholds(self) -> None:
         """Try thresholds by the dozen; halve a dozen with which the answer differs."""
-        if "deciding" in self.known:
-            return
-        every = changes()
+        tried = set(self.known.setdefault("tried", []))
+        every = [one for one in changes() if one.label not in tried]
         random.Random(1).shuffle(every)
         every.sort(key=lambda one: one.factor)  # stable: none stands beside its own opposite
         waiting = [every[i : i + AT_ONCE] for i in range(0, len(every), AT_ONCE)]
-        deciding: dict[str, Told] = {}
+        deciding: dict[str, Told] = self.known.setdefault("deciding", {})
         while waiting:
             group = waiting.pop()
             told = self._changed(group)
@@ -83,7 +82,7 @@ class Ablation:
                 continue
             middle = len(group) // 2
             waiting += [group[:middle], group[middle:]]
-        self.known["deciding"] = deciding
+        self.known["tried"] = sorted({*tried, *(one.label for one in every)})
         self._keep()
 
     def _changed(self, group: Sequence[Change]) -> Told:

@@ -47,7 +47,7 @@ def test_the_library_acts_and_without_it_nothing_of_it_does():
     ("value", "factor", "other"),
     [
         (4.0, 0.5, 2.0), (4, 2.0, 8), (1, 0.5, 1), (0.9, 2.0, 0.8), (0.9, 0.5, 0.95),
-        (1e-3, 2.0, 2e-3),
+        (1e-3, 2.0, 2e-3), ((0.5, 3), 2.0, (1.0, 6)),
     ],
 )  # fmt: skip
 def test_a_threshold_is_halved_and_doubled(value, factor, other):
@@ -59,7 +59,7 @@ def test_a_changed_threshold_is_seen_wherever_it_was_imported_and_is_put_back():
     from slowtime.discrepancy.search import lost_records
 
     own = Change(lost_records.__name__, "UNTRACKED_CHI2", 2.0)
-    shared = Change(type(LIMITS).__module__, "least_log_evidence", 0.5)
+    shared = Change(type(LIMITS).__module__, "LIMITS.least_log_evidence", 0.5)
     before = lost_records.UNTRACKED_CHI2, LIMITS.least_log_evidence
     with with_changes([own, shared]):
         assert lost_records.UNTRACKED_CHI2 == 2 * before[0]
@@ -96,10 +96,10 @@ def test_the_threshold_that_decides_is_found_among_hundreds_and_work_is_kept(tmp
     again = Ablation(case, tmp_path / "one.json", lambda: True)
     again.run()
     names = {label.partition(" x ")[0] for label in again.known["deciding"]}
-    assert names == {"thresholds: least_log_evidence"}
+    assert names == {"thresholds: LIMITS.least_log_evidence"}
     assert case.count < 80
     done = case.count
     Ablation(case, tmp_path / "one.json", lambda: True).run()
     assert case.count == done
     text = table([json.loads((tmp_path / "one.json").read_text())])
-    assert "| thresholds: least_log_evidence x 2 | 1 | 1 | 0 |" in text
+    assert "| thresholds: LIMITS.least_log_evidence x 2 | 1 | 1 | 0 |" in text

@@ -8,10 +8,8 @@ import pkgutil
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
-
-from slowtime.discrepancy.thresholds import LIMITS, Limits
 
 from .steps import PACKAGE
 
@@ -23,9 +21,10 @@ class Change:
     Parameters
     ----------
     module, name
-        Where it is defined: a constant of a module, or a field of `LIMITS`.
+        Where it is defined: a constant of a module, or with a point a field of one.
     factor
-        0.5 or 2. Of a probability above one half, the distance from one is multiplied.
+        0.5 or 2. Of a probability above one half, the distance from one is multiplied; of a
+        tuple, each number.
     """
 
     module: str
@@ -45,9 +44,7 @@ class Change:
 
 def changes() -> list[Change]:
     """List every threshold of the search, halved and doubled."""
-    every = [(LIMITS.__module__, field.name) for field in fields(Limits)]
-    for module in _modules():
-        every += [(module.__name__, name) for name in _constants(module)]
+    every = [(module.__name__, name) for module in _modules() for name in _names(module)]
     return [Change(module, name, factor) for module, name in every for factor in (0.5, 2.0)]
 
 
@@ -57,10 +54,11 @@ def _modules() -> Iterator[Any]:
         yield importlib.import_module(info.name)
 
 
-def _constants(module: Any) -> Iterator[str]:
-    """Names of numbers in a module that a docstring with a source follows.
+def _names(module: Any) -> Iterator[str]:
+    """Names of thresholds in a module: numbers, tuples of them, and fields of such.
 
-    None that compiled functions use: those keep what they were compiled with.
+    Each is followed by a docstring with a source. None that compiled functions use: those keep
+    what they were compiled with.
     """
     body = ast.parse(inspect.getsource(module)).body
     frozen = {
@@ -70,22 +68,29 @@ def _constants(module: Any) -> Iterator[str]:
         for part in ast.walk(one)
         if isinstance(part, ast.Name)
     }
-    for here, after in itertools.pairwise(body):
+    for here, after in itertools.pairwise([*body, ast.Pass()]):
         if not (isinstance(here, ast.Assign) and isinstance(here.targets[0], ast.Name)):
             continue
-        told = after.value if isinstance(after, ast.Expr) else None
-        value = getattr(module, here.targets[0].id)
+        name, told = here.targets[0].id, after.value if isinstance(after, ast.Expr) else None
+        value = getattr(module, name)
+        if is_dataclass(value) and type(value).__module__ == module.__name__:
+            held = [(field.name, getattr(value, field.name)) for field in fields(value)]
+            yield from (f"{name}.{own}" for own, each in held if _is_threshold(each))
         sourced = isinstance(told, ast.Constant) and "Source" in str(told.value)
-        if sourced and _is_number(value) and here.targets[0].id not in frozen:
-            yield here.targets[0].id
+        if sourced and _is_threshold(value) and name not in frozen:
+            yield name
 
 
-def _is_number(value: Any) -> bool:
+def _is_threshold(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and all(map(_is_threshold, value))
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def changed(value: float, factor: float) -> float:
+def changed(value: Any, factor: float) -> Any:
     """Give a threshold multiplied by a factor; whole numbers stay whole and at least 1."""
+    if isinstance(value, tuple):
+        return tuple(changed(each, factor) for each in value)
     if isinstance(value, int):
         return max(1, round(value * factor))
     if 0.5 < value < 1.0:
@@ -99,15 +104,14 @@ def with_changes(given: Iterable[Change]) -> Iterator[None]:
     undo: list[tuple[Any, str, Any]] = []
     try:
         for change in given:
-            if change.module == LIMITS.__module__:
-                value = getattr(LIMITS, change.name)
-                undo.append((LIMITS, change.name, value))
-                _put(LIMITS, change.name, changed(value, change.factor))
-                continue
-            value = vars(sys.modules[change.module])[change.name]
-            for module in _holders(change.name, value):
-                undo.append((module, change.name, value))
-                _put(module, change.name, changed(value, change.factor))
+            name, _, own = change.name.partition(".")
+            value = vars(sys.modules[change.module])[name]
+            holders = [value] if own else _holders(name, value)
+            if own:
+                name, value = own, getattr(value, own)
+            for holder in holders:
+                undo.append((holder, name, value))
+                _put(holder, name, changed(value, change.factor))
         yield
     finally:
         for holder, name, value in reversed(undo):
@@ -120,9 +124,9 @@ def _holders(name: str, value: object) -> list[Any]:
     return [module for module in own if vars(module).get(name) is value]
 
 
-def _put(holder: object, name: str, value: float) -> None:
-    """Give a module or the frozen limits another value."""
-    if isinstance(holder, Limits):
+def _put(holder: object, name: str, value: Any) -> None:
+    """Give a module, or the fields of a frozen object, another value."""
+    if is_dataclass(holder):
         object.__setattr__(holder, name, value)
     else:
         setattr(holder, name, value)
