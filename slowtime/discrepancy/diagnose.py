@@ -1,4 +1,18 @@
-"""Diagnosis of a campaign: screen, fit, search, refine, judge, report."""
+"""Diagnosis of a campaign: screen, fit, search, refine, judge, report.
+
+How a campaign is answered follows from its records, in this order:
+
+- free decays (no inputs, motion that dies down): as forced records, without standstill, tones
+  and holds;
+- ambient (no inputs): spectra are compared (`ambient`);
+- one spring whose motion is imposed: its force is a regression (`imposed_motion`);
+- forced records, measured motion of the base among them: the loop of `search.loop`, within
+  three more: windows (`_searched`), holds of the inputs (`search.input_holds`), and other first
+  effects (`search.loop.search`).
+
+Laws that change during the records are effects like others. A history over slow time, whose
+readings are frequencies, is diagnosed by `slowtime.history_diagnosis`.
+"""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence

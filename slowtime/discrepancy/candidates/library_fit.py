@@ -73,11 +73,19 @@ class Candidate:
 
     Parameters
     ----------
+    effect
+        Kind, place and parameters.
     cost
-        Chi squared that it leaves, deviations of the constants included.
+        Chi squared [1] that it leaves along the force, deviations of the constants included.
     score
         Schwarz's criterion: minus half of that, minus half the log of the data for each
         parameter [nats].
+    cost_without
+        Chi squared [1] that is left there without any law: one that saves little of it is not
+        fitted to free runs.
+    start
+        Where its fit to free runs begins, and over which horizons; the usual ones where not
+        given.
 
     References
     ----------

@@ -49,13 +49,19 @@ class Round:
     hypothesis
         What was found so far.
     before
-        Its last fit, with constants held to their tolerances: candidates are added to it.
+        Its last fit, to which candidates are added: its constants are held to their tolerances,
+        but where a first search found nothing with them held.
     localized
         Where a force explains what `before` leaves, and the force and motion there.
     tried
-        Every kind of effect at every place along that motion, the best first.
+        Each kind that contains no simpler one, at each place where a force explains anything,
+        along that motion, the best first. Of kinds that contain others see `kinds`.
     shortlist
-        Those of them that are fitted in any case.
+        Those of them that are fitted where no proposal with `only` stands in their place.
+    kinds
+        Effects that may be named, by name.
+    monitor
+        Told the stage; says whether the budget is used up.
     trials
         Records, cut where a fast clock runs past their end.
     number

@@ -37,6 +37,10 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     ----------
     first
         Fit of the model as given, its constants free within their tolerances.
+    trials
+        The records that are fitted: parts of them, while windows grow.
+    how
+        What is searched for, by which steps, and who is told.
     """
     together = explain_together(first, trials, how.kinds, how.monitor) if how.decays else None
     if together is not None and (not together.effects or explains_most(together)):
@@ -102,9 +106,11 @@ def _suggest_holds(found: Hypothesis, how: SearchSettings) -> Hypothesis:
     It is asked after each effect: a step that was taken for a curve looks like one more. Which
     effects there are has to be asked again, under that hold.
     """
-    over = found.final or found.holds is not None or how.monitor.is_late
-    over = over or not found.fits_whole_records
-    if how.stated is None or over or not found.effects or explains_all(found):
+    if found.final or found.holds is not None or how.monitor.is_late:
+        return found
+    if not found.fits_whole_records or how.stated is None:
+        return found
+    if not found.effects or explains_all(found):
         return found
     holds = held_otherwise(found.last, found.trials, how.kinds, how.stated)
     if holds is None or holds in how.asked:

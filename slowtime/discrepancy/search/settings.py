@@ -22,9 +22,12 @@ class SearchOptions:
     Parameters
     ----------
     quick
-        One effect is searched for, among few candidates.
+        One effect is searched for, among few candidates; `proposers` are not asked.
     proposers
         Asked in order for candidates of the first effect; one of your own is put among them.
+        None is asked about ambient records and imposed motion, which have other candidates.
+    later_proposers
+        The same for each further effect.
     refiners
         Steps taken in order after each effect.
     surface
@@ -33,6 +36,7 @@ class SearchOptions:
 
     quick: bool = False
     proposers: tuple[Proposer, ...] = PROPOSERS
+    later_proposers: tuple[Proposer, ...] = LATER_PROPOSERS
     refiners: tuple[Refiner, ...] = REFINERS
     surface: SurfaceDemand = AUTO
 
@@ -51,12 +55,16 @@ class SearchSettings:
 
     Parameters
     ----------
+    kinds
+        Effects that may be named, by name.
     monitor
         Told the stage; says whether the budget is used up.
     options
         How thoroughly, and by which steps.
     stated
         What the model says of its inputs between samples; as it stands where not given.
+    asked
+        Holds of the inputs under which the search was made before.
     decays
         Whether the records are free decays, in which displacement sensors have offsets.
     """
@@ -76,4 +84,4 @@ class SearchSettings:
         """Give those that are asked for an effect after so many."""
         if self.asks_all(number):
             return self.options.proposers
-        return QUICK_PROPOSERS if self.options.quick else LATER_PROPOSERS
+        return QUICK_PROPOSERS if self.options.quick else self.options.later_proposers

@@ -301,7 +301,8 @@ class Kind:
     name
         As in a model file.
     family
-        Confusing two of one family costs less.
+        One that other kinds have: confusing two of one family costs less, and families tell
+        which laws remember (``hysteresis``), dissipate or change by themselves.
     where
         What it sits on.
     parameters
