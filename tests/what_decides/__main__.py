@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 from . import __doc__ as what
-from .ablation import Ablation
-from .cases import cases_of
+from .ablation import Ablation, Diagnosed
+from .cases import cases_of, histories
 from .table import table
 
 
@@ -17,7 +17,11 @@ def main() -> int:
         prog="python -m tests.what_decides", description=what,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("--battery", type=Path, action="append", required=True)
+    parser.add_argument("--battery", type=Path, action="append", default=[])
+    parser.add_argument(
+        "--histories", type=int, default=0, metavar="N", help="hidden histories of each group"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the histories")
     parser.add_argument("--out", type=Path, default=Path("var/what_decides"))
     parser.add_argument("--hours", type=float, default=8.0)
     parser.add_argument("--cases", type=int, default=1000, help="of each battery, at most")
@@ -30,7 +34,10 @@ def main() -> int:
     )
     given = parser.parse_args()
     until_s = time.monotonic() + 3600 * given.hours
-    cases = [one for folder in given.battery for one in [*cases_of(folder)][: given.cases]]
+    cases: list[Diagnosed] = []
+    for folder in given.battery:
+        cases += [*cases_of(folder)][: given.cases]
+    cases += histories(given.histories, given.seed)
     first, step = given.part
     for case in cases[first::step]:
         ablation = Ablation(

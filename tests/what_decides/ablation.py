@@ -26,6 +26,11 @@ class Diagnosed(Protocol):
         """Unique among all."""
         ...
 
+    @property
+    def package(self) -> str:
+        """Whose thresholds are tried."""
+        ...
+
     def diagnosed(self, options: SearchOptions, out: Path) -> Told:
         """Diagnose it; give what a person is told, and whether that is right."""
         ...
@@ -67,7 +72,7 @@ class Ablation:
     def _find_thresholds(self) -> None:
         """Try thresholds by the dozen; halve a dozen with which the answer differs."""
         tried = set(self.known.setdefault("tried", []))
-        every = [one for one in changes() if one.label not in tried]
+        every = [one for one in changes(self._case.package) if one.label not in tried]
         random.Random(1).shuffle(every)
         every.sort(key=lambda one: one.factor)  # stable: none stands beside its own opposite
         waiting = [every[i : i + AT_ONCE] for i in range(0, len(every), AT_ONCE)]

@@ -7,15 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.search import SearchOptions
+from slowtime.history_diagnosis import diagnose_history
 from slowtime_services.diagnose.results import write_results
 from slowtime_services.diagnose.run import diagnose_records
 from slowtime_services.diagnose.sources import read_any
 from slowtime_services.models import read_description
 from tests.blind.answers import judge, read_report
 from tests.blind.files import CASES, SEALED
+from tests.slowtime.history_diagnosis.battery import GROUPS, covariates, families
+from tests.slowtime.history_diagnosis.battery import cases as drawn
+from tests.slowtime.history_diagnosis.histories import Case as History
 from tests.third_party_rigs.battery import scored
 
+from .steps import PACKAGE
+
 Told = dict[str, Any]
+OF_HISTORIES = "slowtime.history_diagnosis"
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,11 @@ class Case:
     def name(self) -> str:
         """Unique among those of all batteries."""
         return f"{self.folder.parent.name}-{self.folder.name}"
+
+    @property
+    def package(self) -> str:
+        """Whose thresholds are tried."""
+        return PACKAGE
 
     def diagnosed(self, options: SearchOptions, out: Path) -> Told:
         """Diagnose the case; give what a person is told, and whether that is right."""
@@ -69,6 +81,43 @@ class Case:
         (out / "truth.json").write_text(truth.read_text())
         (out / "rig.yaml").write_text((self.folder / "rig.yaml").read_text())
         return bool(scored(out)["outcome"] == "exact")
+
+
+@dataclass(frozen=True, eq=False)
+class HistoryCase:
+    """A hidden history, of which only its first part is diagnosed.
+
+    Parameters
+    ----------
+    name
+        Unique among those of all batteries.
+    hidden
+        The history, and what was put into it.
+    """
+
+    name: str
+    hidden: History
+    package: str = OF_HISTORIES
+
+    def diagnosed(self, options: SearchOptions, out: Path) -> Told:
+        """Diagnose the history; give what a person is told, and whether that is right."""
+        one, end = self.hidden, self.hidden.split
+        read = covariates(one, 0, end)
+        found = diagnose_history(one.time[:end], one.value[:end], one.sd[:end], read)
+        named = sorted(each.effect for each in found.effects)
+        right = found.verdict != "undecided" and families(named) == families(one.truth)
+        undecided = sorted(found.undecided)
+        return {
+            "verdict": found.verdict, "named": named, "undecided": undecided, "left": 0.0,
+            "right": right,
+        }  # fmt: skip
+
+
+def histories(count: int, seed: int) -> Iterator[HistoryCase]:
+    """Draw so many histories of each group: one effect, none, a sensor's fault, two effects."""
+    for group in GROUPS:
+        for number, one in enumerate(drawn(group, count, seed)):
+            yield HistoryCase(f"history-{seed}-{group}-{number}", one)
 
 
 def is_same(one: Told, other: Told) -> bool:

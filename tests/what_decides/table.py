@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from .cases import is_same
-from .steps import every_step
+from .cases import OF_HISTORIES, is_same
+from .steps import PACKAGE, every_step
 from .thresholds import changes
 
 Known = Mapping[str, Any]
@@ -14,8 +14,11 @@ def table(every: Iterable[Known]) -> str:
     """Tell of all cases what acts and what decides, as Markdown."""
     known = [one for one in every if "whole" in one]
     right = sum(one["whole"]["right"] for one in known)
-    parts = [f"{len(known)} cases, {right} of them answered rightly.", _steps(known)]
-    return "\n\n".join([*parts, *_thresholds([one for one in known if "deciding" in one])])
+    parts = [f"{len(known)} cases, {right} of them answered rightly."]
+    parts += [_steps(searched)] if (searched := [one for one in known if one["acts"]]) else []
+    for package in (PACKAGE, OF_HISTORIES):
+        parts += _thresholds([one for one in known if one.get("tried")], package)
+    return "\n\n".join(parts)
 
 
 def _steps(known: list[Known]) -> str:
@@ -37,11 +40,13 @@ def _steps(known: list[Known]) -> str:
     return "\n".join(rows) + f"\n\nIn no case: {'; '.join(idle) or 'none'}."
 
 
-def _thresholds(known: list[Known]) -> list[str]:
+def _thresholds(known: list[Known], package: str) -> list[str]:
+    own = {one.label for one in changes(package)}
+    known = [one for one in known if own & set(one["tried"])]
     if not known:
         return []
     rows = ["| threshold | decides in | right answers lost | won |", "|---|---:|---:|---:|"]
-    for label in (one.label for one in changes()):
+    for label in sorted(own):
         told = [
             (one["whole"], one["deciding"][label]) for one in known if label in one["deciding"]
         ]
@@ -49,10 +54,10 @@ def _thresholds(known: list[Known]) -> list[str]:
             lost = sum(whole["right"] and not other["right"] for whole, other in told)
             won = sum(other["right"] and not whole["right"] for whole, other in told)
             rows.append(f"| {label} | {len(told)} | {lost} | {won} |")
-    count = len(changes()) // 2
+    count = len({label.rpartition(" x ")[0] for one in known for label in one["tried"]})
     deciding = len({row.rpartition(" x ")[0] for row in rows[2:]})
     told_of = (
-        f"Of {count} thresholds, halved and doubled in {len(known)} cases, {deciding} change "
-        "an answer:"
+        f"Of {count} thresholds of `{package}`, halved and doubled in {len(known)} cases, "
+        f"{deciding} change an answer:"
     )
     return [told_of, "\n".join(rows)]

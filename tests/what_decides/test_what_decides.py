@@ -70,7 +70,7 @@ def test_a_changed_threshold_is_seen_wherever_it_was_imported_and_is_put_back():
 class Pretended:
     """A case of which one threshold and one step decide."""
 
-    name = "pretended"
+    name, package = "pretended", steps.PACKAGE
 
     def __init__(self, deciding: str) -> None:
         self.deciding, self.count = deciding, 0

@@ -34,7 +34,8 @@ class Change:
     @property
     def threshold(self) -> str:
         """Name in the table."""
-        return f"{self.module.removeprefix(PACKAGE + '.')}: {self.name}"
+        within = self.module.removeprefix(f"{PACKAGE}.").removeprefix("slowtime.")
+        return f"{within}: {self.name}"
 
     @property
     def label(self) -> str:
@@ -42,15 +43,15 @@ class Change:
         return f"{self.threshold} x {self.factor:g}"
 
 
-def changes() -> list[Change]:
-    """List every threshold of the search, halved and doubled."""
-    every = [(module.__name__, name) for module in _modules() for name in _names(module)]
+def changes(of: str = PACKAGE) -> list[Change]:
+    """List every threshold of a package, halved and doubled."""
+    every = [(module.__name__, name) for module in _modules(of) for name in _names(module)]
     return [Change(module, name, factor) for module, name in every for factor in (0.5, 2.0)]
 
 
-def _modules() -> Iterator[Any]:
-    package = importlib.import_module(PACKAGE)
-    for info in pkgutil.walk_packages(package.__path__, PACKAGE + "."):
+def _modules(of: str) -> Iterator[Any]:
+    package = importlib.import_module(of)
+    for info in pkgutil.walk_packages(package.__path__, of + "."):
         yield importlib.import_module(info.name)
 
 
@@ -119,8 +120,8 @@ def with_changes(given: Iterable[Change]) -> Iterator[None]:
 
 
 def _holders(name: str, value: object) -> list[Any]:
-    """Modules of the package in which a name has a value."""
-    own = [m for key, m in sys.modules.items() if key.startswith(PACKAGE)]
+    """Modules of slowtime in which a name has a value."""
+    own = [m for key, m in sys.modules.items() if key.startswith("slowtime.")]
     return [module for module in own if vars(module).get(name) is value]
 
 

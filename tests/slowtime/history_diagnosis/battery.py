@@ -42,7 +42,7 @@ class Score:
     @property
     def right(self) -> bool:
         """Likewise, where a drift is a drift whatever its curve."""
-        return self.verdict != "undecided" and _families(self.named) == _families(self.truth)
+        return self.verdict != "undecided" and families(self.named) == families(self.truth)
 
 
 def cases(group: str, count: int, seed: int) -> Iterator[Case]:
@@ -152,7 +152,7 @@ def main() -> None:
         print(table(group, [judge(case) for case in chosen]), flush=True)
 
 
-def _families(names: tuple[str, ...]) -> list[str]:
+def families(names: tuple[str, ...]) -> list[str]:
     return sorted("drift" if name.startswith("drift") else name for name in names)
 
 
