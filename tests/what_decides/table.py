@@ -46,11 +46,14 @@ def _thresholds(known: list[Known], package: str) -> list[str]:
     if not known:
         return []
     rows = ["| threshold | decides in | right answers lost | won |", "|---|---:|---:|---:|"]
+    broken = set()
     for label in sorted(own):
         told = [
             (one["whole"], one["deciding"][label]) for one in known if label in one["deciding"]
         ]
-        if told:
+        if told and all(other["verdict"].startswith("failed") for _, other in told):
+            broken.add(label)
+        elif told:
             lost = sum(whole["right"] and not other["right"] for whole, other in told)
             won = sum(other["right"] and not whole["right"] for whole, other in told)
             rows.append(f"| {label} | {len(told)} | {lost} | {won} |")
@@ -60,4 +63,5 @@ def _thresholds(known: list[Known], package: str) -> list[str]:
         f"Of {count} thresholds of `{package}`, halved and doubled in {len(known)} cases, "
         f"{deciding} change an answer:"
     )
-    return [told_of, "\n".join(rows)]
+    alone = f"Cannot have another value by itself: {'; '.join(sorted(broken)) or 'none'}."
+    return [told_of, "\n".join(rows), alone]
