@@ -10,6 +10,24 @@ from .ablation import Ablation, Diagnosed
 from .cases import cases_of, histories
 from .table import table
 
+PAGE = """\
+# What decides a diagnosis
+
+For those who change the diagnosis: which steps, guards and thresholds an answer depends on. An
+answer is a verdict with the names and places of effects, and what is left undecided; numbers of
+parameters and notes are not compared. Written by
+`python -m tests.what_decides --page docs/what_decides.md`
+([how](testing.md#what-decides-a-diagnosis)).
+
+- *Acts in*: cases in which a step changes anything at all. *Decides in*: cases in which the
+  answer differs without it.
+- A threshold is halved and doubled; of a probability above one half, the distance from one. One
+  that is not listed gives the same answers at half and at double its value in each of these
+  cases, which says nothing of cases in which its step does not act.
+
+{table}
+"""
+
 
 def main() -> int:
     """Ablate case after case, until all are done or the time is over."""
@@ -32,6 +50,7 @@ def main() -> int:
     parser.add_argument(
         "--steps-only", action="store_true", help="leave thresholds as they are"
     )
+    parser.add_argument("--page", type=Path, help="write the table to this page, too")
     given = parser.parse_args()
     until_s = time.monotonic() + 3600 * given.hours
     cases: list[Diagnosed] = []
@@ -48,7 +67,10 @@ def main() -> int:
         except TimeoutError:
             break
         print(f"{case.name}: {len(ablation.known['without'])} without", flush=True)
-    print(table(json.loads(path.read_text()) for path in sorted(given.out.glob("*.json"))))
+    text = table(json.loads(path.read_text()) for path in sorted(given.out.glob("*.json")))
+    print(text)
+    if given.page is not None:
+        given.page.write_text(PAGE.format(table=text))
     return 0
 
 
