@@ -6,6 +6,7 @@ import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
 import { locale, t } from "./language.js";
+import { Limits } from "./limits.js";
 import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
@@ -79,11 +80,11 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    [this.risk, this.plan, this.shapes] = [new Risk(twin), new Plan(twin), new Shapes()];
+    [this.risk, this.plan, this.shapes, this.limits] = [new Risk(twin), new Plan(twin), new Shapes(), new Limits(twin)];
     this.state = make("div", undefined, "state");
     this.state.append(
       about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
-      this.whatIf.root, this.recorded.root, this.events.root,
+      this.whatIf.root, this.limits.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.answer, this.facts, this.state, this.diagnosis.root);
   }
@@ -221,6 +222,7 @@ export class Panel {
     this.offerParts(twin);
     this.timeline.tell();
     this.outlook.tell(scene);
+    this.limits.tell(scene);
     this.recorded.tell(scene);
     this.risk.tell(scene);
     this.plan.tell(scene);

@@ -50,7 +50,9 @@ def test_an_alarm_is_acknowledged_by_keyboard_and_routes_are_tried(house, visit,
         for one in house.get("/api/v1/twins/lab.beam/events").json()["events"]
         if one["kind"] == "alarm"
     ]
-    expect(page.locator(".twin > .answer")).to_contain_text(f"(since {told[-1]['slow_time']:g} s)")
+    expect(page.locator(".twin > .answer")).to_contain_text(
+        f"(since {told[-1]['slow_time']:g} s)"
+    )
     page.locator(".events summary").focus()
     page.keyboard.press("Enter")
     buttons = page.get_by_role("button", name="Acknowledge: Stiffness change below")
