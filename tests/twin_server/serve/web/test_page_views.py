@@ -322,7 +322,7 @@ def test_the_keyboard_reaches_everything(house, visit):
         "as Parquet", "Selected time",
     ]  # fmt: skip
     assert tab(5) == [*["PNG"] * 4, "Simulate a load"]
-    assert tab(1) == ["Repairs and inspections: none recorded"]
+    assert tab(2) == ["Limits: none", "Repairs and inspections: none recorded"]
     assert tab(1)[0].startswith("1 event")
 
 
