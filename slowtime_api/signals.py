@@ -20,6 +20,8 @@ from slowtime_services.files import (
 )
 from slowtime_services.files.channels.si_conversion import in_si
 from slowtime_services.files.integrity import with_checked_values
+from slowtime_services.files.record import looks_like_unit
+from slowtime_services.files.units import unit_of
 
 from .arguments import (
     existing_file,
@@ -58,11 +60,14 @@ class Signals:
         ``"ch0"``, ``"ch1"`` and so on.
     units
         Unit of each channel, or one for all. Motion is converted to SI.
+    wide
+        Whether there are more channels than samples on purpose.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, the rate is not positive, or a value is not a finite real number.
+        If shapes do not fit, the rate is not positive, a value is not a finite real number, a
+        unit is not known, or there are more channels than samples without `wide`.
     TypeError
         If the rate is no number, or names or units are no texts.
 
@@ -82,6 +87,8 @@ class Signals:
         rate_hz: float,
         channels: Sequence[str] | None = None,
         units: str | Sequence[str] = "",
+        *,
+        wide: bool = False,
     ) -> None:
         values = real_samples(samples)
         values = values[:, None] if values.ndim == 1 else values
@@ -89,6 +96,12 @@ class Signals:
             raise ValueError(
                 f"The samples have shape {np.shape(samples)}. Give one row per instant and one "
                 "column per channel, and at least two rows."
+            )
+        if values.shape[1] > len(values) and not wide:
+            raise ValueError(
+                f"The samples have shape {np.shape(samples)}: {values.shape[1]} channels of "
+                f"{len(values)} samples. Give one row per instant, as in samples.T; or "
+                "wide=True, if there are more channels than samples."
             )
         if not np.isfinite(values).all():
             raise ValueError(
@@ -106,6 +119,12 @@ class Signals:
             if len(found) != count:
                 raise ValueError(
                     f"{len(found)} {what} were given for {count} columns. Give one for each."
+                )
+        for unit in given:
+            if unit and unit_of(unit) is None and not looks_like_unit(unit):
+                raise ValueError(
+                    f"The unit {unit!r} is not known. Give one such as 'm/s^2', 'g', 'mm/s', "
+                    "'um', 'V', 'N', 'strain' or 'degC'; '' where it is not known."
                 )
         if len(set(names)) != count:
             raise ValueError(f"Names of channels repeat: {', '.join(names)}.")
@@ -183,6 +202,12 @@ class Signals:
 
     def __len__(self) -> int:
         return len(self._record.samples)
+
+    def __array__(
+        self, dtype: Any = None, copy: bool | None = None
+    ) -> Shaped[np.ndarray, "time channel"]:
+        """Samples in the units of the channels, for functions of NumPy [time, channel]."""
+        return np.array(self.samples, dtype=dtype, copy=copy)
 
     __iter__ = None
     """Neither over samples nor over channels: `samples` and `channels` say which."""

@@ -12,6 +12,9 @@ class Measured:
     value: float
     sd: float
 
+    def __float__(self) -> float:
+        return self.value
+
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Symmetric interval of a Gaussian error.
 

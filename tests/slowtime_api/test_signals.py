@@ -65,6 +65,23 @@ def test_xarray_gets_units_and_times():
     assert float(data["time_s"][1]) == pytest.approx(1 / RATE)
 
 
+def test_functions_of_numpy_take_signals_and_values():
+    samples = two_channels()
+    signals = st.Signals(samples, RATE, units=["m/s^2", "V"])
+    np.testing.assert_array_equal(np.asarray(signals), samples)
+    assert np.asarray(signals, dtype="f4").dtype == np.dtype("f4")
+    assert np.std(signals, axis=0) == pytest.approx(samples.std(axis=0))
+    [mode, *_] = st.identify(signals["ch0"], method="fdd")
+    assert float(mode.frequency_hz) == mode.frequency_hz.value
+
+
+def test_more_channels_than_samples_are_asked_about():
+    turned = two_channels()[:50].T
+    with pytest.raises(ValueError, match="Give one row per instant, as in samples.T"):
+        st.Signals(turned, RATE)
+    assert len(st.Signals(turned, RATE, wide=True).channels) == 50
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -73,6 +90,7 @@ def test_xarray_gets_units_and_times():
         (([1.0, 2.0], 0.0), "sampling rate of 0.0 Hz"),
         ((np.zeros((9, 2)), RATE, ["x"]), "1 channels were given for 2 columns"),
         ((np.zeros((9, 2)), RATE, ["x", "x"]), "repeat"),
+        ((np.zeros((9, 2)), RATE, None, ["V", "furlong"]), "The unit 'furlong' is not known"),
     ],
 )
 def test_impossible_arrays_are_refused_with_what_to_do(arguments, message):

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from slowtime.identification.modes import Mode
 from slowtime.identification.selection import Action, Edit, Selection
 from slowtime_schemas.files.selection import SelectionEdit, SelectionFile
-from slowtime_services.problem_files.checked_file import parse_checked, read_text
 
 ENDING = ".selection.yaml"
 """Ending of the file beside a report."""
@@ -48,6 +47,9 @@ def read_selection(path: pathlib.Path) -> Selection:
     SelectionFileError
         Where the file is none; OSError where it cannot be opened.
     """
+    # Here, as identification without such a file needs no library that reads YAML.
+    from slowtime_services.problem_files.checked_file import parse_checked, read_text
+
     text = read_text(path, SelectionFileError)
     found, _ = parse_checked(text, path.name, SelectionFile, "selection", SelectionFileError)
     return Selection(
