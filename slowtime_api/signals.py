@@ -206,7 +206,7 @@ class Signals:
     def __array__(
         self, dtype: Any = None, copy: bool | None = None
     ) -> Shaped[np.ndarray, "time channel"]:
-        """Samples in the units of the channels, for functions of NumPy [time, channel]."""
+        """Give the samples to functions of NumPy, in the units of the channels."""
         return np.array(self.samples, dtype=dtype, copy=copy)
 
     __iter__ = None

@@ -77,7 +77,7 @@ def test_functions_of_numpy_take_signals_and_values():
 
 def test_more_channels_than_samples_are_asked_about():
     turned = two_channels()[:50].T
-    with pytest.raises(ValueError, match="Give one row per instant, as in samples.T"):
+    with pytest.raises(ValueError, match=r"Give one row per instant, as in samples\.T"):
         st.Signals(turned, RATE)
     assert len(st.Signals(turned, RATE, wide=True).channels) == 50
 
