@@ -81,7 +81,7 @@ def test_the_first_commands_print_what_the_readme_shows(tmp_path, monkeypatch, c
             main(arguments)
         assert left.value.code == 0, arguments
     _, told, *_ = [line.split("\t") for line in capsys.readouterr().out.splitlines()[-2:]]
-    shown = re.search(r"^> +(\d\.\d+) ± (\d\.\d+) ", README, re.M)
+    shown = re.search(r"^\| (\d\.\d+) ± (\d\.\d+) ", README, re.M)
     assert shown
     assert [float(told[0]), float(told[1])] == pytest.approx(
         [float(shown[1]), float(shown[2])], abs=5e-5
