@@ -1,8 +1,9 @@
 """The verb `replay`: plays an MCAP recording onto the bus, into a twin or through the edge."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import click
 from pydantic_core import from_json
@@ -37,7 +38,9 @@ from slowtime_services.record.writer import COUNTED_ONCE, WINDOWS
 from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
 
-INGESTED = (REGISTRATION, FEATURES, ASSET_EVENT, FATIGUE)
+T = TypeVar("T")
+
+INGESTED: tuple[Stream, ...] = (REGISTRATION, FEATURES, ASSET_EVENT, FATIGUE)
 """Streams that a fresh database is made of."""
 
 
@@ -127,11 +130,10 @@ def _into(recording: Path, database: Path) -> int:
     with (
         removed_unless_finished(database),
         offline_twin(database) as (pipeline, store),
-        bar("Replaying", _how_many(recording)) as tell,
+        bar("Replaying", _how_many(recording, through_the_edge)) as tell,
     ):
-        pipeline.ingest(
-            _features_of_samples(recording) if through_the_edge else _samples(recording, tell)
-        )
+        read = _features_of_samples if through_the_edge else _samples
+        pipeline.ingest(read(recording, tell))
         pipeline.give_up()
         for asset in assets:
             digest, count = store.digest(asset)
@@ -153,18 +155,27 @@ def _tell_of_rule(recording: Path, repeated: int, overlapping: int) -> None:
         )
 
 
-def _features_of_samples(recording: Path) -> Iterator[Sample]:
+def _features_of_samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
     """Read registrations of a recording, and compute features from its raw blocks."""
     for message in read_recording(recording, streams=[REGISTRATION]):
         yield Sample(message.key, message.payload, message.publish_ns, replayed=True)
-    for payload in rerun(raw_blocks(recording), Processing()):
+    blocks = _told(raw_blocks(recording), tell)
+    for payload in rerun(blocks, Processing()):
         features = decode(FEATURES, payload)
         key = FEATURES.key(features.site, features.asset)
         yield Sample(key, payload, None, replayed=True)
 
 
-def _how_many(recording: Path) -> int:
-    return contents(recording, streams=INGESTED).messages
+def _told(blocks: Iterable[T], tell: Callable[[float], None]) -> Iterator[T]:
+    """Say of each block that it is read."""
+    for number, block in enumerate(blocks):
+        tell(number)
+        yield block
+
+
+def _how_many(recording: Path, through_the_edge: bool) -> int:
+    streams = (RAW,) if through_the_edge else INGESTED
+    return contents(recording, streams=streams).messages
 
 
 def _samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
