@@ -37,7 +37,7 @@ LEDGER_S = 5.0
 """Interval between signed heads [s]. Source: a recording of half a minute has some."""
 FRAME = """\
     demo.frame   three sensors on three storeys, one of which weakens after day 30: the
-                 twin names it, from frequencies and shapes of all modes ({frame:g} days a second)
+                 twin names it by frequencies and shapes of all modes ({frame:g} day a second)
 """
 
 

@@ -1,8 +1,8 @@
 """The simulated structures of the demo, and the registrations of their twins.
 
 Each is heard once a day of its own calendar, for some minutes or for a blow of a hammer, and a
-second of the demo is some days of that calendar (`EPOCHS_PER_S`): a life of three years passes in
-a few minutes.
+second of the demo is some days of that calendar (`EPOCHS_PER_S`): a life of three years passes
+in a few minutes.
 """
 
 import hashlib
@@ -117,7 +117,7 @@ REPEATING = ("tank", "wing")
 """Known to come again: what is filled is emptied, and that is no change of the model."""
 
 EPOCHS_PER_S = {"tower": 5.0, "tank": 5.0, "wing": 5.0, "frame": 1.0, "bridge": 5.0}
-"""[days/s] How fast each grows old; all modes of three channels take most of a second to identify."""
+"""[days/s] How fast each grows old; all modes of three channels take most of a second."""
 
 
 def structure(name: str) -> dict[str, Any]:
