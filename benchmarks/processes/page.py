@@ -3,8 +3,8 @@
     python -m benchmarks.processes.page                       10 twins for 30 minutes
     python -m benchmarks.processes.page --twins 10 --seconds 120 --rate 20
 
-First, with an empty cache and a line of 1.6 Mbit/s and 150 ms: seconds, bytes and requests until
-the first picture of the fleet and of a twin.
+First, with an empty cache and a line of 1.6 Mbit/s and 150 ms: seconds, bytes and requests
+until the first picture of the fleet and of a twin.
 
 A real server in this process is fed `--rate` features a second of each twin. Two tabs of one
 Chromium look on, the fleet and one twin. Paint is that of an empty cache, from the navigation

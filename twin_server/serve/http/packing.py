@@ -7,8 +7,8 @@ WORTH_IT_BYTES = 2048
 """[bytes] From which on an answer is packed. Source: a shorter one needs one or two packets of
 1,460 bytes either way."""
 LEVEL = 4
-"""[-] Of zlib, 1 to 9. Source: on a history of 1,000 readings 9 saves 7 % of the bytes and takes
-three times as long."""
+"""[-] Of zlib, 1 to 9. Source: on a history of 1,000 readings 9 saves 7 % of the bytes and
+takes three times as long."""
 PACKED_ALREADY = (
     *DEFAULT_EXCLUDED_CONTENT_TYPES,
     "application/octet-stream",
