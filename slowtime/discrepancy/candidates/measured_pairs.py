@@ -24,18 +24,15 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.localization import Localization
 from slowtime.dynamics.effects import (
     Effect,
-    Friction,
-    Hidden,
     Kind,
     Law,
-    Place,
     force_along,
     general_kinds,
     simple_kinds,
 )
 
 from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
-from .library_fit import Candidate, Label, is_applicable, label_of, start_beside
+from .library_fit import Candidate, Label, is_applicable, start_beside
 from .parameter_scan import (
     Shape,
     best_effect,
@@ -213,9 +210,7 @@ class _Pair:
         return None if one is None or other is None else (one, other)
 
 
-def _columns(
-    fit: Fit, located: Localization, kinds: Mapping[str, Kind]
-) -> Iterator[_Columns]:
+def _columns(fit: Fit, located: Localization, kinds: Mapping[str, Kind]) -> Iterator[_Columns]:
     """Columns of every law in every shape, place after place."""
     described = located.linear.description
     every = [*simple_kinds(kinds), *general_kinds(kinds)]

@@ -20,7 +20,7 @@ from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evid
 from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import numbers_of, sentence_of
@@ -48,6 +48,9 @@ judgement: a tenth of the amplitude. What leaves more is looked for among all ef
 NEGLIGIBLE_REST = 4e-4
 """[share of the variance of the motion] Beyond the noise, that a model which lacks no simple
 law may leave. Source: 2 % of the amplitude; few sensors and clocks of rigs are known better."""
+FORCE_REST_RATIO = 2.0
+"""[1] Times that which an unknown force at an element may leave for its laws to be tried.
+Source: judgement; laws at a place explain no more than a free force there."""
 MAX_PASSIVE_RATIO = 1.5
 """[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
 rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
@@ -106,6 +109,7 @@ def explain_together(
     if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
     places = [Place("element", e.id) for e in own if isinstance(e, Spring)]
+    places = [place for place in places if _may_explain(place, localized, first, trials)]
     found = [
         one
         for place in places
@@ -140,12 +144,32 @@ def explain_together(
     return _with_doubts(hypothesis, ranked)
 
 
+def _may_explain(
+    place: Place, localized: Localization, first: Fit, trials: Sequence[Trial]
+) -> bool:
+    """Whether laws at a place may leave next to nothing: no more than any force there does.
+
+    Only where each coordinate is sensed is that known before phases agree.
+    """
+    linear = localized.linear
+    if np.linalg.matrix_rank(linear.rows) < linear.structure.dofs or linear.structure.dofs < 2:
+        return True
+    known = {p: group for group in localized.groups for p in group.places}
+    if place not in known:
+        return False
+    return (1 - known[place].share) * _rest_share(first, trials) < FORCE_REST_RATIO * MAX_REST
+
+
 def explains_most(hypothesis: Hypothesis) -> bool:
     """Return whether laws leave so little that no others are looked for."""
     last, trials = hypothesis.last, hypothesis.trials
+    return _falls(hypothesis.first, last, trials) and _rest_share(last, trials) < MAX_REST
+
+
+def _rest_share(fit: Fit, trials: Sequence[Trial]) -> float:
+    """Share of the variance of the motion that a fit leaves, noise included [1]."""
     motion = sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
-    left = sum(float(np.var(residual, axis=0).sum()) for residual in last.residual)
-    return _falls(hypothesis.first, last, trials) and left < MAX_REST * motion
+    return sum(float(np.var(residual, axis=0).sum()) for residual in fit.residual) / motion
 
 
 def _falls(first: Fit, last: Fit, trials: Sequence[Trial]) -> bool:

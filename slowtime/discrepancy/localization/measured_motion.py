@@ -2,8 +2,8 @@ r"""Motion that the sensors tell by themselves, where there is one for each coor
 
 With an unknown force :math:`w` on every coordinate at once,
 
-.. math:: R_k = H_k w_k + T_k \delta + n_k , \qquad
-          w_k \sim \mathcal{N}_c(0, \mathrm{diag}(s_{b(k)})), \; n_k \sim \mathcal{N}_c(0, N_k) ,
+.. math:: R_k = H_k w_k + T_k \delta + n_k , \quad
+          w_k \sim \mathcal{N}_c(0, \mathrm{diag}\,s_{b(k)}), n_k \sim \mathcal{N}_c(0, N_k) ,
 
 the posterior motion needs no assumption about what is missing, and where: laws at different
 places are compared along one motion. The variances :math:`s_b` of each band are found by
@@ -66,8 +66,7 @@ def measured_motion(fit: Fit, trials: Sequence[Trial]) -> Localization | None:
     if not all(np.isfinite(force).all() for force, _ in recovered):
         return None
     shifts = tuple(
-        _shift(tuned, force)
-        for tuned, (force, _) in zip(solver.tuned, recovered, strict=True)
+        _shift(tuned, force) for tuned, (force, _) in zip(solver.tuned, recovered, strict=True)
     )
     names = linear_names(fit)
     still = {name: 0.0 for _, name in names}
@@ -126,7 +125,7 @@ def _state(
     inverse: Complex[np.ndarray, "frequency sensor sensor"],
     weight: Float[np.ndarray, " frequency"],
 ) -> Float[np.ndarray, " state"]:
-    """Initial state by generalised least squares."""
+    """Solve for the initial state by generalised least squares."""
     white = weight[:, None, None] * (inverse @ decays)
     matrix = np.einsum("fsa,fsb->ab", decays.conj(), white).real
     right = np.einsum("fsa,fs->a", white.conj(), residual).real
