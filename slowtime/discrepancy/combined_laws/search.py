@@ -14,13 +14,14 @@ import scipy.fft
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
+from slowtime.discrepancy.candidates.measured_pairs import measured_pairs
 from slowtime.discrepancy.diagnosis import NamedEffect, Rival
 from slowtime.discrepancy.estimation.candidate_fit import with_noise_of_best
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, misfit
 from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Localization, locate
+from slowtime.discrepancy.localization import locate, measured_motion
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import numbers_of, sentence_of
@@ -48,9 +49,6 @@ judgement: a tenth of the amplitude. What leaves more is looked for among all ef
 NEGLIGIBLE_REST = 4e-4
 """[share of the variance of the motion] Beyond the noise, that a model which lacks no simple
 law may leave. Source: 2 % of the amplitude; few sensors and clocks of rigs are known better."""
-FORCE_REST_RATIO = 2.0
-"""[1] Times that which an unknown force at an element may leave for its laws to be tried.
-Source: judgement; laws at a place explain no more than a free force there."""
 MAX_PASSIVE_RATIO = 1.5
 """[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
 rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
@@ -100,7 +98,8 @@ def explain_together(
     The model with the most probable laws, marked as exhausted where the budget was used up
     before all combinations were fitted. The model as given, without effects, where it leaves
     next to nothing, and no combination noticeably less. None where nothing is missing, where
-    the structure has too many elements, or where no combination is significant.
+    the structure has too many elements, where laws act at two places, or where no combination
+    is significant.
     """
     description = first.plant.description
     localized = locate(first, trials)
@@ -109,7 +108,8 @@ def explain_together(
     if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
     places = [Place("element", e.id) for e in own if isinstance(e, Spring)]
-    places = [place for place in places if _may_explain(place, localized, first, trials)]
+    if len(places) > 1 and _act_apart(first, trials, kinds):
+        return None
     found = [
         one
         for place in places
@@ -144,20 +144,14 @@ def explain_together(
     return _with_doubts(hypothesis, ranked)
 
 
-def _may_explain(
-    place: Place, localized: Localization, first: Fit, trials: Sequence[Trial]
-) -> bool:
-    """Whether laws at a place may leave next to nothing: no more than any force there does.
-
-    Only where each coordinate is sensed is that known before phases agree.
-    """
-    linear = localized.linear
-    if np.linalg.matrix_rank(linear.rows) < linear.structure.dofs or linear.structure.dofs < 2:
-        return True
-    known = {p: group for group in localized.groups for p in group.places}
-    if place not in known:
+def _act_apart(first: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
+    """Whether two laws at different places explain far more than those at any one place."""
+    try:
+        located = measured_motion(first, trials)
+        pairs = [] if located is None else measured_pairs(first, located, kinds)
+    except (np.linalg.LinAlgError, FloatingPointError):
         return False
-    return (1 - known[place].share) * _rest_share(first, trials) < FORCE_REST_RATIO * MAX_REST
+    return any(one.effect.place != other.effect.place for one, other in pairs[:1])
 
 
 def explains_most(hypothesis: Hypothesis) -> bool:
