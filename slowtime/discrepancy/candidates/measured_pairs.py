@@ -21,7 +21,8 @@ import scipy.linalg
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.localization import Localization
+from slowtime.discrepancy.localization import Localization, measured_motion
+from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import (
     Effect,
     Kind,
@@ -181,6 +182,22 @@ def measured_pairs(
         if len(found) == PROPOSED_PAIRS:
             break
     return found
+
+
+def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
+    """Whether two laws at different places explain far more than any law does.
+
+    Parameters
+    ----------
+    kinds
+        Catalogue of effects by name.
+    """
+    try:
+        located = measured_motion(fit, trials)
+        pairs = [] if located is None else measured_pairs(fit, located, kinds)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return False
+    return any(one.effect.place != other.effect.place for one, other in pairs[:1])
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

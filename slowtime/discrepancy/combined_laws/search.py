@@ -14,14 +14,13 @@ import scipy.fft
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
-from slowtime.discrepancy.candidates.measured_pairs import measured_pairs
 from slowtime.discrepancy.diagnosis import NamedEffect, Rival
 from slowtime.discrepancy.estimation.candidate_fit import with_noise_of_best
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, misfit
 from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.estimation.significance import is_significant
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import locate, measured_motion
+from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import numbers_of, sentence_of
@@ -98,8 +97,7 @@ def explain_together(
     The model with the most probable laws, marked as exhausted where the budget was used up
     before all combinations were fitted. The model as given, without effects, where it leaves
     next to nothing, and no combination noticeably less. None where nothing is missing, where
-    the structure has too many elements, where laws act at two places, or where no combination
-    is significant.
+    the structure has too many elements, or where no combination is significant.
     """
     description = first.plant.description
     localized = locate(first, trials)
@@ -108,8 +106,6 @@ def explain_together(
     if not few or localized.p_value > LIMITS.false_alarm_p_value:
         return None
     places = [Place("element", e.id) for e in own if isinstance(e, Spring)]
-    if len(places) > 1 and _act_apart(first, trials, kinds):
-        return None
     found = [
         one
         for place in places
@@ -144,26 +140,12 @@ def explain_together(
     return _with_doubts(hypothesis, ranked)
 
 
-def _act_apart(first: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
-    """Whether two laws at different places explain far more than those at any one place."""
-    try:
-        located = measured_motion(first, trials)
-        pairs = [] if located is None else measured_pairs(first, located, kinds)
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return False
-    return any(one.effect.place != other.effect.place for one, other in pairs[:1])
-
-
 def explains_most(hypothesis: Hypothesis) -> bool:
     """Return whether laws leave so little that no others are looked for."""
     last, trials = hypothesis.last, hypothesis.trials
-    return _falls(hypothesis.first, last, trials) and _rest_share(last, trials) < MAX_REST
-
-
-def _rest_share(fit: Fit, trials: Sequence[Trial]) -> float:
-    """Share of the variance of the motion that a fit leaves, noise included [1]."""
     motion = sum(float(np.var(trial.measured, axis=0).sum()) for trial in trials)
-    return sum(float(np.var(residual, axis=0).sum()) for residual in fit.residual) / motion
+    left = sum(float(np.var(residual, axis=0).sum()) for residual in last.residual)
+    return _falls(hypothesis.first, last, trials) and left < MAX_REST * motion
 
 
 def _falls(first: Fit, last: Fit, trials: Sequence[Trial]) -> bool:

@@ -120,12 +120,12 @@ def refit_to_free_runs(
             if other is None:
                 return None
             others.append(other)
-        moves = _told_to_move(fit, again, others)
-        told = [_moved(fit, other, moves) for other in others]
+        moves = contradicted_constants(fit, again, others)
+        told = [with_moved_constants(fit, other, moves) for other in others]
         gain = _validated_gain(fit, told, [pieces for _, pieces in cut])
         if gain is None:
             return None
-        moved = _moved(fit, again, moves)
+        moved = with_moved_constants(fit, again, moves)
         if not moves.all():
             held = try_refit(
                 fit.plant, trials, free=[], noise=plain_weights(fit, trials),
@@ -140,7 +140,9 @@ def refit_to_free_runs(
     return FreeRunRefit(_widened(fit, moved), gain)
 
 
-def _told_to_move(fit: Fit, again: Fit, others: Sequence[Fit]) -> Bool[np.ndarray, " free"]:
+def contradicted_constants(
+    fit: Fit, again: Fit, others: Sequence[Fit]
+) -> Bool[np.ndarray, " free"]:
     """Whether refits without one piece agree that a constant is another."""
     free = np.array([other.free for other in others])
     count = len(others)
@@ -149,7 +151,7 @@ def _told_to_move(fit: Fit, again: Fit, others: Sequence[Fit]) -> Bool[np.ndarra
     return np.asarray(np.abs(again.free - fit.free) > far * sd)
 
 
-def _moved(fit: Fit, other: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
+def with_moved_constants(fit: Fit, other: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
     """Take the constants that move from another fit, given that the others stay."""
     stay = ~moves
     free = np.where(moves, other.free, fit.free)
