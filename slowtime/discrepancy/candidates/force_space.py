@@ -59,6 +59,8 @@ class ForceSpace:
         size = constants + states * len(tuned)
         matrix, right = np.zeros((size, size)), np.zeros(size)
         self.along: list[ForceSpectra] = []
+        self.units: list[ForceSpectra] = []
+        """Whitened readings of a unit force (frequency, sensor), trial by trial."""
         self.signal: list[Float[np.ndarray, " frequency"]] = []
         self.where: list[np.ndarray] = []
         self.square, self.count = 0.0, 0
@@ -80,6 +82,7 @@ class ForceSpace:
             self.square += float(inner[-1, -1])
             self.count += 2 * residual.size
             unit = one.transfer(self.source) / np.sqrt(lines.noise)
+            self.units.append(unit)
             self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
             self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
             self.where.append(at)
@@ -147,17 +150,10 @@ class ForceSpace:
         -------
         Products of the forces with each other, and with the residual.
         """
-        count = forces[0].shape[1]
-        cross, inner = np.zeros((len(self.right), count)), np.zeros((count, count))
-        seen = np.zeros(count)
-        for force, along, signal, at in zip(
-            forces, self.along, self.signal, self.where, strict=True
-        ):
-            both = (force.conj().T @ along).real
-            cross[at] += both[:, :-1].T
-            seen += both[:, -1]
+        cross, seen = self.products(forces)
+        inner = np.zeros((len(seen), len(seen)))
+        for force, signal in zip(forces, self.signal, strict=True):
             inner += (force.conj().T @ (signal[:, None] * force)).real
-        cross *= self.scale[:, None]
         taken = scipy.linalg.cho_solve(self.factor, cross)
         return inner - cross.T @ taken, seen - cross.T @ self.solved
 
@@ -168,12 +164,29 @@ class ForceSpace:
         ]
         return np.asarray(np.sum(heard, axis=0))
 
-    def constants_with(self, forces: list[ForceSpectra]) -> dict[tuple[str, str], float]:
-        """Solve for the constants, by name and in their units, given a force."""
-        cross = np.zeros(len(self.right))
+    def products(
+        self, forces: list[ForceSpectra]
+    ) -> tuple[Float[np.ndarray, "nuisance column"], Float[np.ndarray, " column"]]:
+        """Products of forces with constants and initial states, scaled, and with the residual.
+
+        Parameters
+        ----------
+        forces
+            Spectra of each trial (frequency, column).
+        """
+        count = forces[0].shape[1]
+        cross, seen = np.zeros((len(self.right), count)), np.zeros(count)
         for force, along, at in zip(forces, self.along, self.where, strict=True):
-            cross[at] += (force[:, 0].conj() @ along).real[:-1]
-        found = scipy.linalg.cho_solve(self.factor, self.right - self.scale * cross)
+            both = (force.conj().T @ along).real
+            cross[at] += both[:, :-1].T
+            seen += both[:, -1]
+        return cross * self.scale[:, None], seen
+
+    def constants_beside(
+        self, taken: Float[np.ndarray, " nuisance"]
+    ) -> dict[tuple[str, str], float]:
+        """Solve for the constants, given the products of known forces with them, scaled."""
+        found = scipy.linalg.cho_solve(self.factor, self.right - taken)
         found *= self.scale
         count = len(self.change)
         whole = self.reference * (1 + self.change + found[:count])
@@ -183,22 +196,9 @@ class ForceSpace:
         self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
         """Fit each force by itself; give its strength and the chi squared that it explains."""
-        count = forces[0].shape[1]
-        cross, power, seen = (
-            np.zeros((len(self.right), count)),
-            np.zeros(count),
-            np.zeros(count),
-        )
-        for force, along, signal, at in zip(
-            forces, self.along, self.signal, self.where, strict=True
-        ):
-            both = (force.conj().T @ along).real
-            cross[at] += both[:, :-1].T
-            seen += both[:, -1]
-            power += signal @ np.abs(force) ** 2
-        cross *= self.scale[:, None]
-        whole = power.copy()
-        power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
+        cross, seen = self.products(forces)
+        whole = self.power(forces)
+        power = whole - np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
         seen -= cross.T @ self.solved
         heard = power > MIN_DISTINCT_SHARE * np.maximum(whole, np.finfo(float).tiny)
         strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
@@ -210,13 +210,7 @@ class ForceSpace:
         Gives its strength, and the decrease of their squared deviations; (0, 0) where the
         sensors tell the force from changed constants.
         """
-        cross, whole = np.zeros(len(self.right)), 0.0
-        for force, along, signal, at in zip(
-            forces, self.along, self.signal, self.where, strict=True
-        ):
-            cross[at] += (force[:, 0].conj() @ along).real[:-1]
-            whole += float(signal @ np.abs(force[:, 0]) ** 2)
-        cross *= self.scale
+        cross, whole = self.products(forces)[0][:, 0], float(self.power(forces)[0])
         taken = scipy.linalg.cho_solve(self.factor, cross)
         if not whole - float(cross @ taken) < MIN_DISTINCT_SHARE * whole:
             return 0.0, 0.0

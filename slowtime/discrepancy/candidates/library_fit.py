@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.augmentation import FitStart
@@ -210,7 +211,14 @@ def _start_of_effect(
 
 def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) -> FitStart:
     """Solve for constants and initial states, given forces at a place."""
-    constants = space.constants_with(forces)
+    return start_beside(fit, space.products(forces)[0][:, 0], space)
+
+
+def start_beside(
+    fit: Fit, taken: Float[np.ndarray, " nuisance"], space: ForceSpace
+) -> FitStart:
+    """Solve for constants and initial states, given the products of forces with them."""
+    constants = space.constants_beside(taken)
     means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
     for name, value in constants.items():
         if not 1 / MAX_CONSTANT_FACTOR < value / means[name] < MAX_CONSTANT_FACTOR:

@@ -2,6 +2,7 @@
 
 from .character import Character, characterise
 from .linear_response import ForceSource, LinearModel
+from .measured_motion import measured_motion
 from .pair_ranking import likely_pairs
 from .places import PLACE_MARGIN, LatentForce, Localization, PlaceGroup
 from .ranking import likeliest_places, locate
@@ -18,4 +19,5 @@ __all__ = [
     "likeliest_places",
     "likely_pairs",
     "locate",
+    "measured_motion",
 ]

@@ -89,8 +89,8 @@ def locate(
         runs=runs,
         outer=outer,
         outputs=fit.outputs,
-        nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
-        tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
+        nominal={name: float(fit.prior.mean[i]) for i, name in linear_names(fit)},
+        tolerance={name: float(fit.prior.sd[i]) for i, name in linear_names(fit)},
         log_likelihood=none + max(groups[0].score, 0.0),
     )
 
@@ -281,7 +281,7 @@ def _clock_corrected(
     return found
 
 
-def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
+def linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
     """Free constants of the linear part, with their places among the free ones."""
     return [
         (i, (name[0], str(name[1])))
@@ -291,7 +291,7 @@ def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
 
 
 def _linear_constants(fit: Fit, linear: LinearModel) -> LinearConstants:
-    chosen = _linear_names(fit)
+    chosen = linear_names(fit)
     index = [i for i, _ in chosen]
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
     return LinearConstants.of(
@@ -302,7 +302,7 @@ def _linear_constants(fit: Fit, linear: LinearModel) -> LinearConstants:
 def _constant_changes(fit: Fit, found: Explanation) -> dict[tuple[str, str], float]:
     return {
         name: float(fit.free[i] * (1 + change) / fit.prior.mean[i] - 1)
-        for (i, name), change in zip(_linear_names(fit), found.constants, strict=True)
+        for (i, name), change in zip(linear_names(fit), found.constants, strict=True)
     }
 
 

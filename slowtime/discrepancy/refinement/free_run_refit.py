@@ -12,16 +12,25 @@ with :math:`\rho_s` the root mean square of the residual of sensor s before and
 :math:`\rho_s / \sigma_s`, the error that models are judged by. The refit is kept only if pieces
 of the records to which it was not fitted are predicted better by more than their scatter.
 
+White weights tell less of most constants: what goes astray is slow. A constant moves only if
+refits without one piece (delete-a-group jackknife) agree that it is another; others stay, and
+those that move are what the refit tells given these,
+
+.. math:: \theta_m = \hat\theta_m + C_{mh} C_{hh}^{-1} (\theta_h - \hat\theta_h) .
+
 References
 ----------
 .. [1] M. Stone, "Cross-validatory choice and assessment of statistical predictions", J. R.
    Stat. Soc. B 36 (1974).
+.. [2] R. G. Miller, "The jackknife: a review", Biometrika 61 (1974).
 """
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+import scipy.stats
+from jaxtyping import Bool
 
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, try_refit
 from slowtime.discrepancy.noise import Colour, Noise
@@ -41,6 +50,9 @@ worth constants that explain the records less well."""
 MAX_RATIO = 2.0
 """[1] Of a constant after the refit to the one before, either way, up to which both are the
 same constant. Source: judgement; no study is recorded."""
+MOVED_P_VALUE = 0.05
+"""[probability] Of as large a change of a constant by the scatter of refits without one piece,
+below which it moves. Source: the 5 % level."""
 SIGNIFICANT_SDS = 3.0
 """[standard deviations] From zero, from which a constant is asked whether it changed as much.
 Source: three-sigma rule."""
@@ -99,25 +111,76 @@ def refit_to_free_runs(
         again = refit_plainly(fit, trials, trials, is_late)
         if again is None or not are_constants_alike(fit, again):
             return None
-        gain = _validated_gain(fit, again, trials, is_late)
-    return None if gain is None else FreeRunRefit(_with_constants_of(fit, again), gain)
+        # Refits without a piece begin where the one with all of them ended.
+        begin = dataclasses.replace(fit, values=again.values, states=again.states)
+        cut = [_leave_out(trials, number) for number in range(PIECES)]
+        others = []
+        for kept, _ in cut:
+            other = refit_plainly(begin, kept, trials, is_late)
+            if other is None:
+                return None
+            others.append(other)
+        moves = contradicted_constants(fit, again, others)
+        told = [with_moved_constants(fit, other, moves) for other in others]
+        gain = _validated_gain(fit, told, [pieces for _, pieces in cut])
+        if gain is None:
+            return None
+        moved = with_moved_constants(fit, again, moves)
+        if not moves.all():
+            held = try_refit(
+                fit.plant, trials, free=[], noise=plain_weights(fit, trials),
+                values=moved.values, states=again.states, horizons=(1.0,),
+                control=FitControl(is_late=is_late),
+            )  # fmt: skip
+            if held is None:
+                return None
+            moved = dataclasses.replace(
+                moved, states=held.states, outputs=held.outputs, residual=held.residual
+            )
+    return FreeRunRefit(_widened(fit, moved), gain)
+
+
+def contradicted_constants(
+    fit: Fit, again: Fit, others: Sequence[Fit]
+) -> Bool[np.ndarray, " free"]:
+    """Whether refits without one piece agree that a constant is another."""
+    free = np.array([other.free for other in others])
+    count = len(others)
+    sd = np.sqrt((count - 1) / count * np.sum((free - free.mean(axis=0)) ** 2, axis=0))
+    far = scipy.stats.t.ppf(1 - MOVED_P_VALUE / 2, count - 1)
+    return np.asarray(np.abs(again.free - fit.free) > far * sd)
+
+
+def with_moved_constants(fit: Fit, other: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
+    """Take the constants that move from another fit, given that the others stay."""
+    stay = ~moves
+    free = np.where(moves, other.free, fit.free)
+    if stay.any() and moves.any():
+        sd = np.maximum(other.sd, np.finfo(float).tiny)
+        like = other.covariance / np.outer(sd, sd)
+        off = ((fit.free - other.free) / sd)[stay]
+        taken = np.linalg.lstsq(like[np.ix_(stay, stay)], off)[0]
+        free[moves] += sd[moves] * (like[np.ix_(moves, stay)] @ taken)
+    values = fit.values.copy()
+    values[list(fit.prior.index)] = free
+    return dataclasses.replace(other, values=values)
 
 
 def _validated_gain(
-    fit: Fit, again: Fit, trials: Sequence[Trial], is_late: Callable[[], bool]
+    fit: Fit, told: Sequence[Fit], pieces: Sequence[Sequence[Trial]]
 ) -> float | None:
     """Mean log ratio of errors on pieces left out; None where it is within their scatter.
 
-    Refits without a piece begin where the one with all of them ended.
+    Parameters
+    ----------
+    told
+        With the constants that were refitted without each of the pieces.
     """
-    begin = dataclasses.replace(fit, values=again.values, states=again.states)
-    ratios: list[float] = []
-    for number in range(PIECES):
-        kept, pieces = _leave_out(trials, number)
-        other = refit_plainly(begin, kept, trials, is_late)
-        if other is None:
-            return None
-        ratios += _log_ratios(fit, _with_constants_of(fit, other), pieces)
+    ratios = [
+        ratio
+        for other, left in zip(told, pieces, strict=True)
+        for ratio in _log_ratios(fit, dataclasses.replace(fit, values=other.values), left)
+    ]
     if len(ratios) < 2:
         return None
     gain = float(np.mean(ratios))
@@ -191,7 +254,7 @@ def are_constants_alike(before: Fit, after: Fit) -> bool:
     return True
 
 
-def _with_constants_of(fit: Fit, other: Fit) -> Fit:
+def _widened(fit: Fit, other: Fit) -> Fit:
     """Take constants and runs from another fit, and widen the covariance by the change."""
     off = other.free - fit.free
     wide = max(fit.chi2_in_band, 1.0)  # by which `Fit.inflated_sd` inflates it

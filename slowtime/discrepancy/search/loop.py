@@ -13,6 +13,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.candidates.measured_pairs import act_apart
 from slowtime.discrepancy.combined_laws.search import explain_together, explains_most
 from slowtime.discrepancy.estimation.input_hold import held_otherwise, with_holds
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
@@ -42,10 +43,14 @@ def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypoth
     how
         What is searched for, by which steps, and who is told.
     """
-    together = explain_together(first, trials, how.kinds, how.monitor) if how.decays else None
+    tolerated = None if how.options.quick else refit_within_tolerances(first, trials)
+    # Combinations are of laws at one element each, and take longer than all else.
+    apart = tolerated is not None and how.decays and act_apart(tolerated, trials, how.kinds)
+    together = None
+    if how.decays and not apart:
+        together = explain_together(first, trials, how.kinds, how.monitor)
     if together is not None and (not together.effects or explains_most(together)):
         return together
-    tolerated = None if how.options.quick else refit_within_tolerances(first, trials)
     found = grow(Hypothesis((first,), trials), how, tolerated=tolerated)
     if tolerated is None:
         return found

@@ -27,6 +27,7 @@ from slowtime.discrepancy.proposers.joint_pairs import (
     PairLabel,
     label_of_pair,
 )
+from slowtime.discrepancy.proposers.measured_motion import pairs_along_measured_motion
 from slowtime.discrepancy.proposers.sensor_bias import (
     biased_accelerometer,
     sensor_bias_candidate,
@@ -243,8 +244,8 @@ def _fit_proposals(given: Round, how: SearchSettings) -> _Fits:
     done: frozenset[PairLabel] = frozenset()
     fits = _begin(given, ())
     if asks_all:
-        late = list(pairs_with_delayed_input(given))
-        fits, done = _fit_pairs(fits, joint, late, done)
+        pairs = [*pairs_with_delayed_input(given), *pairs_along_measured_motion(given)]
+        fits, done = _fit_pairs(fits, joint, pairs, done)
     for proposer in how.proposers_of(given.number):
         if fits.step is not None or fits.fitting.stopped:
             break

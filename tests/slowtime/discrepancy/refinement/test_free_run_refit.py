@@ -11,9 +11,11 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.free_run_refit import (
     MAX_RATIO,
     are_constants_alike,
+    contradicted_constants,
     plain_weights,
     refit_plainly,
     refit_to_free_runs,
+    with_moved_constants,
 )
 from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -108,6 +110,31 @@ def test_a_model_that_leaves_noise_only_stays_as_it_is():
 def test_a_record_too_short_for_pieces_stays_as_it_is(seconds):
     trials = (driven(1, seconds, DRAGS["wear"]),)
     assert refit_to_free_runs(fitted(trials), trials) is None
+
+
+def test_only_constants_that_pieces_agree_to_be_others_move():
+    fit = fitted((driven(1, 6.0, DRAGS["wear"]),))
+    names = list(fit.prior.names)
+    bias, damping = names.index(BIAS), names.index(DAMPING)
+
+    def changed(of_bias, of_damping):
+        values = fit.values.copy()
+        values[fit.prior.index[bias]] += of_bias
+        values[fit.prior.index[damping]] += of_damping
+        return dataclasses.replace(fit, values=values)
+
+    again = changed(0.5, 3.0)
+    others = [changed(0.5 + 0.02 * off, 3.0 + 4.0 * off) for off in (-1.0, 0.5, 1.0, -0.5)]
+    moves = contradicted_constants(fit, again, others)
+    assert moves[bias]
+    assert not moves[damping]
+    told = with_moved_constants(fit, again, moves)
+    assert told.free[damping] == fit.free[damping]
+    # What moves is what the refit tells once the others are known (a conditional mean).
+    covariance = again.covariance
+    slope = covariance[bias, ~moves] @ np.linalg.inv(covariance[np.ix_(~moves, ~moves)])
+    expected = again.free[bias] + slope @ (fit.free - again.free)[~moves]
+    assert told.free[bias] == pytest.approx(expected, rel=1e-6)
 
 
 def test_plain_weights_lead_downhill_on_the_mean_relative_error():
