@@ -20,6 +20,7 @@ from typing import Any
 _MODULES = {
     "slowtime_api.signals": ("Signals", "read"),
     "slowtime_api.modal_estimates": ("EstimatedMode", "Modes", "identify"),
+    "slowtime_api.decays": ("DecayLaw", "fit_decay"),
     "slowtime_api.models": ("Model", "simulate"),
     "slowtime_api.diagnoses": ("DiagnosisResult", "diagnose"),
     "slowtime_api.twins": ("Twin", "connect"),
@@ -29,6 +30,7 @@ _EXTRAS = {"slowtime_api.twins": "twin"}
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
+    "DecayLaw",
     "DiagnosisResult",
     "EstimatedMode",
     "Model",
@@ -38,6 +40,7 @@ __all__ = [
     "__version__",
     "connect",
     "diagnose",
+    "fit_decay",
     "identify",
     "read",
     "simulate",

@@ -1,4 +1,5 @@
 __all__ = [
+    "DecayLaw",
     "DiagnosisResult",
     "EstimatedMode",
     "Model",
@@ -8,11 +9,14 @@ __all__ = [
     "__version__",
     "connect",
     "diagnose",
+    "fit_decay",
     "identify",
     "read",
     "simulate",
 ]
 
+from slowtime_api.decays import DecayLaw as DecayLaw
+from slowtime_api.decays import fit_decay as fit_decay
 from slowtime_api.diagnoses import DiagnosisResult as DiagnosisResult
 from slowtime_api.diagnoses import diagnose as diagnose
 from slowtime_api.modal_estimates import EstimatedMode as EstimatedMode

@@ -1,6 +1,7 @@
 """Samples that are not there: what their loss costs, beside the Cramér-Rao bounds.
 
-Run `python -m benchmarks.methods.modal_losses [--runs 30]`. Two modes (1.5 and 4.2 Hz, 1 %) are
+Run `python -m benchmarks.methods.modal_losses [--runs 30] [--out FILE]`; with a file it resumes
+where it was stopped. Two modes (1.5 and 4.2 Hz, 1 %) are
 heard by three channels at 20 Hz for ten minutes, 20 dB over the noise. Of each record samples
 are lost in six ways, and modes of the complete record and of the one with gaps are compared
 with the truth. Efficiency is the variance on complete records over that on records with gaps,
@@ -9,8 +10,11 @@ matrix, in frequency and damping of both modes, their strengths and the noise.
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -145,23 +149,37 @@ def bound_ratio(there: np.ndarray) -> np.ndarray:
     return np.asarray(ratio[:-1].reshape(-1, 3)[:, :2])
 
 
+def measure(seed: int) -> dict[str, Any]:
+    """Estimates of one record, complete and with each kind of losses, and which are flagged."""
+    samples = heard(np.random.default_rng(seed))
+    whole = np.ones(len(samples), dtype=bool)
+    found: dict[str, Any] = {"complete": estimates(modes_of(samples, whole)[0]).tolist()}
+    flagged = []
+    for number, (kind, lose) in enumerate(KINDS.items()):
+        modes, flags = modes_of(samples, lose(samples, np.random.default_rng([seed, number])))
+        found[kind] = estimates(modes).tolist()
+        flagged += [kind] if flags else []
+    return {**found, "flagged": flagged}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where an efficiency is below 0.9 beyond chance."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--out", type=Path, help="one line of JSON for each record")
     given = parser.parse_args(arguments)
-    complete: list[np.ndarray] = []
-    found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
-    flagged = dict.fromkeys(KINDS, 0)
-    for seed in range(given.runs):
-        samples = heard(np.random.default_rng(seed))
-        complete.append(estimates(modes_of(samples, np.ones(len(samples), dtype=bool))[0]))
-        for number, (kind, lose) in enumerate(KINDS.items()):
-            modes, flags = modes_of(
-                samples, lose(samples, np.random.default_rng([seed, number]))
-            )
-            found[kind].append(estimates(modes))
-            flagged[kind] += bool(flags)
+    lines: list[dict[str, Any]] = []
+    if given.out is not None and given.out.exists():
+        lines = [json.loads(line) for line in given.out.read_text().splitlines()]
+    for seed in range(len(lines), given.runs):
+        lines.append(measure(seed))
+        if given.out is not None:
+            with given.out.open("a") as file:
+                file.write(json.dumps(lines[-1]) + "\n")
+    lines = lines[: given.runs]
+    complete = [line["complete"] for line in lines]
+    found = {kind: [line[kind] for line in lines] for kind in KINDS}
+    flagged = {kind: sum(kind in line["flagged"] for line in lines) for kind in KINDS}
     print("| losses | efficiency | intervals of frequency | of damping | flagged |")
     print("|---|---|---|---|---|")
     whole = np.array(complete)

@@ -26,6 +26,7 @@ from .calibration import refit
 from .calibration.tolerances import fit_within_tolerances
 from .data.screening import screen, screen_records
 from .diagnosis import Diagnosis
+from .free_decay.damping import describe_damping
 from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
@@ -143,9 +144,10 @@ def _diagnose(
     if rewiring is not None:
         unseen = tuple(screen(one).trial for one in campaign.holdout)
         answer = with_rewiring(answer, rewiring, given, evaluation_trials(trials, unseen))
+    notes = [*answer.notes, *(describe_damping(trials) if decays else ())]
     if options.quick and answer.verdict == "unknown_effect":
-        return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
-    return answer
+        notes.append(QUICK)
+    return dataclasses.replace(answer, notes=tuple(notes))
 
 
 def _searched(

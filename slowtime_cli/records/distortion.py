@@ -9,7 +9,6 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.identification.free_decay.along_decay import law_sentence
 from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
 from slowtime.identification.free_decay.envelope import decay_envelope
 from slowtime.identification.nonlinear_distortion import (
@@ -249,7 +248,7 @@ def _decays(
         (y,), rate = _columns(text, (told,), rate_hz)
         law = decay_law(decay_envelope(y, rate, transient_s, band_hz=band, near_hz=near_hz))
         rows.append(_decay(text, law))
-        sentences.append(f"{text}: {law_sentence(law)}")
+        sentences.append(f"{text}: {law.sentence}")
         for name, values in (("damping [%]", 100 * law.damping), ("Hz", law.frequency_hz)):
             lines.append(
                 {

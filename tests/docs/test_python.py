@@ -55,6 +55,16 @@ def test_a_file_becomes_modes_and_a_picture(page, record, capsys):
     assert float(found[1]) == pytest.approx(true, abs=5 * float(found[2]))
 
 
+def test_a_decay_is_followed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(0, 20, 0.01)
+    Path("swing.csv").write_text(
+        "t,x\n" + "".join(f"{s:.2f},{np.exp(-0.2 * s) * np.cos(20 * s):.9f}\n" for s in t)
+    )
+    exec(python_of(ROOT / "docs/python.md", "st.fit_decay("), {"st": st})
+    assert "the damping ratio is 1 ±" in capsys.readouterr().out
+
+
 def test_a_twin_runs_without_a_server(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(python_of(ROOT / "docs/python.md", "st.Twin("), {"st": st})

@@ -157,3 +157,22 @@ def test_a_missing_friction_is_named_from_signals(tmp_path):
     assert "coulomb" in found._repr_html_()
     found.plot_gap(tmp_path / "gap.png")
     assert len(found.augmented.description.effects) >= 1
+
+
+def test_a_decay_is_followed_from_all_channels_and_one_mode_is_chosen():
+    t = np.arange(0, 30, 0.02)
+    first = np.maximum(1 - 0.03 * t, 0) * np.cos(8 * t)
+    second = 0.5 * np.exp(-0.01 * 27 * t) * np.cos(27 * t)
+    both = np.outer(first, [1.0, 0.4]) + np.outer(second, [0.3, -0.6])
+    both += 1e-3 * np.random.default_rng(0).standard_normal(both.shape)
+    signals = st.Signals(both, rate_hz=50.0, channels=["x", "y"])
+    law = st.fit_decay(signals)
+    assert not law.one_number
+    assert law.terms == ("dry friction",)
+    assert signals.channels[law.channel] == "x"
+    # Friction takes 0.03 of an amplitude in a second of 8 / pi half cycles.
+    assert law.coefficients[0] == pytest.approx(0.03 * np.pi / 8, rel=0.01)
+    law = st.fit_decay(signals, near_hz=27 / (2 * np.pi))
+    assert law.one_number
+    assert law.damping[0] == pytest.approx(0.01, abs=max(4 * law.damping_sd[0], 1e-4))
+    assert st.fit_decay(signals, band_hz=(3.0, 6.0)).damping[0] == pytest.approx(0.01, rel=0.05)

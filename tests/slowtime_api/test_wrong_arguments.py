@@ -256,3 +256,23 @@ except ImportError as error:
     count, message = done.stdout.splitlines()
     assert count == "1"
     assert message.endswith("pip install 'slowtime[analysis]'")
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"near_hz": -1.0}, ValueError, "near_hz=-1 was given. Give more than 0"),
+        ({"near_hz": "low"}, TypeError, "near_hz='low' was given. Give one number"),
+        ({"band_hz": 3.0}, TypeError, "Give two numbers"),
+        ({"band_hz": (20.0, 24.0)}, ValueError, "half cycles|No motion"),
+        ({"start_s": 40.0}, ValueError, "Give seconds from 0 to 30"),
+    ],
+)
+def test_what_a_fit_of_a_decay_does_not_take_is_named(signals, given, error, message):
+    with pytest.raises(error, match=message):
+        st.fit_decay(signals, **given)
+
+
+def test_a_fit_of_a_decay_wants_signals_without_gaps():
+    with pytest.raises(TypeError, match="Signals"):
+        st.fit_decay(DECAY)

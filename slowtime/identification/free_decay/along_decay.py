@@ -83,7 +83,7 @@ def along_decay_note(
         return ""
     strong = law.amplitude[law.amplitude > STRONG * law.amplitude[0]]
     return (
-        f"mode at {mode.frequency_hz.value:.4g} Hz: {law_sentence(law)} Its values are those "
+        f"mode at {mode.frequency_hz.value:.4g} Hz: {law.sentence} Its values are those "
         f"at amplitude {strong[len(strong) // 2]:.3g}, with the range down to a tenth of the "
         "largest; `slowtime distortion --decay` prints the table."
     )
@@ -100,26 +100,3 @@ def _spanning(given: Measured, other: float, other_sd: float) -> Measured:
 def _covering(values: Float[np.ndarray, " point"], middle: int, own: float) -> Measured:
     value = float(values[middle])
     return Measured(value, max(own, float(np.abs(values - value).max())))
-
-
-def law_sentence(law: DecayLaw) -> str:
-    """Say what a decay tells, for a note: one number, or both ends of the table."""
-    first, last = float(law.amplitude[0]), float(law.amplitude[-1])
-    zeta, hz = 100 * law.damping, law.frequency_hz
-    if law.beats:
-        return (
-            "another mode is so near that their beat imitates a change of damping: whether it "
-            "depends on amplitude is undecided. Give a longer record, or channels that tell "
-            "the modes apart."
-        )
-    if law.one_number:
-        return (
-            f"the damping ratio is {zeta[0]:.4g} ± {100 * law.damping_sd[0]:.2g} % along the "
-            f"whole decay, from amplitude {first:.3g} to {last:.3g}."
-        )
-    stiffness = "" if law.stiffness == "constant" else f" and {law.stiffness} stiffness"
-    return (
-        f"the damping ratio {law.trend} ({zeta[0]:.3g} % at {first:.3g}, {zeta[-1]:.3g} % at "
-        f"{last:.3g}), by {' and '.join(law.terms)} damping{stiffness}; frequency "
-        f"{hz[0]:.5g} to {hz[-1]:.5g} Hz."
-    )

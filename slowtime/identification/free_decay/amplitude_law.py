@@ -25,6 +25,7 @@ import scipy.optimize
 from jaxtyping import Float
 
 from .envelope import Envelope, local_slopes
+from .two_modes import PARAMETERS, misfit_of_two_modes
 
 NAMES = ("dry friction", "viscous", "quadratic")
 """What makes the amplitude fall by a constant, in proportion, and by its square."""
@@ -41,6 +42,9 @@ decays of linear structures."""
 SAME_DAMPING = 0.05
 """[1] Relative difference of damping up to which a viscous law is enough. Source: judgement;
 a stiffness that hardens by a tenth changes the damping of a viscous damper by 3 %."""
+LEAST_FALL = 0.2
+"""[1] Of the logarithm of the amplitude along a decay: damping of less is taken for as much
+where a difference is judged. Source: judgement; a law cannot be seen in a fall of a fifth."""
 SAME_FREQUENCY = 0.1
 """[half-bandwidths] Change of the frequency along a decay up to which it is one. Source:
 judgement; damping by a resonance curve changes by less than a hundredth."""
@@ -115,6 +119,29 @@ class DecayLaw:
             return "does not depend on amplitude"
         return "grows with amplitude" if first > last else "falls with amplitude"
 
+    @property
+    def sentence(self) -> str:
+        """What the decay tells: one number, both ends of the table, or why it is undecided."""
+        first, last = float(self.amplitude[0]), float(self.amplitude[-1])
+        zeta, hz = 100 * self.damping, self.frequency_hz
+        if self.beats:
+            return (
+                "another mode is so near that their beat imitates a change of damping: whether "
+                "it depends on amplitude is undecided. Give a longer record, or channels that "
+                "tell the modes apart."
+            )
+        if self.one_number:
+            return (
+                f"the damping ratio is {zeta[0]:.4g} ± {100 * self.damping_sd[0]:.2g} % along "
+                f"the whole decay, from amplitude {first:.3g} to {last:.3g}."
+            )
+        stiffness = "" if self.stiffness == "constant" else f" and {self.stiffness} stiffness"
+        return (
+            f"the damping ratio {self.trend} ({zeta[0]:.3g} % at {first:.3g}, {zeta[-1]:.3g} % "
+            f"at {last:.3g}), by {' and '.join(self.terms)} damping{stiffness}; frequency "
+            f"{hz[0]:.5g} to {hz[-1]:.5g} Hz."
+        )
+
 
 def decay_law(envelope: Envelope) -> DecayLaw:
     """Fit the law of the amplitude, with as few terms as the record asks for.
@@ -154,7 +181,7 @@ def decay_law(envelope: Envelope) -> DecayLaw:
     # Of the logarithm of the amplitude in half a damped cycle.
     damping = fall / np.hypot(np.pi, fall)
     sd = sd * np.pi**2 / np.hypot(np.pi, fall) ** 3
-    return DecayLaw(
+    law = DecayLaw(
         amplitude=size,
         frequency_hz=envelope.frequency_hz,
         frequency_sd_hz=envelope.frequency_sd_hz,
@@ -169,6 +196,9 @@ def decay_law(envelope: Envelope) -> DecayLaw:
         beats=envelope.beats,
         channel=envelope.channel,
     )
+    if law.one_number or law.beats or not _beats(envelope, found, terms):
+        return law
+    return dataclasses.replace(law, beats=True)
 
 
 def _corrected(
@@ -180,7 +210,8 @@ def _corrected(
     slope, error = local_slopes(envelope.half_cycles, left * relative, relative)
     strong = envelope.amplitude > STRONG * envelope.amplitude[0]
     misfit = float(np.mean((slope[strong] / error[strong]) ** 2))
-    material = float(np.abs(slope[strong] / fall[strong]).max()) > SAME_DAMPING
+    told = np.maximum(fall[strong], LEAST_FALL / float(envelope.half_cycles[-1]))
+    material = float(np.abs(slope[strong] / told).max()) > SAME_DAMPING
     if misfit < MISFIT or not material:
         return (
             fall,
@@ -188,6 +219,25 @@ def _corrected(
             True,
         )
     return np.maximum(fall + slope, 0.0), np.hypot(sd, error), False
+
+
+def _beats(
+    envelope: Envelope, found: scipy.optimize.OptimizeResult, terms: tuple[int, ...]
+) -> bool:
+    """Whether two viscous modes explain amplitude and phase better than the law does."""
+    count = len(envelope.amplitude)
+    of_law = 2 * found.cost + min(_frequency_move(envelope, power)[1] for power in (1, 2))
+    independent = 2 * count / envelope.overlap
+    criteria = [
+        independent * math.log(max(misfit / (2 * count), 1.0)) + number * math.log(independent)
+        # A start, a phase, and three parameters of the phase beside the terms.
+        for misfit, number in (
+            (of_law, 4 + len(terms)),
+            (misfit_of_two_modes(envelope), PARAMETERS),
+        )
+        if math.isfinite(misfit)
+    ]
+    return len(criteria) == 2 and criteria[1] < criteria[0] - CLEAR
 
 
 def _alike(

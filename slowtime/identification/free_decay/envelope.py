@@ -59,6 +59,9 @@ RELEASE_STEPS = 11
 STAYED = 2.0
 """[1] Time from one level to the next over that to the one after, from which a drive was on.
 Source: dry friction has 1.1, viscous damping 1, quadratic 0.9."""
+PAUSED = 1.25
+"""[1] The same of the first level, that of the largest motion, from which a drive that builds
+up to its stop was on. Source: dry friction has 1.1."""
 DROPPED = 0.1
 """[1] Least level while a drive is on, over that at its end: between blows it is less."""
 BLOCKS = 64
@@ -221,6 +224,11 @@ def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
             break  # what follows is not seen to fall
         if level[max(last[k - 1], largest) : last[k]].min() > DROPPED * levels[k - 1]:
             begun = last[k] + int(np.argmax(power[last[k] : last[k] + size]))
+    after = last[2] - last[1]
+    if begun == largest and last[2] < len(level) - 1 and last[1] - largest > PAUSED * after:
+        # A level is that of half its window later.
+        free = max(last[1] - after + size // 2, largest)
+        begun = free + int(np.argmax(power[free : free + size // 2]))
     return begun
 
 

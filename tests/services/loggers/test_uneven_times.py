@@ -1,6 +1,7 @@
 """Questions about uneven times name the cause, where the times themselves tell it."""
 
 import datetime
+import re
 
 import numpy as np
 import pytest
@@ -100,3 +101,36 @@ def test_late_stamps_and_jitter_are_no_clock_that_was_set(tmp_path):
         rows = [f"{t:.5f},{x}" for t, x in zip(times, X, strict=True)]
         path.write_text("Time [s],ax\n" + "\n".join(rows) + "\n")
         assert not any("was set" in note for note in read_record(path).notes)
+
+
+def stamps(jitter, seed=5):
+    """Return even times at 50 Hz with normal jitter [steps], in order."""
+    late = jitter * np.random.default_rng(seed).standard_normal(ROWS)
+    return [f"{t:.6f}" for t in np.sort((np.arange(ROWS) + 9 + late) / 50.0)]
+
+
+def test_stamps_that_jitter_beyond_half_a_step_are_not_taken_for_losses(tmp_path):
+    path = tmp_path / "file.csv"
+    rows = [f"{t},{x}" for t, x in zip(stamps(0.2), X, strict=True)]
+    path.write_text("Time [s],ax\n" + "\n".join(rows) + "\n")
+    record = read_record(path)
+    assert record.gaps == ()
+    assert record.rate_hz == pytest.approx(50.0, rel=1e-4)
+    assert any("jitters by 2" in note or "jitters by 1" in note for note in record.notes)
+
+
+def test_a_loss_among_jittering_stamps_is_one(tmp_path):
+    path = tmp_path / "file.csv"
+    times = [t for k, t in enumerate(stamps(0.08)) if k not in (200, 201)]
+    path.write_text("Time [s],ax\n" + "".join(f"{t},{k % 7}\n" for k, t in enumerate(times)))
+    (gap,) = read_record(path).gaps
+    assert (gap.row, gap.missing) == (200, 2)
+
+
+def test_the_advice_for_more_jitter_can_be_followed(refusal, tmp_path):
+    said = refusal(stamps(0.35))
+    assert "about a steady rate of" in said
+    (rate,) = re.findall(r"Give --rate-hz ([\d.]+) ", said)
+    record = read_record(tmp_path / "file.csv", rate_hz=float(rate))
+    assert record.gaps == ()
+    np.testing.assert_array_equal(record.samples[:, 0], X)

@@ -56,6 +56,12 @@ drifts passes through half a step."""
 MAX_SCATTER_STEPS = 0.7
 """Range of deviations from an even clock [steps] without a gap. A sample that is missing in the
 middle of a record makes 1."""
+STEADY_ROWS = 64
+"""Rows [1] whose mean deviation from an even clock tells a loss from jitter: independent jitter
+of `MAX_JITTER_STEPS` moves it by 0.03 steps."""
+MAX_MEAN_STEPS = 0.25
+"""Such a mean [steps] up to which no sample is missing. Source: one that is shifts all rows
+behind it by a step, so that rows on one side are half a step off at least."""
 MAX_LOCAL_JITTER_STEPS = 0.1
 """Jitter of single stamps [steps, rms] up to which a rate that wanders is followed from step
 to step, and samples are interpolated at even times. Source: judgement; it makes an error of
@@ -210,7 +216,8 @@ def read_time(
     if not printed:
         _refuse_disorder(values, seconds, name, first_line, stamped=quantum is not None)
     step = even
-    if not printed and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
+    steady = _stays_with_even_clock(seconds, instants, even)
+    if not (printed or steady) and _scatter(seconds, instants, even) > MAX_SCATTER_STEPS * even:
         step, instants = _instants(seconds)
     jumps = np.diff(instants) - 1
     deviation = seconds / step - instants
@@ -223,6 +230,14 @@ def read_time(
     wanders = jitter > MAX_JITTER_STEPS and not printed
     if wanders and not scattered and _is_locally_even(seconds, jumps):
         return _wandering(seconds, jumps, origin_ns, name, notes)
+    if wanders and steady and not scattered:
+        raise UnevenError(
+            f"The times in column {name!r} are too uneven: they jitter by {jitter:.2g} steps "
+            f"(rms, at most {MAX_JITTER_STEPS:g}) about a steady rate of {1 / step:.6g} Hz. "
+            f"Give --rate-hz {1 / step:.6g} if samples were taken evenly and stamped late; "
+            "resample the record at even times if they were taken at these.",
+            1 / step,
+        )
     if wanders or (jumps < 0).any() or scattered:
         raise UnevenError(
             f"The times in column {name!r} are too uneven for one sampling rate: they deviate "
@@ -407,6 +422,18 @@ def _even_step(
     centred = instants - instants.mean()
     step = float(seconds @ centred / (centred @ centred))
     return step if step > 0 else float(seconds[-1] / max(len(seconds) - 1, 1)) or 1.0
+
+
+def _stays_with_even_clock(
+    seconds: Float[np.ndarray, " time"], instants: Shaped[np.ndarray, " time"], step: float
+) -> bool:
+    """Whether rows jitter about an even clock with no sample missing, however far they do."""
+    parts = len(seconds) // STEADY_ROWS
+    if parts < 2:
+        return False
+    off = seconds / step - instants
+    means = [float(part.mean()) for part in np.array_split(off - off.mean(), parts)]
+    return max(np.abs(means)) < MAX_MEAN_STEPS
 
 
 def _scatter(

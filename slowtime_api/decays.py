@@ -1,0 +1,80 @@
+"""Frequency and damping along a free decay."""
+
+from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
+from slowtime.identification.free_decay.envelope import decay_envelope
+
+from .arguments import number, pair, positive
+from .signals import Signals, checked_signals
+
+__all__ = ["DecayLaw", "fit_decay"]
+
+
+def fit_decay(
+    signals: Signals,
+    *,
+    near_hz: float | None = None,
+    band_hz: tuple[float, float] | None = None,
+    start_s: float = 0.0,
+) -> DecayLaw:
+    """Follow one mode along a free decay: frequency and damping against amplitude.
+
+    Parameters
+    ----------
+    signals
+        A free decay, with whatever came before its release. All channels are used together.
+    near_hz
+        Frequency near which the mode is [Hz]; where not given, that of the strongest line.
+    band_hz
+        Band of the mode [Hz]; where not given, all that the record can show.
+    start_s
+        Time before which nothing is used [s]. The decay begins where the motion is largest, or
+        where a drive stops.
+
+    Returns
+    -------
+    Frequencies [Hz] and damping ratios [1] at amplitudes from the largest to the smallest, with
+    standard deviations, and the law of damping: viscous, quadratic, dry friction or their sums,
+    by the Bayesian information criterion. Amplitudes have the unit of
+    ``signals.channels[law.channel]``. Only where `DecayLaw.one_number` is true, one frequency
+    and one damping ratio hold along the whole decay; `DecayLaw.sentence` says it in words.
+
+    Raises
+    ------
+    ValueError
+        If the record has gaps, no motion in the band, or too few cycles above the noise.
+    TypeError
+        If `signals` are no `Signals`, or an argument is no number.
+
+    References
+    ----------
+    .. [1] B. F. Feeny and J. W. Liang, "A decrement method for the simultaneous estimation of
+       Coulomb and viscous friction", Journal of Sound and Vibration 195 (1996) 149-154.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(0, 20, 0.01)
+    >>> law = fit_decay(Signals(np.exp(-0.2 * t) * np.cos(20 * t), rate_hz=100.0))
+    >>> law.one_number, round(float(law.damping[0]), 4)
+    (True, 0.01)
+    """
+    signals = checked_signals(signals, "fit_decay")
+    if near_hz is not None:
+        near_hz = positive(near_hz, "near_hz", "frequency of the mode [Hz]")
+    if band_hz is not None:
+        band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
+    start_s = number(start_s, "start_s", "seconds from the start of the signals, from 0")
+    if not 0 <= start_s < signals.duration_s:
+        raise ValueError(
+            f"start_s={start_s:g} was given. Give seconds from 0 to {signals.duration_s:g}."
+        )
+    if signals.record.gaps:
+        raise ValueError(
+            "Samples are missing within the signals. Give a part without gaps, by "
+            "signals.between(first_s, last_s)."
+        )
+    return decay_law(
+        decay_envelope(
+            signals.samples, signals.rate_hz, start_s, band_hz=band_hz, near_hz=near_hz
+        )
+    )
