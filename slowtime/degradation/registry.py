@@ -1,7 +1,18 @@
 """The standard family of degradation laws; an owner's own joins it by name."""
 
 from .curve_posterior import CurveLaw
-from .curves import CRACK, FADE, LINEAR, LOGISTIC, POWER
+from .curves import (
+    BENT,
+    BREATHING,
+    CRACK,
+    EXPONENTIAL,
+    FADE,
+    LINEAR,
+    LOGISTIC,
+    POWER,
+    SEASONAL,
+    STEPPED,
+)
 from .gamma_process import GammaLaw
 from .law import Law
 from .wiener import WienerLaw
@@ -12,7 +23,13 @@ STANDARD: tuple[Law, ...] = (
     CurveLaw(POWER),
     CurveLaw(LOGISTIC),
     CurveLaw(CRACK),
+    CurveLaw(EXPONENTIAL),
+    CurveLaw(BREATHING),
+    CurveLaw(SEASONAL),
+    CurveLaw(BENT),
+    CurveLaw(STEPPED),
     WienerLaw(),
+    WienerLaw("reverting walk", reverts=True),
     GammaLaw(),
 )
 """The laws beside the Gaussian processes."""

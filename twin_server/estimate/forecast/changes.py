@@ -348,19 +348,8 @@ def forecast_from_state(
     """
     since, span = prospect.since, prospect.since - prospect.first
     later = since + (horizon or 0.25 * span) * np.arange(1, count + 1) / count
-    bands: dict[str, Float[np.ndarray, "later 4"]] = {}
-    until = np.inf
-    for name, begun in prospect.begun.items():
-        ahead = begun.predict(later, level=LEVEL)
-        widened = np.hypot(ahead.sd, prospect.common[name] * np.abs(1.0 + ahead.mean))
-        wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
-        # No change is below -1: bands end there, which keeps their probability.
-        mean, lo, hi = (
-            np.maximum(ahead.mean + (end - ahead.mean) * wider, degradation.BOUND)
-            for end in (ahead.mean, ahead.lo, ahead.hi)
-        )
-        bands[name] = np.column_stack((mean, widened, lo, hi))
-        until = min(until, ahead.horizon)
+    bands = {name: _band(prospect, name, later) for name in prospect.begun}
+    until = min((begun.horizon for begun in prospect.begun.values()), default=np.inf)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
         reasons = (
@@ -376,6 +365,19 @@ def forecast_from_state(
     warnings = {name: laws.warning for name, laws in prospect.laws.items()}
     misfits = tuple(f"{name}: {text}" for name, text in warnings.items() if text)
     return ChangeForecast(since, later, bands, float(until), used, reasons, crossings, misfits)
+
+
+def _band(
+    prospect: ForecastState, name: str, later: Float[np.ndarray, " later"]
+) -> Float[np.ndarray, "later 4"]:
+    """Mean, sd and central interval of all degradation laws together, at future slow times."""
+    drawn = prospect.laws[name].futures_at(np.append(prospect.since, later), paths=_PATHS)
+    own = drawn.paths[:, 1:]
+    shared = prospect.common[name] * np.abs(1.0 + own) * drawn.common[:, None]
+    # No change is below -1: paths end there, which keeps their probability.
+    paths = np.maximum(own + shared, degradation.BOUND)
+    lo, hi = np.quantile(paths, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)], axis=0)
+    return np.column_stack((paths.mean(axis=0), paths.std(axis=0), lo, hi))
 
 
 def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, float]]:
