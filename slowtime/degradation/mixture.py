@@ -143,29 +143,6 @@ class Mixture:
                 "a later slow time."
             )
         later = np.linspace(self.now, horizon, points + 1)
-        return self.futures_at(later, paths=paths, seed=seed, only=only)
-
-    def futures_at(
-        self,
-        later: Float[np.ndarray, " later"],
-        *,
-        paths: int = 2000,
-        seed: int = 0,
-        only: str | None = None,
-    ) -> SampledFutures:
-        """Draw paths at given slow times; see `futures`.
-
-        Parameters
-        ----------
-        later
-            Slow times, ascending; the first is that of the last reading.
-        paths, seed, only
-            As for `futures`.
-
-        Returns
-        -------
-        Futures whose paths are never below `bound`.
-        """
         weights = {only: 1.0} if only is not None else self.weights
         used = {name: share for name, share in weights.items() if share >= NEGLIGIBLE}
         counts = _counts(paths, np.array(list(used.values())))

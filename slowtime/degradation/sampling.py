@@ -17,8 +17,8 @@ WIDER = 1.2
 """Width of the proposal about a maximum over that of its curvature [1]."""
 
 NARROW = 2e-3
-"""Step of the differences about a maximum, over the width of the prior [1]: the period of a wave
-may be known to a thousandth of it."""
+"""Step of the differences about a maximum, over the width of the prior [1]: the period of a
+wave may be known to a thousandth of it."""
 
 TEMPERED = 24
 """Points that must count before a proposal is fitted [1]; the posterior is tempered to it."""
@@ -54,8 +54,8 @@ def importance_sample(
 ) -> Sample:
     """Sample from a first proposal, then from t laws fitted to the weighted points so far.
 
-    Where starts are given, the second proposal is a t law about the maximum that Newton's
-    method reaches from the likeliest of them: a narrow mode is found that way.
+    The second proposal is a t law about the maximum that Newton's method reaches from the
+    likeliest point so far, or from the likeliest start: a narrow mode is found that way.
 
     All points count together, each with the density of the whole mixture of proposals
     (deterministic-mixture weights): the same readings give the same points, to the last bit.
@@ -71,7 +71,7 @@ def importance_sample(
     points, rounds
         Points of each proposal, and how many proposals follow the first.
     starts
-        Points near which the posterior may be greatest; the prior is standard normal.
+        Points near which the posterior may be greatest, where they are known.
 
     Returns
     -------
@@ -86,8 +86,9 @@ def importance_sample(
     densities: list[Callable[[np.ndarray], np.ndarray]] = [log_first]
     likelihood = [log_likelihood(every[0])]
     for number in range(rounds):
-        if number == 0 and starts is not None:
-            mean, factor = _climbed(log_likelihood, log_prior, starts)
+        if number == 0:
+            begin = every[0] if starts is None else starts
+            mean, factor = _climbed(log_likelihood, log_prior, begin)
         else:
             together = np.concatenate(every)
             log = np.concatenate(likelihood) + log_prior(together)
@@ -123,7 +124,7 @@ def _climbed(
     log_prior: Callable[[np.ndarray], np.ndarray],
     starts: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Maximum from the likeliest start, and a root of the covariance that its curvature tells."""
+    """Maximum from the likeliest start, and a root of the covariance by its curvature."""
 
     def objective(points: np.ndarray) -> np.ndarray:
         return log_likelihood(points) + log_prior(points)

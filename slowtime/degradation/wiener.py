@@ -21,7 +21,11 @@ NODES = 33
 """Values of sigma over the prior [1]: a fifth of a natural logarithm apart."""
 
 WIDTH = 1.2
-"""Prior sd of the logarithm of sigma [1]; it is centred on a quarter of the scatter."""
+"""Prior sd of the logarithm of sigma [1]; it is centred on `SIGMA` of the scatter."""
+
+SIGMA = 0.8
+"""Centre of the prior of sigma over the scatter of the readings and the root of the span [1]:
+a walk without drift scatters by 0.41 of what it moves, one with drift by more."""
 
 REVERTING_NODES = 7
 """Values of s, and of tau, over their priors [1]."""
@@ -62,7 +66,7 @@ class WienerLaw:
             memory = np.tile(MEMORY * history.span * scale, REVERTING_NODES)
             sigma = np.zeros(len(prior))
         else:
-            sigma = 0.25 * history.scatter * np.exp(WIDTH * normal) / np.sqrt(history.span)
+            sigma = SIGMA * history.scatter * np.exp(WIDTH * normal) / np.sqrt(history.span)
             around, memory = np.zeros(NODES), np.full(NODES, np.inf)
         wide, number = LEVEL_WIDTH * history.scatter, len(prior)
         mean, covariance = np.zeros((number, 3)), np.zeros((number, 3, 3))

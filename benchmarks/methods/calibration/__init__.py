@@ -1,1 +1,1 @@
-"""Histories of known laws in; coverage, Brier scores and flicker of the twin's forecasts out."""
+"""Histories of known laws in; coverage, Brier scores and flicker of forecasts out."""

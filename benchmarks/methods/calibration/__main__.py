@@ -1,7 +1,8 @@
 """Ask the twin's forecast, and an oracle, of histories of known laws; score both.
 
-`python -m benchmarks.methods.calibration --results FILE` goes on where FILE ends. `--reuse OTHER`
-takes the oracle's answers from the results of another version, and compares with them.
+`python -m benchmarks.methods.calibration --results FILE` goes on where FILE ends. With
+`--reuse OTHER` the oracle's answers come from the results of another version, with which they
+are compared.
 """
 
 import argparse
@@ -181,8 +182,12 @@ def _flicker(one: dict[str, Any]) -> float:
 def main(arguments: list[str] | None = None) -> int:
     """Run what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, required=True, help="file of results (JSON lines)")
-    parser.add_argument("--reuse", type=Path, help="results of another version, to compare with")
+    parser.add_argument(
+        "--results", type=Path, required=True, help="file of results (JSON lines)"
+    )
+    parser.add_argument(
+        "--reuse", type=Path, help="results of another version, to compare with"
+    )
     parser.add_argument("--histories", type=int, default=45, help="of each law")
     parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=LAWS)
     parser.add_argument("--seed", type=int, default=1)

@@ -32,12 +32,12 @@ LEAST = -0.97
 
 
 def between(u: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Standard normal numbers to uniform ones between two ends."""
+    """Map standard normal numbers to uniform ones between two ends."""
     return np.asarray(low + (high - low) * ndtr(u))
 
 
 def between_logs(u: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Standard normal numbers to log-uniform ones between two ends."""
+    """Map standard normal numbers to log-uniform ones between two ends."""
     return np.asarray(np.exp(between(u, np.log(low), np.log(high))))
 
 
@@ -56,7 +56,7 @@ def _power(u: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def _crack(u: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Growth that would be infinite at a finite time: between a tenth after the end and twice it."""
+    """Growth that would be infinite soon after the end, at twice it at the latest."""
     size, end = between_logs(u[:, 1:2], 0.02, 0.15), between_logs(u[:, 2:3], 1.02, 2.0)
     order = between(u[:, 3:4], 0.5, 2.0)
     return np.maximum(0.01 * u[:, :1] - size * ((1.0 - s / end) ** -order - 1.0), LEAST)
@@ -91,7 +91,7 @@ def _kink(u: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def _repair(u: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """A line from which an unannounced repair takes a share of the damage away."""
+    """Draw a line; an unannounced repair takes a share of the damage away."""
     slope, at = between(u[:, 1:2], 0.1, 0.6), between(u[:, 2:3], 0.1, 0.48)
     share = between(u[:, 3:4], 0.3, 1.0)
     return 0.01 * u[:, :1] - slope * (s - share * at * (s > at))
@@ -195,7 +195,7 @@ def case(law: str, number: int, seed: int) -> Case:
 def _path(
     law: str, length: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, JumpTruth | None]:
-    """Times of a fine grid, the truth there, and what was drawn for it."""
+    """Draw the truth on a fine grid: times, values, and what was drawn for it."""
     if law in CURVES:
         kind = CURVES[law]
         u = rng.standard_normal(kind.parameters)
@@ -210,7 +210,9 @@ def _path(
             float(between(u[1], 2.0, 8.0)), -float(between(u[2], 0.02, 0.08)), 0.02
         )
         count = rng.poisson(law_of.rate * step, len(fine) - 1)
-        size = count * law_of.mean + np.sqrt(count) * law_of.sd * rng.standard_normal(len(count))
+        size = count * law_of.mean + np.sqrt(count) * law_of.sd * rng.standard_normal(
+            len(count)
+        )
         drift = -0.05 * abs(u[3]) * fine
         return fine, start + drift + np.concatenate([[0.0], np.cumsum(size)]), u, law_of
     sd, memory, slope = walk_of(law, u)

@@ -3,8 +3,9 @@
 import dataclasses
 
 import numpy as np
+from scipy.special import ndtr
 
-from .histories import CURVES, FINE, JUMPS, Case, between_logs, walk_of
+from .histories import CURVES, FINE, JUMPS, Case, between_logs
 
 WALKERS, STEPS, BURNT, EVERY = 48, 360, 160, 5
 """Of the ensemble sampler: 1,920 samples of each posterior."""
@@ -43,9 +44,11 @@ class Futures:
         return float(1.0 - survives.mean())
 
     def band(self, times: np.ndarray) -> np.ndarray:
-        """Ends of the central 95 % at some times [time, end]."""
-        place = np.clip(np.searchsorted(self.time, times), 0, len(self.time) - 1)
-        return np.asarray(np.quantile(self.paths[:, place], [0.025, 0.975], axis=0).T)
+        """Compute the ends of the central 95 % at some times [time, end]."""
+        after = np.clip(np.searchsorted(self.time, times), 1, len(self.time) - 1)
+        part = (times - self.time[after - 1]) / (self.time[after] - self.time[after - 1])
+        there = self.paths[:, after - 1] * (1.0 - part) + self.paths[:, after] * part
+        return np.asarray(np.quantile(there, [0.025, 0.975], axis=0).T)
 
 
 def futures(case: Case, readings: int, rng: np.random.Generator) -> Futures:
@@ -79,7 +82,10 @@ def _curves(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     walkers = case.parameters + 0.02 * rng.standard_normal((WALKERS, size))
     log, half, kept = log_density(walkers), WALKERS // 2, []
     for step in range(STEPS):
-        for own, others in ((slice(None, half), slice(half, None)), (slice(half, None), slice(None, half))):
+        for own, others in (
+            (slice(None, half), slice(half, None)),
+            (slice(half, None), slice(None, half)),
+        ):
             stretch = (1.0 + rng.random(half)) ** 2 / 2.0
             partner = walkers[others][rng.integers(0, half, half)]
             moved = partner + stretch[:, None] * (walkers[own] - partner)
@@ -99,7 +105,7 @@ def _walks(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     """Kalman filters of wander, level and slope over a net of scatter and memory."""
     q = np.array([-1.9, -1.3, -0.85, -0.4, 0.0, 0.4, 0.85, 1.3, 1.9])
     edges = np.concatenate([[-9.0], 0.5 * (q[1:] + q[:-1]), [9.0]])
-    share = np.diff(_normal_cdf(edges))
+    share = np.diff(ndtr(edges))
     if case.law == "random walk":
         sd, memory, log = between_logs(q, 0.05, 0.25), np.full(NODES, np.inf), np.log(share)
     else:
@@ -130,7 +136,9 @@ def _walks(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     owner = rng.choice(len(sd), size=PATHS, p=weight / weight.sum())
     values, vectors = np.linalg.eigh(spread[owner])
     start = mean[owner] + np.einsum(
-        "pij,pj->pi", vectors, np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal((PATHS, 3))
+        "pij,pj->pi",
+        vectors,
+        np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal((PATHS, 3)),
     )
     later = _later(case, readings)[::FINE]
     keep, shock = _transition(sd[owner], memory[owner], step)
@@ -142,13 +150,9 @@ def _walks(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     return Futures(later, paths, shock / step)
 
 
-def _normal_cdf(x: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(x))
-
-
-def _transition(sd: np.ndarray, memory: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def _transition(
+    sd: np.ndarray, memory: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
     keep = np.exp(-step / memory)
     return keep, np.where(np.isinf(memory), sd**2 * step, sd**2 * (1.0 - keep**2))
 
@@ -196,6 +200,3 @@ def _jumps(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     jumped = np.concatenate([np.zeros((PATHS, 1)), np.cumsum(size, axis=1)], axis=1)
     paths = start[:, :1] + start[:, 1:] * (later - later[0]) + jumped
     return Futures(later, paths, np.zeros(PATHS))
-
-
-__all__ = ["Futures", "futures", "walk_of"]

@@ -252,7 +252,7 @@ class ForecastCache:
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return
-        ahead, limits = twin.registration.forecast.horizon, twin.registration.thresholds()
+        ahead, limits = twin.registration.outlook_horizon, twin.registration.thresholds()
         told = self.foresee(twin_id, ahead, 1, limits) if limits else None
         with kept.lock:
             kept.crossings = () if told is None else told.foresight.crossings
