@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc, logsumexp
 
-from .curves import Curve, columns, points_of_periods
+from .curves import Curve, columns, point_of_rate, points_of_periods
 from .fleet import FleetPrior
 from .history import LEVEL_WIDTH, History, Series
 from .law import Drawn
 from .sampling import Sample, importance_sample, normal_log_density
 
-POINTS, ROUNDS = 256, 3
+POINTS, ROUNDS = 256, 2
 """Shapes of each proposal, and proposals after the first [1]."""
 
 NEGLIGIBLE = 14.0
@@ -23,7 +23,7 @@ BREAK_WIDTH = 3.0
 
 WAVE_WIDTH = 1.2
 """Prior sd of the cosine and sine of a wave, over the scatter about a parabola and over the
-number of the harmonic [1]: a wave alone scatters by 0.7 of its amplitude."""
+square of the number of the harmonic [1]: a wave alone scatters by 0.7 of its amplitude."""
 
 MOST_PLACES = 128
 """Places of a break that are tried [1]."""
@@ -81,7 +81,7 @@ def _places(history: History) -> Float[np.ndarray, "place 1"]:
 
 
 def _starts(curve: Curve, history: History) -> Float[np.ndarray, "start parameter"]:
-    """Points at the periods that least squares find clearest, with some values of the rest.
+    """Give points at the periods that least squares find clearest.
 
     The periodogram is of what is left of a parabola, in steps of a tenth of a period over the
     history: the likelihood has a peak for each number of periods.
@@ -104,8 +104,10 @@ def _starts(curve: Curve, history: History) -> Float[np.ndarray, "start paramete
     clear = points_of_periods(periods[best])[:, None]
     if len(curve.names) == 1:
         return clear
-    rest = np.linspace(-1.0, 1.0, 9)
-    return np.column_stack([np.tile(rest, len(clear)), np.repeat(clear, len(rest))])
+    # The rate of the fade that least squares find: its posterior may be narrow.
+    left_over = np.log(np.maximum(1.0 + history.value, 1e-3))
+    rate = -float(np.polyfit(age, left_over, 1, w=weight * np.exp(left_over))[0])
+    return np.column_stack([np.full(len(clear), point_of_rate(rate)), clear])
 
 
 def coefficient_prior(
@@ -121,7 +123,7 @@ def coefficient_prior(
     if curve.broken is not None:
         beside.append(BREAK_WIDTH * history.scatter)
     for harmonic in range(1, curve.harmonics + 1):
-        beside += 2 * [WAVE_WIDTH * history.rough / harmonic]
+        beside += 2 * [WAVE_WIDTH * history.rough / harmonic**2]
     covariance = np.diag(np.square([*sds, *beside, *history.step_sds]))
     if fleet is not None and not curve.fades:
         # The sisters' rate of change, over this asset's history.

@@ -19,6 +19,9 @@ Shape: TypeAlias = Callable[[Points, np.ndarray], np.ndarray]
 _LARGEST = 1e3
 """Change over that in the history beyond which no curve goes [1]."""
 
+_RATE = 2.0
+"""Prior sd of the rate of a fade over the history [1]."""
+
 _PERIODS, _PERIODS_WIDTH = 4.0, 1.2
 """Median a priori of the periods in a history, and the sd of their logarithm [1]."""
 
@@ -87,8 +90,23 @@ def fade(points: Points, age: np.ndarray) -> np.ndarray:
     -------
     Values of the curve [point, age].
     """
-    rate = 2.0 * points[:, :1]
+    rate = _RATE * points[:, :1]
     return np.asarray(np.exp(np.clip(-rate * age, -60.0, 60.0)))
+
+
+def point_of_rate(rate: float) -> float:
+    """Convert a rate of `fade` to its shape parameter.
+
+    Parameters
+    ----------
+    rate
+        Rate over the history [1].
+
+    Returns
+    -------
+    Shape parameter.
+    """
+    return rate / _RATE
 
 
 def power(points: Points, age: np.ndarray) -> np.ndarray:
@@ -190,7 +208,7 @@ def edge_flexibility(depth: np.ndarray) -> np.ndarray:
 
 
 def exponential(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Exponential growth, :math:`(e^{r s} - 1) / r`: it accelerates where r > 0, else saturates.
+    r"""Exponential growth, :math:`(e^{r s} - 1) / r`, which saturates where r < 0.
 
     Parameters
     ----------

@@ -39,7 +39,6 @@ STANDARD: tuple[Law, ...] = (
 PRIOR_WEIGHTS: dict[str, float] = {
     "linear drift": 2.0,
     "exponential fade": 2.0,
-    "oscillating fade": 2.0,
     "Paris crack": 2.0,
 }
 """Prior weights of the laws, up to a common factor [1]; 1 for a law that is not named here.

@@ -9,6 +9,7 @@ import numpy as np
 
 from slowtime.degradation import Mixture
 from slowtime.dynamics.description import Description
+from slowtime.evolution.life.probability_words import probability_in_words
 from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.evolution.life.threshold_crossing import SampledFutures
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
@@ -234,8 +235,9 @@ def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> s
         what = f"{spec.name} ({words} {side} {signed(times * at)} {unit})"
     horizon = time_in_words(order.horizon, order.unit)
     said = (
-        f"{what}: fails with probability {failed:.2g} up to {horizon}; "
-        f"now {float(found.probability[0]):.2g}"
+        f"{what}: as of {time_in_words(order.since, order.unit)}, fails with probability "
+        f"{probability_in_words(failed)} up to {horizon}; now "
+        f"{probability_in_words(float(found.probability[0]))}"
     )
     if math.isfinite(until):
         reached = time_in_words(until, order.unit)

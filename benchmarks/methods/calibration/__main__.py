@@ -158,7 +158,7 @@ def _same(before: dict[tuple[str, int], Any], one: Any, row: Any) -> Any:
 
 
 def _place(low: float, high: float) -> tuple[float, float, float]:
-    """Share of an interval of probability in the middle 80 %, below (forecast late) and above."""
+    """Share of an interval of probability in the middle 80 %, below (late) and above."""
     if low == high:
         return float(0.1 <= low <= 0.9), float(low < 0.1), float(low > 0.9)
     inside = np.clip([0.1, 0.9], low, high)

@@ -354,7 +354,7 @@ def forecast_from_state(
         for name, laws in prospect.laws.items()
     }
     bands = {name: _band(drawn, later) for name, drawn in futures.items()}
-    until = min((_informed_until(prospect, name, end) for name in prospect.begun), default=end)
+    until = min((_informed_until(prospect, name) for name in prospect.begun), default=end)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
         reasons = (
@@ -378,13 +378,15 @@ def forecast_from_state(
     )
 
 
-def _informed_until(prospect: ForecastState, name: str, horizon: float) -> float:
-    """Slow time beyond which readings say little: the horizon where a law carries the forecast.
+def _informed_until(prospect: ForecastState, name: str) -> float:
+    """Slow time beyond which readings say little.
 
-    Gaussian processes forget, after about one length scale, what they have seen.
+    Gaussian processes forget what they have seen after about one length scale. A law is
+    trusted as far ahead as the past is long: docs/remaining_life.md tests it no further.
     """
-    forgets = prospect.laws[name].weights.get(GAUSSIAN, 0.0) > 0.5
-    return prospect.begun[name].horizon if forgets else horizon
+    if prospect.laws[name].weights.get(GAUSSIAN, 0.0) > 0.5:
+        return prospect.begun[name].horizon
+    return 2.0 * prospect.since - prospect.first
 
 
 def _band(

@@ -227,7 +227,20 @@ class ForecastCache:
             with kept.lock:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
+                self._tell_crossings(twin_id, kept, horizon, known)
         return CachedForecast(known, unit)
+
+    def _tell_crossings(
+        self, twin_id: str, kept: _Kept, horizon: float | None, told: ChangeForecast
+    ) -> None:
+        """Take over what a request has computed, so that all say the same of the future."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None or horizon != twin.registration.outlook_horizon:
+            return
+        limits = set(twin.registration.thresholds())
+        found = tuple(pair for pair in told.crossings if pair[0] in limits)
+        if {limit for limit, _ in found} >= {limit for limit, _ in kept.crossings}:
+            kept.crossings = found
 
     def crossings(self, twin_id: str) -> tuple[tuple[Limit, RemainingLife], ...]:
         """Return when thresholds of a twin are reached, as was told last; nothing is computed.

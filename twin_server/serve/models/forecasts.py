@@ -30,7 +30,7 @@ CROSSING_EXAMPLE: dict[str, Any] = {
     "horizon": 1625.0,
     "sentence": (
         "Stiffness change below -10 %: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
-        "horizon of 1625. Crossed within it with probability 83 %."
+        "horizon of 1625. Crossed by 1625 with probability 83 %, as of 812.5."
     ),
 }
 FORECAST_EXAMPLE: dict[str, Any] = {
