@@ -196,6 +196,8 @@ def main(arguments: list[str] | None = None) -> int:
     before = read(asked.reuse) if asked.reuse else {}
     wanted = [(law, number) for number in range(asked.histories) for law in asked.laws]
     with asked.results.open("a") as file:
+        if file.tell() and not asked.results.read_text().endswith("\n"):
+            file.write("\n")  # a killed run has cut its last line short
         for law, number in wanted:
             if (law, number) in found:
                 continue
