@@ -18,6 +18,10 @@ POINTS, ROUNDS = 256, 2
 NEGLIGIBLE = 14.0
 """Logarithm of the weight over the greatest below which a shape is left out [1]."""
 
+NOMINAL_SD = 0.015
+"""Prior sd of a constant in the readings of a structure that fades to total loss [1]: a nominal
+model is known to about a percent, and a law without this would be surer than its readings."""
+
 BREAK_WIDTH = 3.0
 """Prior sd of a step, and of a bend over the history, over the scatter of the readings [1]."""
 
@@ -116,7 +120,7 @@ def coefficient_prior(
     """Mean and covariance of the linear coefficients beforehand: level, change, shifts."""
     wide = LEVEL_WIDTH * history.scatter
     if curve.fades:
-        mean, sds = [1.0 + history.centre], [wide]
+        mean, sds = [1.0 + history.centre, 0.0], [wide, NOMINAL_SD]
     else:
         mean, sds = [history.centre, 0.0], [wide, wide]
     beside = []

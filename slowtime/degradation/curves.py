@@ -40,8 +40,8 @@ class Curve:
     names
         Of the shape parameters; their prior is standard normal.
     fades
-        Whether the curve fades to total loss: then its level is the only linear coefficient,
-        and `shape` is the remaining share.
+        Whether the curve fades to total loss: then `shape` is the remaining share, and beside
+        its level there is only an error of the nominal model.
     harmonics
         Harmonics of a wave beside the curve, each with a cosine and a sine; where the curve
         fades, the wave fades with it. The last shape parameter is the number of its periods
@@ -313,12 +313,12 @@ def columns(curve: Curve, points: Points, age: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    Columns [point, age, column]. Where the curve fades, the first is the remaining share, and
-    there is no growth.
+    Columns [point, age, column]. Where the curve fades, the first two are the remaining share
+    and a constant.
     """
     grown = curve.shape(points, age)
     if curve.fades:
-        found = [grown]
+        found = [grown, np.ones_like(grown)]
     else:
         ends = curve.shape(points, np.array([0.0, 1.0]))
         over = ends[:, 1:] - ends[:, :1]

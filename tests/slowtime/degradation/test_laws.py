@@ -6,6 +6,7 @@ from scipy import stats
 
 from slowtime import degradation
 from slowtime.degradation import CurveLaw, Event, FleetPrior, pooled
+from slowtime.degradation.curve_posterior import NOMINAL_SD
 from slowtime.degradation.curves import FADE, LINEAR, POWER, Curve, crack, edge_flexibility
 from slowtime.degradation.gamma_process import GammaLaw
 from slowtime.degradation.history import LEVEL_WIDTH, history_of
@@ -37,7 +38,7 @@ def test_the_evidence_of_a_fade_is_the_integral_over_its_rate():
     logs = []
     for u in rates:
         column = np.exp(-2.0 * u * TIME / 100.0)
-        covariance = wide**2 * np.outer(column, column) + np.diag(history.sd**2)
+        covariance = wide**2 * np.outer(column, column) + np.diag(history.sd**2) + NOMINAL_SD**2
         factor = np.linalg.cholesky(covariance)
         away = np.linalg.solve(factor, history.value + 1.0 - (1.0 + history.centre) * column)
         logs.append(-0.5 * away @ away - np.log(np.diag(factor)).sum() - 25 * np.log(2 * np.pi))
