@@ -26,8 +26,9 @@ BREAK_WIDTH = 3.0
 """Prior sd of a step, and of a bend over the history, over the scatter of the readings [1]."""
 
 WAVE_WIDTH = 1.2
-"""Prior sd of the cosine and sine of a wave, over the scatter about a parabola and over the
-square of the number of the harmonic [1]: a wave alone scatters by 0.7 of its amplitude."""
+"""Prior sd of the cosine and sine of a wave, over the geometric mean of the scatters of the
+readings and about a parabola, and over the square of the number of the harmonic [1]: a wave
+alone scatters by 0.7 of its amplitude."""
 
 MOST_PLACES = 128
 """Places of a break that are tried [1]."""
@@ -126,8 +127,10 @@ def coefficient_prior(
     beside = []
     if curve.broken is not None:
         beside.append(BREAK_WIDTH * history.scatter)
+    # A parabola takes out most of a wave of less than a period, and nothing of a faster one.
+    size = np.sqrt(history.rough * history.scatter)
     for harmonic in range(1, curve.harmonics + 1):
-        beside += 2 * [WAVE_WIDTH * history.rough / harmonic**2]
+        beside += 2 * [WAVE_WIDTH * size / harmonic**2]
     covariance = np.diag(np.square([*sds, *beside, *history.step_sds]))
     if fleet is not None and not curve.fades:
         # The sisters' rate of change, over this asset's history.
