@@ -127,7 +127,7 @@ def _climbed(
     """Maximum from the likeliest start, and a root of the covariance by its curvature."""
 
     def objective(points: np.ndarray) -> np.ndarray:
-        return log_likelihood(points) + log_prior(points)
+        return np.asarray(log_likelihood(points) + log_prior(points))
 
     prior = Prior(np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
     best = climb(objective, starts[int(objective(starts).argmax())], prior, difference=NARROW)

@@ -42,29 +42,31 @@ def between_logs(u: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _linear(u: np.ndarray, s: np.ndarray) -> np.ndarray:
-    return 0.01 * u[:, :1] - between(u[:, 1:2], 0.05, 0.5) * s
+    return np.asarray(0.01 * u[:, :1] - between(u[:, 1:2], 0.05, 0.5) * s)
 
 
 def _exponential(u: np.ndarray, s: np.ndarray) -> np.ndarray:
-    return 0.01 * u[:, :1] + np.expm1(-between(u[:, 1:2], 0.1, 1.5) * s)
+    return np.asarray(0.01 * u[:, :1] + np.expm1(-between(u[:, 1:2], 0.1, 1.5) * s))
 
 
 def _power(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Accelerating: a power between 1.5 and 4 of time."""
     size, exponent = between(u[:, 1:2], 0.1, 0.6), between(u[:, 2:3], 1.5, 4.0)
-    return 0.01 * u[:, :1] - size * s**exponent
+    return np.asarray(0.01 * u[:, :1] - size * s**exponent)
 
 
 def _crack(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Growth that would be infinite soon after the end, at twice it at the latest."""
     size, end = between_logs(u[:, 1:2], 0.02, 0.15), between_logs(u[:, 2:3], 1.02, 2.0)
     order = between(u[:, 3:4], 0.5, 2.0)
-    return np.maximum(0.01 * u[:, :1] - size * ((1.0 - s / end) ** -order - 1.0), LEAST)
+    return np.asarray(
+        np.maximum(0.01 * u[:, :1] - size * ((1.0 - s / end) ** -order - 1.0), LEAST)
+    )
 
 
 def _saturating(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     size, rate = between(u[:, 1:2], 0.1, 0.5), between(u[:, 2:3], 2.0, 8.0)
-    return 0.01 * u[:, :1] + size * np.expm1(-rate * s)
+    return np.asarray(0.01 * u[:, :1] + size * np.expm1(-rate * s))
 
 
 def _oscillating(u: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -72,7 +74,7 @@ def _oscillating(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     rate, ripple = between(u[:, 0:1], 0.1, 1.0), between(u[:, 1:2], 0.03, 0.15)
     cycles = between_logs(u[:, 2:3], 2.0, 12.0)
     breathing = (1.0 + ripple * np.cos(2.0 * np.pi * cycles * s)) / (1.0 + ripple)
-    return np.exp(-rate * s) * breathing - 1.0
+    return np.asarray(np.exp(-rate * s) * breathing - 1.0)
 
 
 def _seasonal(u: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -80,21 +82,25 @@ def _seasonal(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     slope, cycles = between(u[:, 1:2], 0.0, 0.3), between_logs(u[:, 2:3], 3.0, 15.0)
     turn = 2.0 * np.pi * cycles * s
     wave = 0.03 * (u[:, 3:4] * np.cos(turn) + u[:, 4:5] * np.sin(turn))
-    return 0.01 * u[:, :1] - slope * s + wave + 0.01 * u[:, 5:6] * np.cos(2.0 * turn)
+    return np.asarray(
+        0.01 * u[:, :1] - slope * s + wave + 0.01 * u[:, 5:6] * np.cos(2.0 * turn)
+    )
 
 
 def _kink(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Two lines; the second mostly steeper."""
     first, second = between(u[:, 1:2], 0.0, 0.2), between(u[:, 2:3], 0.0, 0.8)
     bend = between(u[:, 3:4], 0.05, 0.6)
-    return 0.01 * u[:, :1] - first * np.minimum(s, bend) - second * np.maximum(s - bend, 0.0)
+    return np.asarray(
+        0.01 * u[:, :1] - first * np.minimum(s, bend) - second * np.maximum(s - bend, 0.0)
+    )
 
 
 def _repair(u: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Draw a line; an unannounced repair takes a share of the damage away."""
     slope, at = between(u[:, 1:2], 0.1, 0.6), between(u[:, 2:3], 0.1, 0.48)
     share = between(u[:, 3:4], 0.3, 1.0)
-    return 0.01 * u[:, :1] - slope * (s - share * at * (s > at))
+    return np.asarray(0.01 * u[:, :1] - slope * (s - share * at * (s > at)))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """Computes a maintenance plan from the forecast of a twin and its owner's costs."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -141,7 +142,7 @@ def damage_futures(order: PlanOrder, unit: float) -> Ensemble:
     drawn = futures_of(laws, order.common, horizon)
     grid = np.linspace(0.0, order.decision.horizon, POINTS + 1)
     damage = drawn.paths / failure.at
-    toward = "above" if failure.below is None else "below"
+    toward: Literal["above", "below"] = "above" if failure.below is None else "below"
     # A rough path may have failed between two times at which it has not.
     failed = (drawn.failure_time(failure.at, toward=toward) - laws.now) / unit
     age = order.age / unit
