@@ -13,6 +13,7 @@ from .methods import (
     plant,
     repairs,
 )
+from .methods.calibration import bench as calibration_bench
 from .processes import (
     edge_startup,
     ledger,
@@ -65,6 +66,10 @@ def main() -> int:
             lambda: _beside_peers("fatigue"),
         ),
         ("Forecasts", lambda: forecasts.main([])),
+        (
+            "Forecasts of hidden laws, beside an oracle",
+            lambda: calibration_bench.main(["--histories", "3"]),
+        ),
         ("Forecasts across repairs", lambda: repairs.main(["--histories", "20"])),
         ("Models with effects", plant.main),
         ("Transport and recordings", transport.main),

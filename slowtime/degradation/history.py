@@ -114,6 +114,13 @@ class History:
         return np.array([event.sd for event in self.events if event.sd > 0.0])
 
     @property
+    def rough(self) -> float:
+        """Standard deviation of the readings about a parabola, in their unit."""
+        design = np.vander((self.time - self.origin) / self.span, 3)
+        left = self.value - design @ np.linalg.lstsq(design, self.value, rcond=None)[0]
+        return max(float(np.std(left)), 1e-6 * self.scatter)
+
+    @property
     def slope(self) -> tuple[float, float]:
         """Weighted least-squares change over one span, and its standard deviation."""
         weight = 1.0 / self.sd**2

@@ -8,8 +8,17 @@ from jaxtyping import Float
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
+from slowtime.estimation.hyperparameters import Prior, climb
+
 FREEDOM = 5.0
 """Degrees of freedom of the t proposals [1]: tails heavier than the posterior's."""
+
+WIDER = 1.2
+"""Width of the proposal about a maximum over that of its curvature [1]."""
+
+NARROW = 2e-3
+"""Step of the differences about a maximum, over the width of the prior [1]: the period of a
+wave may be known to a thousandth of it."""
 
 TEMPERED = 24
 """Points that must count before a proposal is fitted [1]; the posterior is tempered to it."""
@@ -41,8 +50,12 @@ def importance_sample(
     *,
     points: int = 256,
     rounds: int = 3,
+    starts: Float[np.ndarray, "start parameter"] | None = None,
 ) -> Sample:
     """Sample from a first proposal, then from t laws fitted to the weighted points so far.
+
+    The second proposal is a t law about the maximum that Newton's method reaches from the
+    likeliest point so far, or from the likeliest start: a narrow mode is found that way.
 
     All points count together, each with the density of the whole mixture of proposals
     (deterministic-mixture weights): the same readings give the same points, to the last bit.
@@ -57,6 +70,8 @@ def importance_sample(
         Number of parameters.
     points, rounds
         Points of each proposal, and how many proposals follow the first.
+    starts
+        Points near which the posterior may be greatest, where they are known.
 
     Returns
     -------
@@ -70,10 +85,14 @@ def importance_sample(
     every = [first(normal)]
     densities: list[Callable[[np.ndarray], np.ndarray]] = [log_first]
     likelihood = [log_likelihood(every[0])]
-    for _ in range(rounds):
-        together = np.concatenate(every)
-        log = np.concatenate(likelihood) + log_prior(together) - _mixed(densities, together)
-        mean, factor = _fitted(together, log)
+    for number in range(rounds):
+        if number == 0:
+            begin = every[0] if starts is None else starts
+            mean, factor = _climbed(log_likelihood, log_prior, begin)
+        else:
+            together = np.concatenate(every)
+            log = np.concatenate(likelihood) + log_prior(together)
+            mean, factor = _fitted(together, log - _mixed(densities, together))
         every.append(mean + (normal * radial[:, None]) @ factor.T)
         densities.append(_t_density(mean, factor))
         likelihood.append(log_likelihood(every[-1]))
@@ -98,6 +117,21 @@ def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
     """
     size = points.shape[1]
     return np.asarray(-0.5 * np.sum(points**2, axis=1) - 0.5 * size * np.log(2.0 * np.pi))
+
+
+def _climbed(
+    log_likelihood: Callable[[np.ndarray], np.ndarray],
+    log_prior: Callable[[np.ndarray], np.ndarray],
+    starts: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Maximum from the likeliest start, and a root of the covariance by its curvature."""
+
+    def objective(points: np.ndarray) -> np.ndarray:
+        return np.asarray(log_likelihood(points) + log_prior(points))
+
+    prior = Prior(np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
+    best = climb(objective, starts[int(objective(starts).argmax())], prior, difference=NARROW)
+    return best.point, WIDER * np.linalg.cholesky(np.linalg.inv(best.curvature))
 
 
 def _even(points: int, dimensions: int) -> tuple[np.ndarray, np.ndarray]:

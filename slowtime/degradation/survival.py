@@ -58,8 +58,8 @@ def surviving_futures(
     steps = _filtered(history)
     last = steps[-1]
     owners = rng.choice(len(last.sigma), size=4 * paths, p=last.weights)
-    factor = np.linalg.cholesky(last.covariance[owners] + 1e-300 * np.eye(2))
-    state = last.mean[owners] + np.einsum(
+    factor = np.linalg.cholesky(last.covariance[owners, :2, :2] + 1e-300 * np.eye(2))
+    state = last.mean[owners, :2] + np.einsum(
         "pij,pj->pi", factor, rng.standard_normal((len(owners), 2))
     )
     falls = history.value[0] > threshold if toward is None else toward == "below"

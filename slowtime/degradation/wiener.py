@@ -1,7 +1,10 @@
-r"""Wiener process with drift: :math:`dx = \mu\,dt + \sigma\,dW`, read with noise.
+r"""Walks about a drift, read with noise: a Wiener process, or one that reverts to its mean.
 
-Given :math:`\sigma`, level and drift are Gaussian: a Kalman filter for each of a net of
-:math:`\sigma` is exact.
+.. math:: dx = \mu\,dt + \sigma\,dW \quad\text{or}\quad x = b + \mu t + y, \;
+          dy = -y\,dt / \tau + \sqrt{2 / \tau}\,s\,dW
+
+Given :math:`\sigma`, or :math:`s` and :math:`\tau`, level, drift and y are Gaussian: a Kalman
+filter for each of a net of these is exact.
 """
 
 import dataclasses
@@ -18,14 +21,34 @@ NODES = 33
 """Values of sigma over the prior [1]: a fifth of a natural logarithm apart."""
 
 WIDTH = 1.2
-"""Prior sd of the logarithm of sigma [1]; it is centred on a quarter of the scatter."""
+"""Prior sd of the logarithm of sigma [1]; it is centred on `SIGMA` of the scatter."""
+
+SIGMA = 0.8
+"""Centre of the prior of sigma over the scatter of the readings and the root of the span [1]:
+a walk without drift scatters by 0.41 of what it moves, one with drift by more."""
+
+REVERTING_NODES = 7
+"""Values of s, and of tau, over their priors [1]."""
+
+REVERTING_WIDTH, MEMORY = 1.2, 0.1
+"""Prior sd of the logarithms of s and tau, and the median of tau over the history [1]; s is
+centred on half of the scatter about a parabola."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WienerLaw:
-    """Wiener process with drift as a law that learns: see `law.Law`."""
+    """Walk about a drift as a law that learns: see `law.Law`.
+
+    Parameters
+    ----------
+    name
+        By which weights are told.
+    reverts
+        Whether it reverts to its mean, as an Ornstein-Uhlenbeck process.
+    """
 
     name: str = "Wiener"
+    reverts: bool = False
 
     def learn(self, history: History, fleet: FleetPrior | None = None) -> "WienerPosterior":
         """Filter level and drift for each sigma of a net; see `law.Law.learn`."""
@@ -33,46 +56,64 @@ class WienerLaw:
 
     def begin(self, history: History, fleet: FleetPrior | None = None) -> "WienerPosterior":
         """Give what is believed before the first reading."""
-        normal = np.linspace(-2.8, 2.8, NODES)
-        sigma = 0.25 * history.scatter * np.exp(WIDTH * normal) / np.sqrt(history.span)
+        normal = np.linspace(-2.8, 2.8, REVERTING_NODES if self.reverts else NODES)
         prior = -0.5 * normal**2
         prior = prior - logsumexp(prior)
-        wide = LEVEL_WIDTH * history.scatter
-        mean, covariance = np.zeros((NODES, 2)), np.zeros((NODES, 2, 2))
+        if self.reverts:
+            prior = np.add.outer(prior, prior).ravel()
+            scale = np.exp(REVERTING_WIDTH * normal)
+            around = np.repeat(0.5 * history.rough * scale, REVERTING_NODES)
+            memory = np.tile(MEMORY * history.span * scale, REVERTING_NODES)
+            sigma = np.zeros(len(prior))
+        else:
+            sigma = SIGMA * history.scatter * np.exp(WIDTH * normal) / np.sqrt(history.span)
+            around, memory = np.zeros(NODES), np.full(NODES, np.inf)
+        wide, number = LEVEL_WIDTH * history.scatter, len(prior)
+        mean, covariance = np.zeros((number, 3)), np.zeros((number, 3, 3))
         mean[:, 0] = history.centre
         covariance[:, 0, 0], covariance[:, 1, 1] = wide**2, (wide / history.span) ** 2
+        covariance[:, 2, 2] = around**2
         if fleet is not None:
             mean[:, 1], covariance[:, 1, 1] = fleet.mean[0], fleet.covariance[0, 0]
-        zero = np.zeros(NODES)
+        zero = np.zeros(number)
         return WienerPosterior(
-            history, sigma, prior, float(history.time[0]), mean, covariance, zero, zero, 0
-        )
+            history, self.name, sigma, around, memory, prior, float(history.time[0]),
+            mean, covariance, zero, zero, 0,
+        )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WienerPosterior:
-    """What is believed of a Wiener process: see `law.Posterior`.
+    """What is believed of a walk: see `law.Posterior`.
 
     Parameters
     ----------
     history
         The readings that fixed the scales.
-    sigma, log_prior
-        Values of sigma [reading / root of time], and their log prior probabilities.
+    name
+        Of the law.
+    sigma, around, memory
+        Of each node: sigma [reading / root of time], and s and tau, which are zero and infinite
+        where nothing reverts.
+    log_prior
+        Log prior probability of each node.
     time
         Slow time of the last reading.
     mean, covariance
-        Of level and drift, for each sigma.
+        Of level, drift, and distance from the level, for each node.
     log_likelihood, misfit, count
         As for `curve_posterior.CurvePosterior`.
     """
 
     history: History
+    name: str
     sigma: Float[np.ndarray, " node"]
+    around: Float[np.ndarray, " node"]
+    memory: Float[np.ndarray, " node"]
     log_prior: Float[np.ndarray, " node"]
     time: float
-    mean: Float[np.ndarray, "node 2"]
-    covariance: Float[np.ndarray, "node 2 2"]
+    mean: Float[np.ndarray, "node 3"]
+    covariance: Float[np.ndarray, "node 3 3"]
     log_likelihood: Float[np.ndarray, " node"]
     misfit: Float[np.ndarray, " node"]
     count: int
@@ -84,7 +125,7 @@ class WienerPosterior:
 
     @property
     def weights(self) -> Float[np.ndarray, " node"]:
-        """Posterior probability of each sigma."""
+        """Posterior probability of each node."""
         log = self.log_prior + self.log_likelihood
         weight = np.exp(log - log.max())
         return np.asarray(weight / weight.sum())
@@ -120,14 +161,14 @@ class WienerPosterior:
                     now = event.time
             mean, covariance = self._advanced(mean, covariance, at - now)
             now = at
-            spread = covariance[:, 0, 0] + max(spread_sd, floor) ** 2
-            residual = seen - mean[:, 0]
+            reach = covariance[:, :, 0] + covariance[:, :, 2]
+            spread = reach[:, 0] + reach[:, 2] + max(spread_sd, floor) ** 2
+            residual = seen - mean[:, 0] - mean[:, 2]
             square = residual**2 / spread
             total -= 0.5 * (square + np.log(2.0 * np.pi * spread))
             if count >= 2:
                 misfit += square
             count += 1
-            reach = covariance[:, :, 0].copy()
             gain = reach / spread[:, None]
             mean += gain * residual[:, None]
             covariance -= gain[:, :, None] * reach[:, None, :]
@@ -139,11 +180,14 @@ class WienerPosterior:
     def _advanced(
         self, mean: np.ndarray, covariance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        moved, spread = mean.copy(), covariance.copy()
-        moved[:, 0] += step * mean[:, 1]
-        cross = covariance[:, 0, 1] + step * covariance[:, 1, 1]
-        spread[:, 0, 0] += step * (covariance[:, 0, 1] + cross) + self.sigma**2 * step
-        spread[:, 0, 1] = spread[:, 1, 0] = cross
+        keep = np.exp(-step / self.memory)
+        transition = np.zeros((len(mean), 3, 3))
+        transition[:, 0, 0] = transition[:, 1, 1] = 1.0
+        transition[:, 0, 1], transition[:, 2, 2] = step, keep
+        moved = (transition @ mean[:, :, None])[:, :, 0]
+        spread = transition @ covariance @ np.swapaxes(transition, 1, 2)
+        spread[:, 0, 0] += self.sigma**2 * step
+        spread[:, 2, 2] += self.around**2 * (1.0 - keep**2)
         return moved, spread
 
     def _restored(
@@ -176,18 +220,26 @@ class WienerPosterior:
         Paths in the unit of the readings, and the roughness of each.
         """
         owners = rng.choice(len(self.sigma), size=count, p=self.weights)
-        shocks = rng.standard_normal((count, 2))
-        factor = np.linalg.cholesky(self.covariance[owners] + 1e-300 * np.eye(2))
-        start = self.mean[owners] + np.einsum("pij,pj->pi", factor, shocks)
+        values, vectors = np.linalg.eigh(self.covariance[owners])
+        shocks = np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal((count, 3))
+        start = self.mean[owners] + np.einsum("pij,pj->pi", vectors, shocks)
         ahead = later - later[0]
         steps = rng.standard_normal((count, len(later))) * np.sqrt(np.diff(ahead, prepend=0.0))
         wander = self.sigma[owners, None] * np.cumsum(steps, axis=1)
-        paths = start[:, :1] + start[:, 1:] * ahead + wander
-        return Drawn(paths, self.sigma[owners] ** 2)
+        paths = start[:, :1] + start[:, 1:2] * ahead + wander
+        around, memory = self.around[owners], self.memory[owners]
+        if around.any():
+            now = start[:, 2]
+            paths[:, 0] += now
+            for i, step in enumerate(np.diff(ahead).tolist(), start=1):
+                keep = np.exp(-step / memory)
+                now = keep * now + around * np.sqrt(1.0 - keep**2) * rng.standard_normal(count)
+                paths[:, i] += now
+        return Drawn(paths, self.sigma[owners] ** 2 + 2.0 * around**2 / memory)
 
     def hyperparameters(self) -> FleetPrior | None:
         """Give the drift over slow time."""
         mean, variance = self.mean[:, 1], self.covariance[:, 1, 1]
         centre = self.weights @ mean
         spread = self.weights @ (variance + (mean - centre) ** 2)
-        return FleetPrior("Wiener", np.array([centre]), np.array([[spread]]))
+        return FleetPrior(self.name, np.array([centre]), np.array([[spread]]))

@@ -87,6 +87,7 @@ def climb(
     prior: Prior,
     *,
     iterations: int = 8,
+    difference: float = _DIFFERENCE,
 ) -> Optimum:
     """Maximise `objective` by Newton's method.
 
@@ -104,6 +105,8 @@ def climb(
         Prior, whose widths scale the steps.
     iterations
         Largest number of steps.
+    difference
+        Step of the differences from which derivatives follow, in widths of the prior [1].
 
     Returns
     -------
@@ -115,7 +118,7 @@ def climb(
 
     point, value = (start - prior.centre) / prior.sd, -np.inf
     for _ in range(iterations):
-        value, slope, curvature = _derivatives(scaled, point)
+        value, slope, curvature = _derivatives(scaled, point, difference)
         curvature = _at_least(curvature, 0.25)
         step = np.linalg.solve(curvature, slope)
         # Shortened as a whole: length and spread lie on a ridge, and off it all is worse.
@@ -226,21 +229,21 @@ def weak_prior(
 
 
 def _derivatives(
-    objective: Objective, point: Float[np.ndarray, " parameter"]
+    objective: Objective, point: Float[np.ndarray, " parameter"], difference: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Value, slope, and minus the second derivatives, by differences within one family."""
     count = len(point)
-    steps = _DIFFERENCE * np.eye(count)
+    steps = difference * np.eye(count)
     pairs = [(i, j) for i in range(count) for j in range(i)]
     mixed = [steps[i] + sign * steps[j] for i, j in pairs for sign in (1.0, -1.0)]
     moves = np.array([np.zeros(count), *steps, *(-steps), *mixed, *(-m for m in mixed)])
     values = objective(point + moves)
     centre, up, down = values[0], values[1 : count + 1], values[count + 1 : 2 * count + 1]
-    slope = (up - down) / (2.0 * _DIFFERENCE)
-    curvature = np.diag((2.0 * centre - up - down) / _DIFFERENCE**2)
+    slope = (up - down) / (2.0 * difference)
+    curvature = np.diag((2.0 * centre - up - down) / difference**2)
     rest = values[2 * count + 1 :].reshape(2, len(pairs), 2).sum(axis=0)
     for (i, j), (same, opposite) in zip(pairs, rest, strict=True):
-        curvature[i, j] = curvature[j, i] = -(same - opposite) / (4.0 * _DIFFERENCE**2)
+        curvature[i, j] = curvature[j, i] = -(same - opposite) / (4.0 * difference**2)
     return float(centre), slope, curvature
 
 

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from slowtime.degradation import Mixture
 from slowtime.dynamics.description import Description
+from slowtime.evolution.life.probability_words import probability_in_words
 from slowtime.evolution.life.remaining_life import RemainingLife
+from slowtime.evolution.life.threshold_crossing import SampledFutures
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_schemas.slow_times import time_in_words
 from slowtime_services.models import description_of
@@ -27,9 +28,11 @@ from twin_server.registration.twin import Registration
 
 from .checkpoint import Checkpoint
 from .forecast.changes import Past
+from .forecast.futures import PATHS, futures_of
 
-PATHS, POINTS = 1000, 60
-"""Futures, and instants up to the horizon: 1,000 tell a probability of 0.01 to 30 %."""
+EVERY = 2
+"""Every second of the forecast's futures, and of their instants, is given to a limit state that
+is run for each [1]: 1,000 tell a probability of 0.01 to 30 %."""
 
 LEAST_PATHS = 1.0 / PATHS
 """Probability below which futures do not resolve a limit state without a load."""
@@ -72,8 +75,11 @@ def risk_answer(twin_id: str, order: RiskOrder) -> dict[str, Any]:
     A limit state that this twin cannot answer is told with its reason, and keeps none of the
     others from being assessed.
     """
-    later, futures = _futures(order)
-    found = [_one(spec, order, later, futures) for spec in order.registration.limit_states]
+    futures = {
+        name: futures_of(laws, order.common[name], order.horizon)
+        for name, laws in order.laws.items()
+    }
+    found = [_one(spec, order, futures) for spec in order.registration.limit_states]
     return {
         "id": twin_id,
         "since": order.since,
@@ -85,36 +91,22 @@ def risk_answer(twin_id: str, order: RiskOrder) -> dict[str, Any]:
     }
 
 
-def _futures(
-    order: RiskOrder,
-) -> tuple[Float[np.ndarray, " time"], dict[str, Float[np.ndarray, "path time"]]]:
-    later = np.linspace(order.since, order.horizon, POINTS + 1)
-    futures = {}
-    for name, laws in order.laws.items():
-        drawn = laws.futures(order.horizon, points=POINTS, paths=PATHS)
-        shared = order.common[name] * drawn.common[:, None] * np.abs(1.0 + drawn.paths)
-        futures[name] = np.maximum(drawn.paths + shared, -1.0)
-    return later, futures
-
-
-def _one(
-    spec: Any,
-    order: RiskOrder,
-    later: Float[np.ndarray, " time"],
-    futures: Mapping[str, Float[np.ndarray, "path time"]],
-) -> dict[str, Any]:
+def _one(spec: Any, order: RiskOrder, futures: Mapping[str, SampledFutures]) -> dict[str, Any]:
     empty = {"name": spec.name, "kind": spec.kind, "accepted": spec.accepted, "points": []}
     none: dict[str, Any] = dict.fromkeys(("now", "within", "until"))
     none |= {"past": [], "sentence": ""}
     try:
         state = _built(spec, order)
-        found = assess(state, later, futures)
+        later = next(iter(futures.values())).later[::EVERY]
+        paths = {name: one.paths[::EVERY, ::EVERY] for name, one in futures.items()}
+        found = assess(state, later, paths)
         told = _past_probabilities(state, order)
     except ValueError as error:
         return {**empty, **none, "valid": False, "reasons": [str(error)]}
     life = None
     if isinstance(state, Threshold):
-        life = _life(state, order)
+        # When it is first passed, between the instants too.
+        life = futures[state.quantity].crossing(state.at, toward=state.toward)
         found = _with_survival(found, life)
     until = found.when(spec.accepted)
     reasons = _against(spec.name, state, found)
@@ -187,13 +179,6 @@ def _part(name: str) -> str:
     return name if name.endswith(".mass") else f"{name}.stiffness"
 
 
-def _life(state: Threshold, order: RiskOrder) -> RemainingLife:
-    """Return the time when a threshold is first passed, checked between the instants too."""
-    drawn = order.laws[state.quantity].futures(order.horizon)
-    common = order.common[state.quantity] * abs(1.0 + state.at)
-    return drawn.crossing(state.at, toward=state.toward, common_sd=common)
-
-
 def _with_survival(found: Assessment, life: RemainingLife) -> Assessment:
     survival = np.nan_to_num(life.survival(found.slow_time), nan=0.0)
     survival = np.minimum.accumulate(survival)
@@ -250,8 +235,9 @@ def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> s
         what = f"{spec.name} ({words} {side} {signed(times * at)} {unit})"
     horizon = time_in_words(order.horizon, order.unit)
     said = (
-        f"{what}: fails with probability {failed:.2g} up to {horizon}; "
-        f"now {float(found.probability[0]):.2g}"
+        f"{what}: as of {time_in_words(order.since, order.unit)}, fails with probability "
+        f"{probability_in_words(failed)} up to {horizon}; now "
+        f"{probability_in_words(float(found.probability[0]))}"
     )
     if math.isfinite(until):
         reached = time_in_words(until, order.unit)

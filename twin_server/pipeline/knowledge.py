@@ -181,7 +181,7 @@ class TwinKnowledge:
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return None
-        ahead = twin.registration.forecast.horizon if horizon is None else horizon
+        ahead = twin.registration.outlook_horizon if horizon is None else horizon
         if at is None or at == Moment():
             told = self.prospects.foresee(twin_id, ahead, count, tuple(thresholds))
             return None if told is None else _outlook(*told)
@@ -346,6 +346,7 @@ class LiveUpdates:
 def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
     return TwinForecast(
         foresight.since,
+        foresight.horizon,
         foresight.slow_time,
         foresight.bands,
         foresight.until,

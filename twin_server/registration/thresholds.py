@@ -135,7 +135,7 @@ class Forecasting(Frozen):
         Positive | None,
         Field(
             description="How far ahead, in slow time, where a request does not say; by default "
-            "a quarter of the past for bands, and all of it for thresholds."
+            "that of a decision in slow time, else as long as the past."
         ),
     ] = None
     readings_between_false_alarms: Annotated[

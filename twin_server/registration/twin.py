@@ -267,6 +267,17 @@ class Registration(Frozen):
             (name, alarm) for alarm in self.alarms for name in self._each(alarm.quantity)
         )
 
+    @property
+    def outlook_horizon(self) -> float | None:
+        """How far ahead its future is told, in slow time; None for as long as the past used.
+
+        That of `forecast`, else that of `decision` where it is in slow time.
+        """
+        if self.forecast.horizon is not None or self.decision is None:
+            return self.forecast.horizon
+        told = self.costs is not None and self.costs.time_unit == "slow_time"
+        return self.decision.horizon if told else None
+
     def thresholds(self) -> tuple[Limit, ...]:
         """All thresholds: those of the alarms, then those of `forecast`."""
         of_alarms = [

@@ -38,6 +38,8 @@ class TwinForecast:
 
     Parameters
     ----------
+    since, horizon
+        Slow time of the last reading, and the latest that is looked at.
     crossings
         When each threshold is reached.
     misfits
@@ -50,6 +52,7 @@ class TwinForecast:
     """
 
     since: float
+    horizon: float
     slow_time: Float[np.ndarray, " later"]
     bands: Mapping[str, Float[np.ndarray, "later 4"]]
     until: float

@@ -162,6 +162,8 @@ class Crossing(Answer):
         crossed by now.
     laws
         Degradation laws from which it follows, with their posterior probability.
+    horizon
+        Slow time up to which was looked.
     """
 
     quantity: str
@@ -174,6 +176,7 @@ class Crossing(Answer):
     beyond: float | None = None
     already: float
     laws: dict[str, float] = {}
+    horizon: float | None = None
     sentence: str
 
 
@@ -182,6 +185,7 @@ class Forecast(Answer):
 
     id: str
     since: float | None
+    horizon: float | None = None
     until: float | None
     points: tuple[ForecastPoint, ...]
     crossings: tuple[Crossing, ...]

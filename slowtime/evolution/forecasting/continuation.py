@@ -162,7 +162,12 @@ class Continuation:
             mixture_quantile.mixture_quantile(share, weights, means, spreads)
             for share in (tail, 1.0 - tail)
         )
-        return Forecast(mean, spread, lo, hi, float(self.time + self._memory()))
+        return Forecast(mean, spread, lo, hi, self.horizon)
+
+    @property
+    def horizon(self) -> float:
+        """Slow time beyond which the processes only repeat their trend; see `Forecast`."""
+        return float(self.time + self._memory())
 
     def kinds(self) -> Iterator[Kind]:
         """Tell what is believed of each kind of process, and how probable its members are."""

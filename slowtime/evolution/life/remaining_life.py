@@ -6,6 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from .probability_words import probability_in_words
+
 SHARES = (0.1, 0.5, 0.9)
 """Probabilities whose times are told where none are asked for [1]."""
 
@@ -153,8 +155,8 @@ class RemainingLife:
         Examples
         --------
         >>> never = np.zeros(0)
-        >>> RemainingLife(-0.2, 0.0, 900.0, never, never, shares=(0.5,)).words()
-        '50 %: not within the horizon of 900. Crossed within it with probability 0 %.'
+        >>> RemainingLife(-0.2, 0.0, 9.0, never, never, shares=()).words()[2:]
+        'Crossed by 9 with probability below 1 in 10,000, as of 0.'
         """
         each = ", ".join(
             f"{100 * share:g} %: "
@@ -165,7 +167,11 @@ class RemainingLife:
             )
             for share, at in zip(self.shares, self.slow_time.tolist(), strict=True)
         )
-        return f"{each}. Crossed within it with probability {100 * self.within:.3g} %."
+        within = probability_in_words(self.within)
+        return (
+            f"{each}. Crossed by {self.horizon:.6g} with probability {within}, as of "
+            f"{self.now:.6g}."
+        )
 
 
 def from_failure_times(

@@ -12,7 +12,7 @@ from scipy import stats
 from slowtime.degradation.gamma_process import THETA_CENTRE, THETA_WIDTH, GammaLaw
 from slowtime.degradation.history import LEVEL_WIDTH, History
 from slowtime.degradation.survival import surviving_futures
-from slowtime.degradation.wiener import WIDTH
+from slowtime.degradation.wiener import SIGMA, WIDTH
 from slowtime.evolution.life.first_passage import first_passage
 
 RUNS, DRAWS = 500, 199
@@ -31,7 +31,7 @@ def history_of(time, value, sd):
 def wiener_asset(rng):
     """A true path, in damage; readings on the first half; its failure time, if it survived."""
     fine = np.linspace(0.0, 3.0, 3 * 15 * FINE + 1)
-    sigma = 0.25 * np.exp(WIDTH * stats.truncnorm.rvs(-2.8, 2.8, random_state=rng))
+    sigma = SIGMA * np.exp(WIDTH * stats.truncnorm.rvs(-2.8, 2.8, random_state=rng))
     drift = LEVEL_WIDTH * rng.standard_normal()
     steps = sigma * np.sqrt(fine[1]) * rng.standard_normal(len(fine) - 1)
     path = LEVEL_WIDTH * rng.standard_normal() + np.concatenate(

@@ -6,10 +6,11 @@ from scipy import stats
 
 from slowtime import degradation
 from slowtime.degradation import CurveLaw, Event, FleetPrior, pooled
+from slowtime.degradation.curve_posterior import NOMINAL_SD
 from slowtime.degradation.curves import FADE, LINEAR, POWER, Curve, crack, edge_flexibility
 from slowtime.degradation.gamma_process import GammaLaw
 from slowtime.degradation.history import LEVEL_WIDTH, history_of
-from slowtime.degradation.wiener import NODES, WIDTH, WienerLaw
+from slowtime.degradation.wiener import NODES, SIGMA, WIDTH, WienerLaw
 
 TIME = np.linspace(0.0, 100.0, 50)
 
@@ -37,7 +38,7 @@ def test_the_evidence_of_a_fade_is_the_integral_over_its_rate():
     logs = []
     for u in rates:
         column = np.exp(-2.0 * u * TIME / 100.0)
-        covariance = wide**2 * np.outer(column, column) + np.diag(history.sd**2)
+        covariance = wide**2 * np.outer(column, column) + np.diag(history.sd**2) + NOMINAL_SD**2
         factor = np.linalg.cholesky(covariance)
         away = np.linalg.solve(factor, history.value + 1.0 - (1.0 + history.centre) * column)
         logs.append(-0.5 * away @ away - np.log(np.diag(factor)).sum() - 25 * np.log(2 * np.pi))
@@ -51,7 +52,7 @@ def test_the_evidence_of_a_wiener_process_is_the_sum_over_gaussian_vectors():
     wide, logs = LEVEL_WIDTH * history.scatter, []
     normal = np.linspace(-2.8, 2.8, NODES)
     for u in normal:
-        sigma = 0.25 * history.scatter * np.exp(WIDTH * u) / 10.0
+        sigma = SIGMA * history.scatter * np.exp(WIDTH * u) / 10.0
         covariance = wide**2 * (1.0 + np.outer(TIME, TIME) / 1e4) + np.diag(history.sd**2)
         covariance += sigma**2 * np.minimum.outer(TIME, TIME)
         logs.append(
@@ -189,7 +190,7 @@ def test_readings_that_no_law_explains_are_told():
 def test_a_crack_grows_by_the_closed_form_of_its_law():
     points = np.zeros((1, 4))
     age = np.linspace(0.0, 1.0, 2001)
-    first, end, exponent = 0.08, 3.0, 3.2
+    first, end, exponent = 0.08, 2.2, 3.2
     depth = np.empty(len(age))
     depth[0] = first
     # da/ds = C a^(m/2), with C such that the crack is infinite at `end`.

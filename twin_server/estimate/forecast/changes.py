@@ -31,6 +31,7 @@ from twin_server.history.states import (
 )
 from twin_server.registration.thresholds import Limit
 
+from .futures import futures_of
 from .known_events import KnownEvents
 
 FEWEST = 10
@@ -63,9 +64,6 @@ class LearntLaw(NamedTuple):
 
 LearntLaws: TypeAlias = dict[str, LearntLaw]
 
-_PATHS, _POINTS = 2000, 80
-"""SampledFutures that are drawn for crossing times, and instants of each."""
-
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ChangeForecast:
@@ -73,12 +71,14 @@ class ChangeForecast:
 
     Parameters
     ----------
-    since, slow_time
-        Slow time of the last reading, and the future ones.
+    since, horizon
+        Slow time of the last reading, and the latest that is looked at.
+    slow_time
+        Future slow times.
     bands
         For each quantity that is estimated: value, sd, lo and hi at each of them.
     until
-        Slow time up to which readings inform the forecast; beyond, it repeats the trend.
+        Slow time up to which readings inform the forecast, see `_informed_until`.
     outlooks
         What was learnt for it, for the next time.
     reasons
@@ -90,6 +90,7 @@ class ChangeForecast:
     """
 
     since: float
+    horizon: float
     slow_time: Float[np.ndarray, " later"]
     bands: dict[str, Float[np.ndarray, "later 4"]]
     until: float
@@ -337,8 +338,7 @@ def forecast_from_state(
     Parameters
     ----------
     horizon
-        How far ahead, in slow time; None for a quarter of the history that is used, and for
-        thresholds all of it.
+        How far ahead, in slow time; None for as long as the history that is used.
     count
         At how many future times.
     thresholds
@@ -347,20 +347,14 @@ def forecast_from_state(
         Of slow time, for the words.
     """
     since, span = prospect.since, prospect.since - prospect.first
-    later = since + (horizon or 0.25 * span) * np.arange(1, count + 1) / count
-    bands: dict[str, Float[np.ndarray, "later 4"]] = {}
-    until = np.inf
-    for name, begun in prospect.begun.items():
-        ahead = begun.predict(later, level=LEVEL)
-        widened = np.hypot(ahead.sd, prospect.common[name] * np.abs(1.0 + ahead.mean))
-        wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
-        # No change is below -1: bands end there, which keeps their probability.
-        mean, lo, hi = (
-            np.maximum(ahead.mean + (end - ahead.mean) * wider, degradation.BOUND)
-            for end in (ahead.mean, ahead.lo, ahead.hi)
-        )
-        bands[name] = np.column_stack((mean, widened, lo, hi))
-        until = min(until, ahead.horizon)
+    end = since + (horizon or span)
+    later = since + (end - since) * np.arange(1, count + 1) / count
+    futures = {
+        name: futures_of(laws, prospect.common[name], end)
+        for name, laws in prospect.laws.items()
+    }
+    bands = {name: _band(drawn, later) for name, drawn in futures.items()}
+    until = min((_informed_until(prospect, name) for name in prospect.begun), default=end)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
         reasons = (
@@ -368,14 +362,42 @@ def forecast_from_state(
             "forecast only extrapolates its trend. Ask for a shorter horizon, or wait "
             "for more readings.",
         )
-    crossings = _crossings(prospect, thresholds, since + (horizon or span))
+    crossings = tuple(
+        (limit, futures[limit.quantity].crossing(limit.at, toward=limit.toward))
+        for limit in thresholds
+        if limit.quantity in futures
+    )
     used = {
         name: LearntLaw(begun.outlook, prospect.laws[name])
         for name, begun in prospect.begun.items()
     }
     warnings = {name: laws.warning for name, laws in prospect.laws.items()}
     misfits = tuple(f"{name}: {text}" for name, text in warnings.items() if text)
-    return ChangeForecast(since, later, bands, float(until), used, reasons, crossings, misfits)
+    return ChangeForecast(
+        since, end, later, bands, float(until), used, reasons, crossings, misfits
+    )
+
+
+def _informed_until(prospect: ForecastState, name: str) -> float:
+    """Slow time beyond which readings say little.
+
+    Gaussian processes forget what they have seen after about one length scale. A law is
+    trusted as far ahead as the past is long: docs/remaining_life.md tests it no further.
+    """
+    if prospect.laws[name].weights.get(GAUSSIAN, 0.0) > 0.5:
+        return prospect.begun[name].horizon
+    return 2.0 * prospect.since - prospect.first
+
+
+def _band(
+    drawn: SampledFutures, later: Float[np.ndarray, " later"]
+) -> Float[np.ndarray, "later 4"]:
+    """Mean, sd and central interval of all futures, straight between their instants."""
+    after = np.clip(np.searchsorted(drawn.later, later), 1, len(drawn.later) - 1)
+    part = (later - drawn.later[after - 1]) / (drawn.later[after] - drawn.later[after - 1])
+    paths = drawn.paths[:, after - 1] * (1.0 - part) + drawn.paths[:, after] * part
+    lo, hi = np.quantile(paths, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)], axis=0)
+    return np.column_stack((paths.mean(axis=0), paths.std(axis=0), lo, hi))
 
 
 def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, float]]:
@@ -388,24 +410,6 @@ def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, fl
         sd = math.hypot(float(here.sd[0]), prospect.common[name] * abs(1.0 + mean))
         found[name] = mean, sd
     return found
-
-
-def _crossings(
-    prospect: ForecastState, thresholds: Sequence[Limit], horizon: float
-) -> tuple[tuple[Limit, RemainingLife], ...]:
-    """Compute crossing times of thresholds; all of one quantity from the same futures."""
-    futures: dict[str, SampledFutures] = {}
-    found = []
-    for limit in thresholds:
-        name = limit.quantity
-        if name not in prospect.laws:
-            continue
-        if name not in futures:
-            futures[name] = prospect.laws[name].futures(horizon, points=_POINTS, paths=_PATHS)
-        common = prospect.common[name] * abs(1.0 + limit.at)
-        told = futures[name].crossing(limit.at, toward=limit.toward, common_sd=common)
-        found.append((limit, told))
-    return tuple(found)
 
 
 def _is_enough(past: Mapping[str, Past]) -> bool:

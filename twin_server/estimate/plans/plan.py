@@ -1,6 +1,7 @@
 """Computes a maintenance plan from the forecast of a twin and its owner's costs."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +16,8 @@ from slowtime.decisions import (
     make_plan,
 )
 from slowtime.degradation import Mixture
+from twin_server.estimate.forecast.futures import POINTS, futures_of
 from twin_server.registration.costs import SECONDS, CostTable, Deciding
-
-PATHS, POINTS = 2000, 120
-"""Futures and their times: 2,000 tell an expected cost to 2 % of the spread of costs."""
 
 MEMORY = 5.0
 """Readings over which the error of an estimate is forgotten: about as many as a forecast's
@@ -111,7 +110,7 @@ def slow_per_unit(costs: CostTable, pace: float | None) -> float:
 def plan_of(order: PlanOrder) -> Planned:
     """Draw futures of the quantity that fails, and compare all that may be done."""
     unit = slow_per_unit(order.costs, order.pace)
-    futures = futures_of(order, unit)
+    futures = damage_futures(order, unit)
     limit = abs(order.decision.failure.at)
     now = float(np.std(futures.damage[:, 0]))
     terms = Terms(
@@ -124,7 +123,7 @@ def plan_of(order: PlanOrder) -> Planned:
     return Planned(make_plan(futures, order.costs.costs(), terms), unit)
 
 
-def futures_of(order: PlanOrder, unit: float) -> Ensemble:
+def damage_futures(order: PlanOrder, unit: float) -> Ensemble:
     """Draw futures of the damage: the change over its value at failure.
 
     Parameters
@@ -138,16 +137,22 @@ def futures_of(order: PlanOrder, unit: float) -> Ensemble:
     -------
     Paths of the damage [1] over times in the owner's unit.
     """
-    at, laws = order.decision.failure.at, order.laws
+    failure, laws = order.decision.failure, order.laws
     horizon = laws.now + order.decision.horizon * unit
-    drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
+    drawn = futures_of(laws, order.common, horizon)
     grid = np.linspace(0.0, order.decision.horizon, POINTS + 1)
-    common_sd = order.common * abs(1.0 + at)
-    damage = (drawn.paths + common_sd * drawn.common[:, None]) / at
+    damage = drawn.paths / failure.at
+    toward: Literal["above", "below"] = "above" if failure.below is None else "below"
+    # A rough path may have failed between two times at which it has not.
+    failed = (drawn.failure_time(failure.at, toward=toward) - laws.now) / unit
     age = order.age / unit
-    if not (age > 0.0 and float(damage[:, 0].mean()) > LEAST_DAMAGE):
-        return from_paths(grid, damage)
-    return from_paths(grid, damage, renewed=lambda start: _renewed(grid, damage, age, start))
+    renewed = None
+    if age > 0.0 and float(damage[:, 0].mean()) > LEAST_DAMAGE:
+
+        def renewed(start: float) -> Ensemble:
+            return _renewed(grid, damage, age, start)
+
+    return dataclasses.replace(from_paths(grid, damage, renewed=renewed), failure_time=failed)
 
 
 def _renewed(

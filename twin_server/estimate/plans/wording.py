@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from slowtime.decisions import ITEMS, BreakEven, Option, Plan, Worth
+from slowtime.evolution.life.probability_words import probability_in_words
 from slowtime_schemas.slow_times import LAST_CLOCK_S, span_in_words
 
 ITEM_WORDS = {
@@ -105,29 +106,6 @@ class When:
         return f"{said} ({datetime.datetime.fromtimestamp(at_s, datetime.UTC):%Y-%m-%d})"
 
 
-def percent(probability: float) -> str:
-    """Write a probability.
-
-    Parameters
-    ----------
-    probability
-        From 0 to 1.
-
-    Returns
-    -------
-    The probability in percent.
-
-    Examples
-    --------
-    >>> percent(0.9979), percent(0.0312), percent(1e-5)
-    ('99.8 %', '3.1 %', 'less than 0.01 %')
-    """
-    if probability < 1e-4:
-        return "less than 0.01 %" if probability > 0 else "0 %"
-    digits = 3 if probability > 0.1 else 2
-    return f"{100 * min(probability, 1.0):.{digits}g} %"
-
-
 def option_words(option: Option, when: When) -> str:
     """Name an option with its parameters."""
     given: Mapping[str, float] = option.parameters
@@ -139,7 +117,7 @@ def option_words(option: Option, when: When) -> str:
         "estimate_threshold": lambda: f"repair once the estimate reaches {share} of failure",
         "probability_threshold": lambda: (
             f"repair once the probability of a failure within {when.span(given['window'])} "
-            f"reaches {percent(given['probability'])}"
+            f"reaches {probability_in_words(given['probability'])}"
         ),
         "periodic_inspection": lambda: (
             f"inspect every {when.span(given['every'])} and repair from {share} of failure on"
@@ -166,7 +144,7 @@ def sentence_of(plan: Plan, currency: str, when: When) -> str:
     if ranking.other is not None:
         other = option_words(plan.options[ranking.other], when)
         said += f"; the alternative “{other}” costs {money(ranking.difference, currency)} more"
-    failing = percent(float(plan.failure_probability[-1]))
+    failing = probability_in_words(float(plan.failure_probability[-1]))
     return f"{said}. Without a repair it fails within that time with probability {failing}."
 
 

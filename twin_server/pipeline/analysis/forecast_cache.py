@@ -227,7 +227,20 @@ class ForecastCache:
             with kept.lock:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
+                self._tell_crossings(twin_id, kept, horizon, known)
         return CachedForecast(known, unit)
+
+    def _tell_crossings(
+        self, twin_id: str, kept: _Kept, horizon: float | None, told: ChangeForecast
+    ) -> None:
+        """Take over what a request has computed, so that all say the same of the future."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None or horizon != twin.registration.outlook_horizon:
+            return
+        limits = set(twin.registration.thresholds())
+        found = tuple(pair for pair in told.crossings if pair[0] in limits)
+        if {limit for limit, _ in found} >= {limit for limit, _ in kept.crossings}:
+            kept.crossings = found
 
     def crossings(self, twin_id: str) -> tuple[tuple[Limit, RemainingLife], ...]:
         """Return when thresholds of a twin are reached, as was told last; nothing is computed.
@@ -252,7 +265,7 @@ class ForecastCache:
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return
-        ahead, limits = twin.registration.forecast.horizon, twin.registration.thresholds()
+        ahead, limits = twin.registration.outlook_horizon, twin.registration.thresholds()
         told = self.foresee(twin_id, ahead, 1, limits) if limits else None
         with kept.lock:
             kept.crossings = () if told is None else told.foresight.crossings

@@ -61,7 +61,7 @@ class RiskCache:
         Parameters
         ----------
         horizon
-            How far ahead, in slow time; None for as long as the past that is used.
+            How far ahead, in slow time; None for that of the twin's forecast.
         """
         twin = self._pipeline.twin(twin_id)
         if twin is None or not twin.registration.limit_states:
@@ -112,7 +112,7 @@ class RiskCache:
             common=prospect.common,
             past=past,
             since=prospect.since,
-            horizon=prospect.since + (horizon or span),
+            horizon=prospect.since + (horizon or twin.registration.outlook_horizon or span),
             unit=found.boots[found.number[-1]][1],
         )
         answer: dict[str, Any] = self._workers.run(risk_answer, twin_id, order)

@@ -212,6 +212,10 @@ def _as_json(failure: Failure) -> dict[str, Any]:
         "lo": failure.lo,
         "hi": failure.hi,
         "reasons": list(failure.reasons),
+        "since": failure.since,
+        "horizon": None
+        if failure.since is None or failure.horizon is None
+        else failure.since + failure.horizon,
     }
 
 

@@ -36,6 +36,8 @@ class Failure(NamedTuple):
         Why it should not be relied on, in sentences; none where it can.
     horizon
         How far ahead was looked, in slow time; None where nothing is known.
+    since
+        Slow time of the last reading; None where nothing is known.
     unit
         Of slow time.
     """
@@ -46,6 +48,7 @@ class Failure(NamedTuple):
     reasons: tuple[str, ...] = ()
     horizon: float | None = None
     unit: str | None = None
+    since: float | None = None
 
 
 def unknown(*reasons: str, unit: str | None = None) -> Failure:
@@ -98,7 +101,7 @@ def failure_probability(
         return unknown(f"{twin_id} does not estimate {names}.", unit=outlook.unit)
     value, lo, hi = _any_of([(p, *interval(p)) for p in found.values()])
     reasons = tuple(f"{twin_id}: {reason}" for reason in outlook.reasons)
-    return Failure(value, lo, hi, reasons, ahead, outlook.unit)
+    return Failure(value, lo, hi, reasons, ahead, outlook.unit, outlook.since)
 
 
 def _of_limit_states(risk: Mapping[str, Any], twin_id: str) -> Failure:
@@ -113,7 +116,7 @@ def _of_limit_states(risk: Mapping[str, Any], twin_id: str) -> Failure:
         return unknown(*(reasons or (f"{twin_id} has no failure probability yet.",)))
     value, lo, hi = _any_of([_widened(**one) for one in within])
     ahead = risk["horizon"] - risk["since"]
-    return Failure(value, lo, hi, reasons, ahead, risk["slow_time_unit"])
+    return Failure(value, lo, hi, reasons, ahead, risk["slow_time_unit"], risk["since"])
 
 
 def _widened(value: float, lo: float, hi: float) -> tuple[float, float, float]:

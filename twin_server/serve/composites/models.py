@@ -38,6 +38,13 @@ class ChanceWithReasons(Chance):
     reasons: list[str]
 
 
+class ChanceOfTwin(ChanceWithReasons):
+    """Of a twin, at the instant and up to the horizon of its outlook."""
+
+    since: float | None = Field(default=None, description="Slow time of its last reading.")
+    horizon: float | None = Field(default=None, description="Slow time up to which it is.")
+
+
 class AnyDependence(BaseModel):
     """Bounds that hold however the members depend on each other."""
 
@@ -81,7 +88,7 @@ class TwinOfComposite(BaseModel):
     valid: bool
     reasons: list[str]
     alarms: list[dict[str, Any]]
-    failure: ChanceWithReasons
+    failure: ChanceOfTwin
     importance: ImportanceOfTwin | None
 
 

@@ -30,12 +30,13 @@ CROSSING_EXAMPLE: dict[str, Any] = {
     "horizon": 1625.0,
     "sentence": (
         "Stiffness change below -10 %: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
-        "horizon of 1625. Crossed within it with probability 83 %."
+        "horizon of 1625. Crossed by 1625 with probability 83 %, as of 812.5."
     ),
 }
 FORECAST_EXAMPLE: dict[str, Any] = {
     "id": "demo.tower",
     "since": 812.5,
+    "horizon": 1625.0,
     "until": 905.3,
     "slow_time_unit": "T0",
     "points": [
@@ -123,6 +124,9 @@ class ForecastModel(BaseModel):
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")
+    horizon: float | None = Field(
+        default=None, description="Slow time up to which all of it looks."
+    )
     until: float | None = Field(description="Beyond this the forecast repeats its trend.")
     slow_time_unit: str | None
     points: list[ForecastPoint]

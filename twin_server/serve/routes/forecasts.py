@@ -78,8 +78,8 @@ def routes(
         horizon: Annotated[
             Finite | None,
             Query(
-                description="How far ahead, in slow time; by default as registered, or a "
-                "quarter of the past for bands and all of it for thresholds."
+                description="How far ahead, in slow time; by default as registered, or as "
+                "long as the past."
             ),
         ] = None,
         count: Annotated[
@@ -202,7 +202,7 @@ def _forecast(
 ) -> dict[str, Any]:
     outlook = knowledge.outlook(twin_id, horizon, count, [limit for _, limit in asked], at)
     if outlook is None:
-        none = dict.fromkeys(("since", "until", "slow_time_unit"))
+        none = dict.fromkeys(("since", "horizon", "until", "slow_time_unit"))
         empty: dict[str, Any] = {"points": [], "crossings": [], "periods": {}, "jumps": {}}
         return {
             "id": twin_id,
@@ -219,6 +219,7 @@ def _forecast(
     return {
         "id": twin_id,
         "since": outlook.since,
+        "horizon": outlook.horizon,
         "until": outlook.until,
         "slow_time_unit": outlook.unit,
         "points": [

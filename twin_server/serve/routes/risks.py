@@ -49,7 +49,7 @@ def routes(
         registration: Known,
         horizon: Annotated[
             Finite | None,
-            Query(description="How far ahead, in slow time; by default as long as the past."),
+            Query(description="How far ahead, in slow time; by default as the forecast."),
         ] = None,
     ) -> Response:
         """Tell how probable failure is by each limit state: now, in the past and to come.

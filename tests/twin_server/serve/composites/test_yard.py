@@ -11,7 +11,7 @@ from slowtime.reliability.trees import (
     series,
     simulate,
 )
-from twin_server.estimate.forecast import changes as foresight
+from twin_server.estimate.forecast import futures
 from twin_server.serve.composites import failure
 
 from .conftest import IDS, YARD
@@ -79,7 +79,7 @@ def test_drift_rates_of_a_line_are_pooled_and_hold_the_true_ones(yard):
 
 
 def test_the_band_of_a_member_is_that_of_as_many_draws_as_a_forecast_makes():
-    assert failure.PATHS == foresight._PATHS
+    assert failure.PATHS == futures.PATHS
     rng = np.random.default_rng(0)
     held = 0
     for p in (0.0005, 0.02, 0.5):

@@ -1,0 +1,1 @@
+"""Histories of known laws in; coverage, Brier scores and flicker of forecasts out."""

@@ -1,0 +1,210 @@
+"""Ask the twin's forecast, and an oracle, of histories of known laws; score both.
+
+`python -m benchmarks.methods.calibration --results FILE` goes on where FILE ends. With
+`--reuse OTHER` the oracle's answers come from the results of another version, with which they
+are compared.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin_server.estimate.forecast import changes
+from twin_server.registration.thresholds import Limit
+
+from . import histories, oracle
+from .histories import INSTANTS, LAWS, Case
+
+TIMES = 10
+"""Times between an instant and the end at which bands are asked for."""
+
+SURE = 0.02
+"""Probability below which, and above one less which, an answer is sure [1]."""
+
+LEAST = 1e-4
+"""Probability at which logarithmic scores are clipped [1]: 2,000 paths tell none below it."""
+
+QUANTITY = "stiffness_change"
+
+
+def judge(case: Case, known: dict[str, Any] | None) -> dict[str, Any]:
+    """Ask both at each instant: probability of the crossing, and bands at ten times."""
+    rows = []
+    for which, instant in enumerate(INSTANTS):
+        readings = int(np.searchsorted(case.time, instant + 1e-12, "right"))
+        now = float(case.time[readings - 1])
+        at = now + (1.0 - now) * np.arange(1, TIMES + 1) / TIMES
+        true = np.interp(at, case.fine, case.truth)
+        row: dict[str, Any] = {"now": now, "crossed": bool(case.crossed <= now)}
+        row |= _twin(case, readings, at, true)
+        if known is None:
+            rng = np.random.default_rng([case.number, which])
+            futures = oracle.futures(case, readings, rng)
+            band = futures.band(at)
+            row["oracle"] = futures.probability(case.threshold)
+            row["oracle_holds"] = _holds(band, true)
+        else:
+            row |= {name: known["rows"][which][name] for name in ("oracle", "oracle_holds")}
+        rows.append(row)
+    return {
+        "law": case.law, "number": case.number, "noise": case.sd, "readings": len(case.time),
+        "happened": bool(np.isfinite(case.crossed)), "rows": rows,
+    }  # fmt: skip
+
+
+def _holds(band: np.ndarray, true: np.ndarray) -> list[bool]:
+    return [bool(low <= x <= high) for (low, high), x in zip(band, true, strict=True)]
+
+
+def _twin(case: Case, readings: int, at: np.ndarray, true: np.ndarray) -> dict[str, Any]:
+    """Forecast as the server does, learning from all readings up to now."""
+    when = case.unit * case.time[:readings]
+    past = {
+        QUANTITY: changes.Past(when, case.value[:readings], np.full(readings, case.sd), 0.0)
+    }
+    begun = time.process_time()
+    state = changes.forecast_state_of(past, changes.learn(past))
+    assert state is not None
+    limit = Limit(QUANTITY, case.threshold, "below")
+    told = changes.forecast_from_state(state, case.unit - when[-1], TIMES, (limit,))
+    spent = time.process_time() - begun
+    life, band = told.crossings[0][1], told.bands[QUANTITY]
+    # Probability below the true time: of one beyond the end, only the ends are known.
+    place = [life.within, 1.0]
+    if np.isfinite(case.crossed) and case.crossed > case.time[readings - 1]:
+        place = [float(life.cdf(min(case.crossed * case.unit, life.horizon)))] * 2
+    return {
+        "p": life.within, "place": place, "holds": _holds(band[:, 2:], true),
+        "width": float(band[-1, 3] - band[-1, 2]), "seconds": spent,
+        "laws": {name: round(share, 3) for name, share in life.weights.items() if share > 0.01},
+    }  # fmt: skip
+
+
+def read(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
+    """Read results; a line that a killed run has cut short is passed over."""
+    found = {}
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            one = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        found[one["law"], one["number"]] = one
+    return found
+
+
+def keep(result: dict[str, Any], path: Path) -> None:
+    """Append a result, on a line of its own after one that a killed run has cut short."""
+    cut = path.exists() and not ("\n" + path.read_text()).endswith("\n")
+    with path.open("a") as file:
+        file.write(("\n" if cut else "") + json.dumps(result) + "\n")
+
+
+def table(results: Iterable[dict[str, Any]], before: dict[tuple[str, int], Any]) -> str:
+    """Write the scores of each law and of all."""
+    every = list(results)
+    lines = [
+        "| law | outlooks | bands hold [%] | at the end | oracle's | Brier score | oracle's "
+        "| excess over that before | sure, right | log score over the oracle's [nat] "
+        "| life held by 10–90 % [%] | late | early | flicker |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    announced = [one for one in every if one["law"] != histories.JUMPS]
+    for name, part in [
+        *((law, [one for one in every if one["law"] == law]) for law in LAWS),
+        ("all but jumps", announced),
+        ("all", every),
+    ]:
+        if part:
+            lines.append(_line(name, part, before))
+    seconds = [row["seconds"] for one in every for row in one["rows"]]
+    lines.append(
+        f"\nProcessor time of one forecast: median {np.median(seconds):.3f} s, "
+        f"mean {np.mean(seconds):.3f} s, 95 % {np.quantile(seconds, 0.95):.3f} s."
+    )
+    return "\n".join(lines)
+
+
+def _line(name: str, part: list[dict[str, Any]], before: dict[tuple[str, int], Any]) -> str:
+    asked = [(one, row) for one in part for row in one["rows"] if not row["crossed"]]
+    y = np.array([one["happened"] for one, _ in asked], dtype=float)
+    p, known = (np.array([row[who] for _, row in asked]) for who in ("p", "oracle"))
+    excess = np.mean((p - y) ** 2) - np.mean((known - y) ** 2)
+    ratio = ""
+    if before:
+        old = np.array([_same(before, one, row)["p"] for one, row in asked])
+        past = np.mean((old - y) ** 2) - np.mean((known - y) ** 2)
+        ratio = f"{excess:.3f} / {past:.3f} = {excess / past:.2f}"
+    held = np.array([row["holds"] for one in part for row in one["rows"]])
+    oracles = np.array([row["oracle_holds"] for one in part for row in one["rows"]])
+    sure = (p <= SURE) | (p >= 1.0 - SURE)
+    right = int(np.sum(np.abs(p - y)[sure] <= SURE))
+    sure_oracle = int(np.sum((known <= SURE) | (known >= 1.0 - SURE)))
+    logs = [-np.log(np.clip(np.where(y == 1, q, 1 - q), LEAST, 1)).mean() for q in (p, known)]
+    middle, late, early = np.mean([_place(*row["place"]) for _, row in asked], axis=0)
+    moved = np.array([_flicker(one) for one in part])
+    error = moved.std(ddof=1) / np.sqrt(len(moved)) if len(moved) > 1 else np.nan
+    return (
+        f"| {name} | {len(asked)} | {100 * held.mean():.1f} | {100 * held[:, -1].mean():.1f} "
+        f"| {100 * oracles.mean():.1f} | {np.mean((p - y) ** 2):.3f} "
+        f"| {np.mean((known - y) ** 2):.3f} | {ratio} "
+        f"| {right} of {int(sure.sum())} (oracle {sure_oracle}) | {logs[0] - logs[1]:.2f} "
+        f"| {100 * middle:.1f} | {100 * late:.1f} | {100 * early:.1f} "
+        f"| {moved.mean():+.3f} ± {1.96 * error:.3f} |"
+    )
+
+
+def _same(before: dict[tuple[str, int], Any], one: Any, row: Any) -> Any:
+    rows = before[one["law"], one["number"]]["rows"]
+    return next(each for each in rows if each["now"] == row["now"])
+
+
+def _place(low: float, high: float) -> tuple[float, float, float]:
+    """Share of an interval of probability in the middle 80 %, below (late) and above."""
+    if low == high:
+        return float(0.1 <= low <= 0.9), float(low < 0.1), float(low > 0.9)
+    inside = np.clip([0.1, 0.9], low, high)
+    width = high - low
+    return tuple(np.array([np.diff(inside)[0], inside[0] - low, high - inside[1]]) / width)
+
+
+def _flicker(one: dict[str, Any]) -> float:
+    """Movement of a probability less what evidence accounts for: zero on average.
+
+    References
+    ----------
+    .. [1] N. Augenblick and M. Rabin, "Belief movement, uncertainty reduction, and rational
+       updating" (2021).
+    """
+    happened = float(one["happened"])
+    p = np.array([1.0 if row["crossed"] else row["p"] for row in one["rows"]] + [happened])
+    return float(np.sum(np.diff(p) ** 2) - p[0] * (1.0 - p[0]))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run what is missing, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--results", type=Path, help="file of results to go on with")
+    parser.add_argument(
+        "--reuse", type=Path, help="results of another version, to compare with"
+    )
+    parser.add_argument("--histories", type=int, default=45, help="of each law")
+    parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=LAWS)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args(arguments)
+    before = read(asked.reuse) if asked.reuse else {}
+    found = read(asked.results) if asked.results else {}
+    wanted = [(law, number) for number in range(asked.histories) for law in asked.laws]
+    for law, number in wanted:
+        if (law, number) not in found:
+            case = histories.case(law, number, asked.seed)
+            found[law, number] = judge(case, before.get((law, number)))
+            if asked.results:
+                keep(found[law, number], asked.results)
+    shown = [found[key] for key in wanted]
+    print(table(shown, before if all(key in before for key in wanted) else {}))
+    return 0

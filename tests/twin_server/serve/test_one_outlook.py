@@ -1,0 +1,126 @@
+"""Every place that tells of a twin's future tells the same: value, instant, horizon."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from slowtime.evolution.life.probability_words import probability_in_words
+from slowtime_cli.__main__ import app
+from slowtime_services.client import Client
+
+TWIN, LIMIT, AHEAD = "lab.beam", -0.2, 80.0
+BODY = {
+    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+    "alarms": [{"quantity": "stiffness_change", "below": LIMIT}],
+    "limit_states": [
+        {
+            "kind": "threshold",
+            "name": "softer",
+            "quantity": "stiffness_change",
+            "below": LIMIT,
+            "accepted": 0.9,
+        }
+    ],
+    "costs": {
+        "currency": "EUR",
+        "time_unit": "slow_time",
+        "failure": 900.0,
+        "repair": 40.0,
+        "inspection": 1.0,
+    },
+    "decision": {
+        "failure": {"quantity": "stiffness_change", "below": LIMIT},
+        "horizon": AHEAD,
+    },
+}
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def server(serving, ageing, eventually, request):
+    """A beam that may reach its limit within the horizon, and a composite of it alone."""
+    server = serving()
+    assert server.client.put(f"/api/v1/twins/{TWIN}", json=BODY).status_code == 201
+    server.feed(ageing(60, loss=0.1, sd=0.02, seed=request.param))
+    assert eventually(lambda: server.count() == 60)
+    for name, failing in (("states", {}), ("limits", {"quantity": "stiffness_change"})):
+        whole = {"kind": "line", "members": [TWIN], "tree": {"series": [TWIN]}}
+        if failing:
+            whole["failing"] = {TWIN: {**failing, "at": LIMIT}}
+        assert server.client.put(f"/api/v1/composites/lab.{name}", json=whole).is_success
+    return server
+
+
+def from_rest(server):
+    """Value, instant and horizon of each answer that has them as numbers."""
+    found = {}
+    told = server.get(f"/api/v1/twins/{TWIN}/forecast").json()
+    crossing = told["crossings"][0]
+    found["crossing"] = crossing["within"], told["since"], crossing["horizon"]
+    found["bands"] = crossing["within"], told["since"], told["horizon"]
+    found["last band"] = crossing["within"], told["since"], told["points"][-1]["slow_time"]
+    risk = server.get(f"/api/v1/twins/{TWIN}/risk").json()
+    state = risk["limit_states"][0]
+    found["risk"] = state["within"]["value"], risk["since"], risk["horizon"]
+    last = state["points"][-1]
+    found["survival"] = 1.0 - last["survival"]["value"], risk["since"], last["slow_time"]
+    plan = server.get(f"/api/v1/twins/{TWIN}/plan").json()
+    found["plan"] = plan["failure"]["within"], plan["since"], plan["horizon"]["slow_time"]
+    for name in ("states", "limits"):
+        whole = server.get(f"/api/v1/composites/lab.{name}").json()
+        part = whole["twins"][0]["failure"]
+        found[f"composite {name}"] = part["value"], part["since"], part["horizon"]
+        ahead = part["since"] + whole["failure"]["horizon"]
+        found[f"whole {name}"] = whole["failure"]["value"], part["since"], ahead
+    return found
+
+
+def from_commands(server):
+    """Likewise of what the commands and the typed client give."""
+    found = {}
+    where = ["--server", server.url, "--asset", TWIN, "--out", "-"]
+    told = {}
+    for verb in ("forecast", "risk", "plan"):
+        ran = CliRunner().invoke(app, [verb, *where])
+        assert ran.exit_code == 0, ran.output
+        told[verb] = json.loads(ran.stdout)
+    crossing = told["forecast"]["crossings"][0]
+    found["forecast"] = crossing["within"], told["forecast"]["since"], crossing["horizon"]
+    state = told["risk"]["limit_states"][0]
+    found["risk"] = state["within"]["value"], told["risk"]["since"], told["risk"]["horizon"]
+    plan = told["plan"]
+    found["plan"] = plan["failure"]["within"], plan["since"], plan["horizon"]["slow_time"]
+    with Client(server.url) as client:
+        typed = client.forecast(TWIN)
+        crossing = typed.crossings[0]
+        found["typed"] = crossing.within, typed.since, crossing.horizon
+    return found
+
+
+def test_every_answer_tells_the_same_value_instant_and_horizon(server):
+    found = from_rest(server) | from_commands(server)
+    value, since, horizon = found["crossing"]
+    assert 0.02 < value < 0.98
+    assert (since, horizon) == (59.0, 59.0 + AHEAD)
+    for place, told in found.items():
+        assert told == pytest.approx((value, since, horizon), abs=1e-12), place
+
+
+def test_the_sentences_tell_them_too(server):
+    value, since, horizon = from_rest(server)["crossing"]
+    words = probability_in_words(value)
+    twin = server.get(f"/api/v1/twins/{TWIN}").json()
+    findings = {one["kind"]: one["text"] for one in twin["conclusion"]["findings"]}
+    told = [
+        findings["limit_near"],
+        findings["risk_rising"],
+        server.get(f"/api/v1/twins/{TWIN}/forecast").json()["crossings"][0]["sentence"],
+        server.get(f"/api/v1/twins/{TWIN}/risk").json()["limit_states"][0]["sentence"],
+    ]
+    for sentence in told:
+        assert words in sentence
+        assert f"{since:g}" in sentence
+        assert f"{horizon:g}" in sentence
+    assert words in server.get(f"/api/v1/twins/{TWIN}/plan").json()["sentence"] or (
+        "Cannot decide" in server.get(f"/api/v1/twins/{TWIN}/plan").json()["sentence"]
+    )
