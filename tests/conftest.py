@@ -21,7 +21,7 @@ settings.load_profile("seeded")
 
 ROOT = Path(__file__).parents[1]
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-PATIENCE_MS = 40_000
+PATIENCE_MS = 300_000
 WINDOW = {"width": 1200, "height": 900}
 
 
