@@ -63,12 +63,15 @@ export function showConclusion(element, state, at, events) {
   element.told = key;
   element.dataset.state = MOODS[answer];
   element.dataset.answer = answer;
-  const said = kindsOf(state, events).flatMap(([kind, words]) => {
-    const details = WHOLE.includes(kind) ? [] : findings.filter((one) => one.kind === kind).flatMap(({ text }) => [" ", english(make("span", text))]);
-    return [` ${words[0].toLocaleUpperCase(language)}${words.slice(1)}.`, ...details];
+  const said = kindsOf(state, events).map(([kind, words]) => {
+    const item = make("li", `${words[0].toLocaleUpperCase(language)}${words.slice(1)}.`);
+    const details = WHOLE.includes(kind) ? [] : findings.filter((one) => one.kind === kind);
+    for (const { text } of details) item.append(" ", english(make("span", text, "interval")));
+    return item;
   });
-  const next = findings.length ? [" ", make("em", t("conclusion.next", { act: t(`next.${findings[0].kind}`) }))] : [];
-  element.replaceChildren(make("strong", `${SIGNS[answer]} ${t("fleet.is_anything_wrong", { answer: t(`conclusion.${answer}`) })}`), ...said, ...next);
+  const next = findings.length ? [" ", make("em", t("conclusion.next", { act: t(`next.${findings[0].kind}`) }))] : [], list = make("ul");
+  list.append(...said);
+  element.replaceChildren(make("strong", `${SIGNS[answer]} ${t("fleet.is_anything_wrong", { answer: t(`conclusion.${answer}`) })}`), ...next, ...(said.length ? [list] : []));
 }
 
 const nameOf = ({ id, registration }) => registration.name || id;

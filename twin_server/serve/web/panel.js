@@ -65,7 +65,7 @@ export class Panel {
     this.root.id = twin.id;
     this.root.setAttribute("aria-labelledby", `${twin.id}-name`);
     [this.facts, this.seen, this.reading] = [make("p", "", "facts"), make("span"), make("span")];
-    [this.answer, this.reasons] = [make("p", "", "answer"), make("ul", undefined, "reasons")];
+    [this.answer, this.reasons] = [make("div", "", "answer"), make("ul", undefined, "reasons")];
     this.answer.setAttribute("role", "status");
     const about = make("p", undefined, "facts");
     this.sensor = make("p", "", "facts sensor");
