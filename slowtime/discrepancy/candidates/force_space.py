@@ -1,7 +1,8 @@
 """Least squares for the force at one place, with constants and initial states eliminated."""
 
+import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -11,6 +12,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.localization.latent_force import real_products
 from slowtime.discrepancy.localization.perturbed_reference import (
+    Columns,
     LinearConstants,
     PerturbedReference,
 )
@@ -39,6 +41,8 @@ class ForceSpace:
     ----------
     place
         Where forces act.
+    keeps
+        Whether the columns of constants and initial states are kept, for `elsewhere`.
 
     Raises
     ------
@@ -46,7 +50,9 @@ class ForceSpace:
         Where the reference diverges, so that its spectra are not finite.
     """
 
-    def __init__(self, fit: Fit, located: Localization, place: Place) -> None:
+    def __init__(
+        self, fit: Fit, located: Localization, place: Place, *, keeps: bool = False
+    ) -> None:
         found = located.group(place).explained
         self.located, self.place = located, place
         self.source = next(s for s in located.linear.sources() if s.place == place)
@@ -58,11 +64,8 @@ class ForceSpace:
         states = tuned[0].decays.shape[2]
         size = constants + states * len(tuned)
         matrix, right = np.zeros((size, size)), np.zeros(size)
-        self.along: list[ForceSpectra] = []
-        self.units: list[ForceSpectra] = []
-        """Whitened readings of a unit force (frequency, sensor), trial by trial."""
-        self.signal: list[Float[np.ndarray, " frequency"]] = []
         self.where: list[np.ndarray] = []
+        white: list[Columns] = []
         self.square, self.count = 0.0, 0
         for i, one in enumerate(tuned):
             lines, force = located.lines[i], found.forces[i]
@@ -81,11 +84,10 @@ class ForceSpace:
             right[at] += inner[:-1, -1]
             self.square += float(inner[-1, -1])
             self.count += 2 * residual.size
-            unit = one.transfer(self.source) / np.sqrt(lines.noise)
-            self.units.append(unit)
-            self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
-            self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
+            white.append(whole)
             self.where.append(at)
+        self._see(tuned, white)
+        self._kept = (tuned, white) if keeps else None
         off = (known.reference_change + change) / known.sd
         own = np.arange(constants)
         matrix[own, own] += 1 / known.sd**2
@@ -107,6 +109,38 @@ class ForceSpace:
         )
         deviation = known.reference_change + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
+
+    def elsewhere(self, place: Place) -> "ForceSpace":
+        """Give the space of another place to which the same motion belongs.
+
+        What constants and initial states do along it is not computed again.
+
+        Raises
+        ------
+        ValueError
+            Where the columns were not kept.
+        """
+        if self._kept is None:
+            raise ValueError("Make the space with keeps=True to see other places from it.")
+        other = copy.copy(self)
+        other.__dict__.pop("states", None)
+        other.place, located = place, self.located
+        other.source = next(s for s in located.linear.sources() if s.place == place)
+        other.latents = [located.latent(place, i) for i in range(len(located.trials))]
+        other._see(*self._kept)
+        return other
+
+    def _see(self, tuned: Sequence[PerturbedReference], white: Sequence[Columns]) -> None:
+        """Compute the readings of a unit force, and its products with all columns."""
+        self.along: list[ForceSpectra] = []
+        self.units: list[ForceSpectra] = []
+        """Whitened readings of a unit force (frequency, sensor), trial by trial."""
+        self.signal: list[Float[np.ndarray, " frequency"]] = []
+        for one, columns, lines in zip(tuned, white, self.located.lines, strict=True):
+            unit = one.transfer(self.source) / np.sqrt(lines.noise)
+            self.units.append(unit)
+            self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), columns))
+            self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
 
     @functools.cached_property
     def states(self) -> list[dict[tuple[str, str], float]]:

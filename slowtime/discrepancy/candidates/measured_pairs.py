@@ -231,12 +231,16 @@ def _columns(fit: Fit, located: Localization, kinds: Mapping[str, Kind]) -> Iter
     """Columns of every law in every shape, place after place."""
     described = located.linear.description
     every = [*simple_kinds(kinds), *general_kinds(kinds)]
+    space: ForceSpace | None = None
     for group in located.groups:
         (place,) = group.places
         own = [kind for kind in every if is_applicable(kind, place, described)]
         if place.kind == "base" or not own:
             continue
-        space = ForceSpace(fit, located, place)
+        if space is None:
+            space = ForceSpace(fit, located, place, keeps=True)
+        else:
+            space = space.elsewhere(place)
         laws: list[tuple[Kind, Shape]] = []
         forces: list[list[ForceSpectra]] = []
         for kind in own:

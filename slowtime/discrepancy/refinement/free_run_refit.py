@@ -12,11 +12,10 @@ with :math:`\rho_s` the root mean square of the residual of sensor s before and
 :math:`\rho_s / \sigma_s`, the error that models are judged by. The refit is kept only if pieces
 of the records to which it was not fitted are predicted better by more than their scatter.
 
-White weights tell less of most constants: what goes astray is slow. A constant moves only if
-refits without one piece (delete-a-group jackknife) agree that it is another; others stay, and
-those that move are what the refit tells given these,
-
-.. math:: \theta_m = \hat\theta_m + C_{mh} C_{hh}^{-1} (\theta_h - \hat\theta_h) .
+White weights tell less of most constants: what goes astray is slow. So the refit is the model
+that is simulated, but the number of a constant is quoted from it only if refits without one
+piece (delete-a-group jackknife) agree that it is another than before. Where their scatter
+covers the estimate by weighted residuals, that one stands, because it is determined better.
 
 References
 ----------
@@ -52,7 +51,7 @@ MAX_RATIO = 2.0
 same constant. Source: judgement; no study is recorded."""
 MOVED_P_VALUE = 0.05
 """[probability] Of as large a change of a constant by the scatter of refits without one piece,
-below which it moves. Source: the 5 % level."""
+below which another number is quoted. Source: the 5 % level."""
 SIGNIFICANT_SDS = 3.0
 """[standard deviations] From zero, from which a constant is asked whether it changed as much.
 Source: three-sigma rule."""
@@ -72,11 +71,15 @@ class FreeRunRefit:
     fit
         The given one with other constants, initial states, outputs and residuals. Half the
         square of the change is added to the covariance, as two weights told different values.
+    estimate
+        The given one with other constants where pieces of the records contradict it; these are
+        the numbers to quote.
     gain
         Mean logarithm of the ratio of errors on pieces left out, before over after [1].
     """
 
     fit: Fit
+    estimate: Fit
     gain: float
 
 
@@ -120,24 +123,11 @@ def refit_to_free_runs(
             if other is None:
                 return None
             others.append(other)
-        moves = contradicted_constants(fit, again, others)
-        told = [with_moved_constants(fit, other, moves) for other in others]
-        gain = _validated_gain(fit, told, [pieces for _, pieces in cut])
-        if gain is None:
-            return None
-        moved = with_moved_constants(fit, again, moves)
-        if not moves.all():
-            held = try_refit(
-                fit.plant, trials, free=[], noise=plain_weights(fit, trials),
-                values=moved.values, states=again.states, horizons=(1.0,),
-                control=FitControl(is_late=is_late),
-            )  # fmt: skip
-            if held is None:
-                return None
-            moved = dataclasses.replace(
-                moved, states=held.states, outputs=held.outputs, residual=held.residual
-            )
-    return FreeRunRefit(_widened(fit, moved), gain)
+        gain = _validated_gain(fit, others, [pieces for _, pieces in cut])
+    if gain is None:
+        return None
+    moves = contradicted_constants(fit, again, others)
+    return FreeRunRefit(_with_runs_of(fit, again), estimate_of(fit, again, moves), gain)
 
 
 def contradicted_constants(
@@ -151,19 +141,14 @@ def contradicted_constants(
     return np.asarray(np.abs(again.free - fit.free) > far * sd)
 
 
-def with_moved_constants(fit: Fit, other: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
-    """Take the constants that move from another fit, given that the others stay."""
-    stay = ~moves
-    free = np.where(moves, other.free, fit.free)
-    if stay.any() and moves.any():
-        sd = np.maximum(other.sd, np.finfo(float).tiny)
-        like = other.covariance / np.outer(sd, sd)
-        off = ((fit.free - other.free) / sd)[stay]
-        taken = np.linalg.lstsq(like[np.ix_(stay, stay)], off)[0]
-        free[moves] += sd[moves] * (like[np.ix_(moves, stay)] @ taken)
+def estimate_of(fit: Fit, again: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
+    """Take constants that move from another fit, and widen their covariance by the change."""
+    off = np.where(moves, again.free - fit.free, 0.0)
     values = fit.values.copy()
-    values[list(fit.prior.index)] = free
-    return dataclasses.replace(other, values=values)
+    values[list(fit.prior.index)] += off
+    wide = max(fit.chi2_in_band, 1.0)  # by which `Fit.inflated_sd` inflates it
+    covariance = fit.covariance + np.outer(off, off) / (2 * wide)
+    return dataclasses.replace(fit, values=values, covariance=covariance)
 
 
 def _validated_gain(
@@ -254,13 +239,12 @@ def are_constants_alike(before: Fit, after: Fit) -> bool:
     return True
 
 
-def _widened(fit: Fit, other: Fit) -> Fit:
+def _with_runs_of(fit: Fit, other: Fit) -> Fit:
     """Take constants and runs from another fit, and widen the covariance by the change."""
-    off = other.free - fit.free
-    wide = max(fit.chi2_in_band, 1.0)  # by which `Fit.inflated_sd` inflates it
+    widened = estimate_of(fit, other, np.ones(len(fit.prior.names), dtype=bool))
     return dataclasses.replace(
-        fit, values=other.values, states=other.states, outputs=other.outputs,
-        residual=other.residual, covariance=fit.covariance + np.outer(off, off) / (2 * wide),
+        widened, values=other.values, states=other.states, outputs=other.outputs,
+        residual=other.residual,
     )  # fmt: skip
 
 

@@ -89,12 +89,12 @@ def requoted(
     evaluation: Evaluation,
     kinds: Mapping[str, Kind],
 ) -> Judgement:
-    """Quote the parameters of the model that is kept, the verdict being what it is."""
+    """Quote the parameters as the last refit leaves them, the verdict being what it is."""
     if kept.refitted is None:
         return judged
-    effects = requoted_by_place(judged.found.effects, kept.fit, kinds)
+    effects = requoted_by_place(judged.found.effects, kept.refitted.estimate, kinds)
     found = dataclasses.replace(judged.found, effects=tuple(effects))
-    answers = requoted_by_place(judged.answers, kept.fit, kinds)
+    answers = requoted_by_place(judged.answers, kept.refitted.estimate, kinds)
     nearest = nearest_effects(found, evaluation, kinds)
     _, sentence = verdict_and_sentence(
         given, found, answers, nearest, kinds, unknown=judged.unknown

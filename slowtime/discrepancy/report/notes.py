@@ -116,7 +116,8 @@ def _note_on_refit(refitted: FreeRunRefit, last: Fit, error: float, after: float
         "Constants of the final model were refitted to minimise the error of free-run "
         f"simulations: {told}. On parts of the records that this refit did not use, the "
         f"error falls by {share:.0f} %; on the validation data, from {percent(error)} to "
-        f"{percent(after)}."
+        f"{percent(after)}. An effect is quoted by its estimate before, unless refits without "
+        "parts of the records agree on another number."
     )
 
 

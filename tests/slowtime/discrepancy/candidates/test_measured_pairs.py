@@ -1,11 +1,15 @@
 """Pairs of laws at different places, along the motion that the sensors tell."""
 
+import dataclasses
+
+import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import label_of
-from slowtime.discrepancy.candidates.measured_pairs import measured_pairs
+from slowtime.discrepancy.candidates.measured_pairs import act_apart, measured_pairs
 from slowtime.discrepancy.localization import measured_motion
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -22,10 +26,15 @@ from tests.slowtime.discrepancy.two_mass_chain import (
 FRICTION = Effect("coulomb", FIRST, {"friction_n": 2.0})
 
 
-def pairs_of(effects, **records):
+def held(effects):
+    """Give records of a rig with some effects, and the fit of the model without."""
+    trials = records_of(effects, samples=1000)
+    return refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials), trials
+
+
+def pairs_of(effects):
     """Give the pairs that the records of a rig with some effects suggest."""
-    trials = records_of(effects, samples=1000, **records)
-    fit = refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    fit, trials = held(effects)
     return measured_pairs(fit, measured_motion(fit, trials), KINDS)
 
 
@@ -51,6 +60,24 @@ def test_a_pair_leaves_far_less_than_nothing_does_and_says_where_a_fit_begins():
 
 def test_one_law_alone_is_no_pair():
     assert not pairs_of((STRONG,))
+
+
+def test_laws_at_two_places_act_apart_and_those_at_one_do_not():
+    assert act_apart(*held((DRAG, STRONG)), KINDS)
+    here = dataclasses.replace(DRAG, place=SECOND)
+    assert not act_apart(*held((here, STRONG)), KINDS)
+
+
+def test_a_space_seen_from_another_place_is_that_of_the_place():
+    fit, trials = held((DRAG, STRONG))
+    located = measured_motion(fit, trials)
+    first = ForceSpace(fit, located, FIRST, keeps=True)
+    own, seen = ForceSpace(fit, located, SECOND), first.elsewhere(SECOND)
+    force = own.lines_of(latent.motion.e[:, None] ** 3 for latent in own.latents)
+    for one, other in zip(own.separate_fits(force), seen.separate_fits(force), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+    with pytest.raises(ValueError, match="keeps=True"):
+        own.elsewhere(FIRST)
 
 
 def test_shapes_of_both_laws_are_refined_together():
