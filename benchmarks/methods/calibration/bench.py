@@ -29,6 +29,9 @@ SURE = 0.02
 LEAST = 1e-4
 """Probability at which logarithmic scores are clipped [1]: 2,000 paths tell none below it."""
 
+LEAST_EXCESS = 0.01
+"""Excess of a Brier score above which a ratio to it is told [1]: below, it is chance."""
+
 QUANTITY = "stiffness_change"
 
 
@@ -138,7 +141,8 @@ def _line(name: str, part: list[dict[str, Any]], before: dict[tuple[str, int], A
     if before:
         old = np.array([_same(before, one, row)["p"] for one, row in asked])
         past = np.mean((old - y) ** 2) - np.mean((known - y) ** 2)
-        ratio = f"{excess:.3f} / {past:.3f} = {excess / past:.2f}"
+        share = f" = {excess / past:.2f}" if past > LEAST_EXCESS else ""
+        ratio = f"{excess:.3f} / {past:.3f}{share}"
     held = np.array([row["holds"] for one in part for row in one["rows"]])
     oracles = np.array([row["oracle_holds"] for one in part for row in one["rows"]])
     sure = (p <= SURE) | (p >= 1.0 - SURE)

@@ -128,3 +128,11 @@ def test_readings_that_follow_are_learnt_like_readings_at_once():
             one_by_one = one_by_one.follow(time[one], value[one], sd[one])
         assert one_by_one.log_evidence == followed.log_evidence
         assert followed.log_evidence != begun.log_evidence
+
+
+@pytest.mark.parametrize("count", [220, 340])
+def test_a_fade_that_breathes_is_not_foretold_to_go_on_falling(count):
+    """Equation 5.12 with the book's parameters stays above -28 % up to 700 periods."""
+    time = np.arange(float(count))
+    mixture = degradation.learn(*readings(stiffness_change(time), 0.006, seed=5, time=time))
+    assert mixture.remaining_life(-0.35, count + 250.0, toward="below").within < 0.1
