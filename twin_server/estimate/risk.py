@@ -9,7 +9,7 @@ import numpy as np
 
 from slowtime.degradation import Mixture
 from slowtime.dynamics.description import Description
-from slowtime.evolution.life.probability_words import probability_in_words
+from slowtime.evolution.life.probability_words import foretold, probability_in_words
 from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.evolution.life.threshold_crossing import SampledFutures
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
@@ -240,6 +240,6 @@ def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> s
         f"{probability_in_words(float(found.probability[0]))}"
     )
     if math.isfinite(until):
-        reached = time_in_words(until, order.unit)
+        reached = time_in_words(foretold(until, order.since), order.unit)
         return f"{said}. The accepted {spec.accepted:g} is reached at {reached}."
     return f"{said}. The accepted {spec.accepted:g} is not reached by then."

@@ -1,5 +1,7 @@
 """Probabilities in words, none smaller than what a forecast can know."""
 
+import math
+
 LEAST = 1e-4
 """Probability below which forecasts are not told apart [1]: that the law, the sensor or the
 model is another one than those that were weighed is more probable than that. Source: of 2,000
@@ -31,3 +33,19 @@ def probability_in_words(probability: float) -> str:
         return f"above {100.0 * (1.0 - LEAST):.2f} %"
     digits = 4 if probability > 0.99 else 3 if probability > 0.1 else 2
     return f"{100.0 * probability:.{digits}g} %"
+
+
+def foretold(time: float, now: float) -> float:
+    """Round a foretold time to about a hundredth of how far ahead it is.
+
+    More digits would say more than is known of it.
+
+    Examples
+    --------
+    >>> foretold(75.2719, 51.0), foretold(181.443, 81.0), foretold(3.0, 3.0)
+    (75.3, 181.0, 3.0)
+    """
+    ahead = abs(time - now)
+    if not math.isfinite(time) or ahead == 0:
+        return time
+    return round(time, 2 - math.floor(math.log10(ahead)))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from .probability_words import probability_in_words
+from .probability_words import foretold, probability_in_words
 
 SHARES = (0.1, 0.5, 0.9)
 """Probabilities whose times are told where none are asked for [1]."""
@@ -161,7 +161,7 @@ class RemainingLife:
         each = ", ".join(
             f"{100 * share:g} %: "
             + (
-                f"by {at:.6g}"
+                f"by {foretold(at, self.now):.12g}"
                 if np.isfinite(at)
                 else f"not within the horizon of {self.horizon:g}"
             )
