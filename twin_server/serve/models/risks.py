@@ -19,8 +19,8 @@ STATE_EXAMPLE: dict[str, Any] = {
     "until": 861.2,
     "points": [],
     "past": [],
-    "sentence": "drift in a storm: as of slow time 812.5, fails with probability 3.1 % up to slow "
-    "time 905.3; now 0.21 %. The accepted 0.001 is reached at 861.2.",
+    "sentence": "drift in a storm: as of slow time 812.5, fails with probability 3.1 % up to "
+    "slow time 905.3; now 0.21 %. The accepted 0.001 is reached at 861.2.",
     "valid": True,
     "reasons": [],
 }
