@@ -433,7 +433,7 @@ def _stays_with_even_clock(
         return False
     off = seconds / step - instants
     means = [float(part.mean()) for part in np.array_split(off - off.mean(), parts)]
-    return max(np.abs(means)) < MAX_MEAN_STEPS
+    return bool(np.max(np.abs(means)) < MAX_MEAN_STEPS)
 
 
 def _scatter(
