@@ -135,7 +135,7 @@ def test_what_is_likely_ahead_is_told_though_nobody_has_asked(serving, ageing, e
     def kinds_told():
         return {one["kind"] for one in told()["findings"]}
 
-    assert eventually(lambda: kinds <= kinds_told())
+    assert eventually(lambda: kinds <= kinds_told(), 300.0)
     assert told()["answer"] == "watch"
     near = next(one["text"] for one in told()["findings"] if one["kind"] == "limit_near")
     asked = server.get(f"{twin}/forecast").json()["crossings"][0]["sentence"]
