@@ -29,7 +29,7 @@ from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.discrepancy.selection.many_laws import variable_of
 from slowtime.discrepancy.selection.probabilities import answer_of, hardly_any, shares_of
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.effects import Effect, Kind
 
 from .protocol import Round
 
@@ -113,6 +113,7 @@ class JointPairs:
             first = given.hypothesis.first
             if both.fit.chi2_in_band < LIMITS.explained_chi2 or hardly_any(both.fit, first):
                 good.append((one, both))
+        good = without_imitations(good, given.kinds)
         good.sort(key=lambda pair: -pair[1].score)
         return self._accepted(given, good) if good else None
 
@@ -143,6 +144,36 @@ class JointPairs:
         pairs = [(label_of(first.effect), label_of(second.effect)) for first, second in good]
         shared = _with_shares(step.hypothesis, kinds, pairs, [second for _, second in good])
         return SearchStep(shared, added=2)
+
+
+def without_imitations(
+    good: Sequence[tuple[Candidate, FittedCandidate]], kinds: Mapping[str, Kind]
+) -> list[tuple[Candidate, FittedCandidate]]:
+    """Leave out pairs that do by more numbers what another pair does at the same places.
+
+    A jump of stiffness before the records begin is a spring.
+
+    Parameters
+    ----------
+    kinds
+        Catalogue of effects by name.
+    """
+
+    def effects(pair: tuple[Candidate, FittedCandidate]) -> tuple[Effect, Effect]:
+        return pair[0].effect, pair[1].effect
+
+    def numbers(pair: tuple[Candidate, FittedCandidate]) -> int:
+        return sum(p.fitted for one in effects(pair) for p in kinds[one.kind].parameters)
+
+    def imitates(
+        pair: tuple[Candidate, FittedCandidate], other: tuple[Candidate, FittedCandidate]
+    ) -> bool:
+        here, there = ({one.place for one in effects(both)} for both in (pair, other))
+        gained = other[1].fit.cost - pair[1].fit.cost
+        few = here == there and numbers(other) < numbers(pair)
+        return few and gained < 2 * LIMITS.least_log_evidence
+
+    return [one for one in good if not any(imitates(one, other) for other in good)]
 
 
 def label_of_pair(pair: Pair) -> PairLabel:

@@ -10,7 +10,11 @@ from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers.joint_pairs import JointPairs, label_of_pair
+from slowtime.discrepancy.proposers.joint_pairs import (
+    JointPairs,
+    label_of_pair,
+    without_imitations,
+)
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -143,3 +147,14 @@ def test_a_law_that_switches_is_found_beside_another_from_an_instant_nearby():
     assert step is not None
     told = step.hypothesis.effects[-1].effect
     assert told.parameters["t_jump_s"] == pytest.approx(4.1, abs=0.02)
+
+
+@pytest.mark.parametrize(("gained", "kept"), [(0.0, 1), (5.0, 1), (50.0, 2)])
+def test_a_pair_that_does_the_same_by_more_numbers_is_left_out(lacking, gained, kept):
+    def pair(beside, cost):
+        fit = dataclasses.replace(carry_effect(lacking.before, beside, MORE), cost=cost)
+        return LAWS[DRAG.kind], fitted_candidate(beside, fit)
+
+    simple, more = pair(CUBIC, 1000.0), pair(PLAY, 1000.0 - gained)
+    assert len(without_imitations([more, simple], MORE)) == kept
+    assert simple in without_imitations([more, simple], MORE)
