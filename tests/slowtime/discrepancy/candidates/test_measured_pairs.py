@@ -32,10 +32,17 @@ def held(effects):
     return refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials), trials
 
 
+def motion_of(fit, trials):
+    """Give the motion that sensors tell, where they tell all of it."""
+    located = measured_motion(fit, trials)
+    assert located is not None
+    return located
+
+
 def pairs_of(effects):
     """Give the pairs that the records of a rig with some effects suggest."""
     fit, trials = held(effects)
-    return measured_pairs(fit, measured_motion(fit, trials), KINDS)
+    return measured_pairs(fit, motion_of(fit, trials), KINDS)
 
 
 @pytest.mark.parametrize("effects", [(DRAG, STRONG), (FRICTION, STRONG)])
@@ -63,14 +70,15 @@ def test_one_law_alone_is_no_pair():
 
 
 def test_laws_at_two_places_act_apart_and_those_at_one_do_not():
-    assert act_apart(*held((DRAG, STRONG)), KINDS)
-    here = dataclasses.replace(DRAG, place=SECOND)
-    assert not act_apart(*held((here, STRONG)), KINDS)
+    fit, trials = held((DRAG, STRONG))
+    assert act_apart(fit, trials, KINDS)
+    fit, trials = held((dataclasses.replace(DRAG, place=SECOND), STRONG))
+    assert not act_apart(fit, trials, KINDS)
 
 
 def test_a_space_seen_from_another_place_is_that_of_the_place():
     fit, trials = held((DRAG, STRONG))
-    located = measured_motion(fit, trials)
+    located = motion_of(fit, trials)
     first = ForceSpace(fit, located, FIRST, keeps=True)
     own, seen = ForceSpace(fit, located, SECOND), first.elsewhere(SECOND)
     force = own.lines_of(latent.motion.e[:, None] ** 3 for latent in own.latents)
@@ -85,7 +93,7 @@ def test_shapes_of_both_laws_are_refined_together():
     stop = Effect("gap_symmetric", SECOND, {"kg_n_per_m": 700.0, "gap_m": 0.006})
     trials = records_of((DRAG, stop), samples=1000)
     fit = refit_within_tolerances(refit(Plant.of(TWO, kinds=kinds), trials), trials)
-    best = measured_pairs(fit, measured_motion(fit, trials), kinds)[0]
+    best = measured_pairs(fit, motion_of(fit, trials), kinds)[0]
     told = next(one.effect for one in best if one.effect.kind == "gap_symmetric")
     assert told.place == SECOND
     assert told.parameters["gap_m"] == pytest.approx(0.006, rel=0.1)

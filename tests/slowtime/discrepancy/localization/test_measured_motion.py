@@ -29,6 +29,7 @@ def lacking():
 def test_the_motion_is_that_of_the_rig_however_wrong_the_model_is(lacking):
     fit, trials = lacking
     located = measured_motion(fit, trials)
+    assert located is not None
     entries = (DRAG.entry(), STRONG.entry())
     truth = Plant.of(dataclasses.replace(TWO, effects=entries))
     for number, trial in enumerate(trials):
