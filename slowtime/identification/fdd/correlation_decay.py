@@ -124,11 +124,17 @@ def fit_correlation_decay(
             count=count,
             derivatives=derivatives,
         )
-        change = found - (centre + regression.slope(_expected(resonance, density)))
+        expected = _expected(resonance, density)
+        change = found - (centre + regression.slope(expected))
         pole += change
         if abs(change) ** 2 < SETTLED**2 * np.trace(covariance):
             break
-    return _told(pole, covariance, frequency_hz)
+    # The variance of expected ordinates is their square. That of the ordinates found is small
+    # where they happen to make the bell narrow, and larger where it is not that of a mode.
+    influence = regression.influence(expected)
+    parts = np.stack([influence.real, influence.imag])
+    both = covariance, (parts * expected**2) @ parts.T
+    return _told(pole, max(both, key=np.trace), frequency_hz)
 
 
 def _regression(
