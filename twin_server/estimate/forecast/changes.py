@@ -392,12 +392,15 @@ def _informed_until(prospect: ForecastState, name: str) -> float:
 def _band(
     drawn: SampledFutures, later: Float[np.ndarray, " later"]
 ) -> Float[np.ndarray, "later 4"]:
-    """Mean, sd and central interval of all futures, straight between their instants."""
+    """Median, sd and central interval of all futures, straight between their instants.
+
+    The mean would follow the few that run away.
+    """
     after = np.clip(np.searchsorted(drawn.later, later), 1, len(drawn.later) - 1)
     part = (later - drawn.later[after - 1]) / (drawn.later[after] - drawn.later[after - 1])
     paths = drawn.paths[:, after - 1] * (1.0 - part) + drawn.paths[:, after] * part
     lo, hi = np.quantile(paths, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)], axis=0)
-    return np.column_stack((paths.mean(axis=0), paths.std(axis=0), lo, hi))
+    return np.column_stack((np.median(paths, axis=0), paths.std(axis=0), lo, hi))
 
 
 def current_changes(prospect: ForecastState | None) -> dict[str, tuple[float, float]]:

@@ -1,7 +1,7 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
 import { isNear, stepOf } from "./buckets.js";
 import { t } from "./language.js";
-import { atTime, describeRow, digits, english, make, number, slowTime, titleOf, unitOf } from "./words.js";
+import { atTime, describeRow, digits, english, foretold, make, number, slowTime, titleOf, unitOf } from "./words.js";
 
 const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
@@ -51,7 +51,7 @@ function row(crossing, since, at) {
   row.dataset.source = crossing.source;
   const passed = crossing.already > 0.5;
   const cells = crossing.times.map(({ slow_time }) => {
-    const said = slow_time === null ? t("risk.not_within") : passed && slow_time <= since ? t("outlook.passed") : at(slow_time);
+    const said = slow_time === null ? t("risk.not_within") : passed && slow_time <= since ? t("outlook.passed") : at(foretold(slow_time, since));
     return make("td", said);
   });
   const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws"));
@@ -112,10 +112,7 @@ export class Outlook {
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
     const warnings = forecast.warnings ?? [];
     const until = t("outlook.beyond", { time: at(forecast.until) });
-    // Both are right, and a reader who compares a band with a time to a threshold has to know.
-    const several = forecast.crossings.some(({ laws }) => Object.keys(laws ?? {}).length > 1);
-    const apart = several ? [t("outlook.bands_and_laws")] : [];
-    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...apart, ...warnings.map((each) => english(make("span", each)))];
+    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...warnings.map((each) => english(make("span", each)))];
     this.note.replaceChildren(...said.flatMap((part, i) => i ? [" \u00b7 ", part] : [part]));
     this.root.dataset.since = forecast.since;
   }

@@ -3,7 +3,7 @@ import { t } from "./language.js";
 import { ask } from "./link.js";
 import { drawPlot } from "./plot.js";
 import { colour } from "./svg.js";
-import { atTime, describeRow, digits, english, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
+import { atTime, describeRow, digits, english, foretold, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
 
 const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000;
 /** Probability below which models of loads and strengths know nothing: smaller ones are drawn and said as this one. */
@@ -16,18 +16,18 @@ const probability = (p) => (p < LEAST ? t("risk.below_least") : p < 1e-3 ? power
 const interval = (lo, hi) => (hi < LEAST ? t("risk.below_least") : lo < LEAST ? t("risk.up_to", { hi: probability(hi) }) : range(probability(lo), probability(hi)));
 
 /** `[mood, sentence]`: whether it is safe by the limit states that were registered, up to the horizon. */
-export function safetyOf({ limit_states: states, horizon }, at) {
+export function safetyOf({ limit_states: states, since, horizon }, at) {
   const known = states.filter(({ now }) => now);
   if (!known.length) return ["waiting", t("risk.safe.cannot_say")];
   const failing = known.filter(({ now, accepted }) => now.probability.value > accepted);
   if (failing.length) return ["bad", t("risk.safe.no", { names: failing.map(({ name }) => name).join(", ") })];
   const until = known.filter((state) => state.until !== null).sort((a, b) => a.until - b.until)[0];
-  if (until) return ["waiting", t("risk.safe.until", { time: at(until.until), name: until.name })];
+  if (until) return ["waiting", t("risk.safe.until", { time: at(foretold(until.until, since)), name: until.name })];
   if (known.length < states.length) return ["waiting", t("risk.safe.in_part", { names: known.map(({ name }) => name).join(", ") })];
   return ["good", t("risk.safe.yes", { time: at(horizon), names: known.map(({ name }) => name).join(", ") })];
 }
 
-function rowOf(state, at) {
+function rowOf(state, since, at) {
   const row = make("tr"), title = make("th", state.name);
   title.scope = "row";
   row.dataset.state = state.name;
@@ -39,7 +39,7 @@ function rowOf(state, at) {
     return row;
   }
   const { probability: now, beta } = state.now;
-  const reached = state.until === null ? t("risk.not_within") : at(state.until);
+  const reached = state.until === null ? t("risk.not_within") : at(foretold(state.until, since));
   const cells = [probability(now.value), interval(now.lo, now.hi), beta > LEAST_INDEX ? `> ${number(LEAST_INDEX, 1)}` : number(beta, 2), probability(state.within.value), reached];
   row.append(...cells.map((text) => make("td", text)));
   describeRow(row, state.sentence);
@@ -91,7 +91,7 @@ export class Risk {
   show(latest) {
     const { risk } = this, at = (time) => slowTime(atTime(latest, time));
     say(this.safe, ...(risk.limit_states.length ? safetyOf(risk, at) : ["", ""]));
-    this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, at)));
+    this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, risk.since, at)));
     this.heads[1].textContent = t("risk.at", { time: at(risk.since) });
     this.heads[4].textContent = t("risk.up_to_time", { time: at(risk.horizon) });
     this.table.hidden = !risk.limit_states.length;

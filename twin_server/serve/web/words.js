@@ -88,6 +88,9 @@ export function isClock(point) {
 /** What a reading at another slow time would be; sensor time goes on with it. */
 export const atTime = (point, slowTime) => ({ ...point, slow_time: slowTime, t_ns: point.t_ns + 1e9 * (slowTime - point.slow_time) });
 
+/** A foretold time to about a hundredth of how far ahead it is: more digits would say more than is known of it. */
+export const foretold = (time, now) => time === now ? time : +time.toFixed(Math.max(0, 2 - Math.floor(Math.log10(Math.abs(time - now)))));
+
 const UNITS = { T0: t("unit.natural_periods"), d: t("unit.days") };
 export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
 
